@@ -1,0 +1,26 @@
+"""blur2view: one motion-blurred photograph in, the two-view geometry of the camera's motion out.
+
+Conventions, used everywhere
+----------------------------
+- Image points are (x, y), float64, in pixels; (0, 0) is the centre of the top-left pixel (OpenCV).
+- A smear is the full displacement d = end - start in pixels of a scene point during the exposure,
+  defined up to sign, at the mid-exposure pixel p. Its ends are p - d/2 and p + d/2; their order in
+  time is unknown. (The paper's s is d/2.)
+- Double angle: d -> |d| (cos 2phi, sin 2phi), the same for d and -d. Fields are resized, averaged,
+  blended and tiled in double angle only, and decoded last.
+- F: ``points2^T F points1 = 0`` with 1 = shutter open, 2 = shutter close, ||F|| = 1. Which end of time
+  is which stays open for the whole image: F and its transpose are one answer.
+- Poses are ``cam2_from_cam1``.
+- Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
+- Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].
+
+The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,
+Viksten), called "the paper" in this package.
+"""
+
+from blur2view.errors import Blur2ViewError
+from blur2view.smear import SmearField
+
+__version__ = "0.1.0"
+
+__all__ = ["Blur2ViewError", "SmearField", "__version__"]

@@ -1,0 +1,105 @@
+"""Smears: double angle, ends and resampling against closed forms."""
+
+import numpy as np
+import pytest
+
+from blur2view.smear import SmearField, from_double_angle, smear_ends, to_double_angle, upsample_grid
+
+
+def random_displacements(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(scale=20.0, size=(500, 2))
+
+
+def test_double_angle_matches_textbook_angles() -> None:
+    phi = np.radians([0, 30, 45, 90, 135])
+    d = 8 * np.stack([np.cos(phi), np.sin(phi)], -1)
+    expected = 8 * np.stack([np.cos(2 * phi), np.sin(2 * phi)], -1)
+    np.testing.assert_allclose(to_double_angle(d), expected, atol=1e-12)
+
+
+def test_double_angle_is_blind_to_sign() -> None:
+    d = random_displacements()
+    np.testing.assert_array_equal(to_double_angle(d), to_double_angle(-d))
+
+
+def test_double_angle_round_trip_returns_the_half_plane_of_non_negative_x() -> None:
+    d = random_displacements()
+    back = from_double_angle(to_double_angle(d))
+    assert (back[:, 0] >= 0).all()
+    np.testing.assert_allclose(back, d * np.sign(d[:, :1]), atol=1e-9)
+
+
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_vertical_smear_decodes_downwards(zero: float) -> None:
+    np.testing.assert_allclose(from_double_angle([-6.0, zero]), [0.0, 6.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-30, 1e30])
+def test_double_angle_of_extreme_lengths_stays_finite(size: float) -> None:
+    there = to_double_angle(np.array([0.0, size], np.float32))
+    np.testing.assert_allclose(there, [-size, 0.0], rtol=1e-6)
+    assert there.dtype == np.float32
+
+
+@pytest.mark.parametrize("values", [1.0, [1.0, 2.0, 3.0]])
+def test_double_angle_refuses_other_shapes(values: object) -> None:
+    with pytest.raises(ValueError, match="shape"):
+        to_double_angle(np.asarray(values))
+
+
+def test_ends_are_half_a_displacement_away() -> None:
+    ends = smear_ends([[10.0, 20.0]], [[4.0, -2.0]])
+    np.testing.assert_array_equal(ends, [[[8.0, 21.0], [12.0, 19.0]]])
+
+
+def test_flipping_a_smear_swaps_its_ends() -> None:
+    points, d = random_displacements(1), random_displacements(2)
+    np.testing.assert_array_equal(smear_ends(points, -d), smear_ends(points, d)[:, ::-1])
+
+
+def test_ends_refuse_unequal_counts() -> None:
+    with pytest.raises(ValueError, match=r"\(1, 2\) and \(2, 2\)"):
+        smear_ends(np.zeros((1, 2)), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("stride", [1, 2, 4])
+def test_upsampling_a_ramp_puts_cell_centres_where_the_convention_says(stride: int) -> None:
+    centres = stride * np.arange(12) + (stride - 1) / 2
+    grid = np.stack(np.meshgrid(centres, centres[:9]), -1).astype(np.float32)  # (9, 12, 2): its own x, y
+    pixels = upsample_grid(grid, stride)
+    inner = slice(stride, -stride)
+    x, y = np.meshgrid(np.arange(12 * stride), np.arange(9 * stride))
+    np.testing.assert_allclose(pixels[inner, inner, 0], x[inner, inner], atol=1e-4)
+    np.testing.assert_allclose(pixels[inner, inner, 1], y[inner, inner], atol=1e-4)
+
+
+def test_upsampling_keeps_a_single_channel() -> None:
+    assert upsample_grid(np.ones((3, 5, 1), np.float32), 4).shape == (12, 20, 1)
+
+
+def test_field_reports_shape_and_length() -> None:
+    d = np.full((3, 4, 2), (3, 4), np.float32)
+    field = SmearField(displacement=d, sigma_px=np.ones((3, 4), np.float32))
+    assert field.shape == (3, 4)
+    np.testing.assert_array_equal(field.length_px, np.full((3, 4), 5, np.float32))
+
+
+def test_field_converts_to_float32() -> None:
+    field = SmearField(displacement=np.zeros((2, 2, 2)), sigma_px=np.ones((2, 2)))  # type: ignore[arg-type]
+    assert field.displacement.dtype == field.sigma_px.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("shape", "sigma_shape"), [((3, 4, 2), (4, 3)), ((3, 4), (3, 4)), ((12, 2), (12,)), ((0, 0, 2), (0, 0))]
+)
+def test_field_refuses_shapes_that_disagree(shape: tuple[int, ...], sigma_shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="shape"):
+        SmearField(displacement=np.zeros(shape, np.float32), sigma_px=np.zeros(sigma_shape, np.float32))
+
+
+@pytest.mark.parametrize(("value", "sigma"), [(np.nan, 1), (np.inf, 1), (1, np.nan), (1, np.inf), (1, -1)])
+def test_field_refuses_values_that_mean_nothing(value: float, sigma: float) -> None:
+    displacement, sigma_px = np.ones((2, 2, 2), np.float32), np.ones((2, 2), np.float32)
+    displacement[1, 0, 1], sigma_px[0, 1] = value, sigma
+    with pytest.raises(ValueError, match=r"finite|negative"):
+        SmearField(displacement=displacement, sigma_px=sigma_px)
