@@ -1,0 +1,331 @@
+"""The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import ModelError
+from blur2view.smear import SmearField, from_double_angle, upsample_grid
+
+FORMAT = "1"
+# Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
+_STRIP_CELLS = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictOptions:
+    """When and how a photograph is cut into tiles.
+
+    Parameters
+    ----------
+    max_pixels : int
+        Photographs up to this many pixels go through the network in one piece.
+    tile_px : int
+        Side of a tile, rounded up to what the network needs.
+    overlap_px : int
+        Pixels shared by neighbouring tiles, over which they are blended.
+
+    Raises
+    ------
+    ValueError
+        Unless ``0 <= 2 * overlap_px <= tile_px``, ``tile_px`` and ``max_pixels`` are positive.
+    """
+
+    max_pixels: int = 2_500_000  # 1920x1080 in one piece
+    tile_px: int = 1280
+    overlap_px: int = 256
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.max_pixels < 1 or self.tile_px < 1:
+            raise ValueError(f"max_pixels, tile_px must be positive, got {self.max_pixels}, {self.tile_px}")
+        if not 0 <= 2 * self.overlap_px <= self.tile_px:
+            raise ValueError(f"overlap_px must be 0 to tile_px / 2, got {self.overlap_px} of {self.tile_px}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelInfo:
+    """What a network file says of itself.
+
+    Parameters
+    ----------
+    model_id : str
+        Name of the weights.
+    stride : int
+        Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
+    multiple_of : int
+        Height and width of the input must be multiples of this.
+    license : str
+        Licence of the weights.
+    training : dict
+        How they were trained and what was measured, as written by ``tools/export_onnx.py``.
+    """
+
+    model_id: str
+    stride: int
+    multiple_of: int
+    license: str = ""
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+def default_model_path() -> Path:
+    """Return the shipped network: inside the installed package, or ``models/`` of a source checkout."""
+    package = Path(__file__).resolve().parent
+    installed = package / "models" / "smear.onnx"
+    return installed if installed.exists() else package.parent / "models" / "smear.onnx"
+
+
+class SmearNetwork:
+    """A loaded smear network; load once, predict many times.
+
+    Parameters
+    ----------
+    path : path-like, optional
+        An ONNX file written by ``tools/export_onnx.py``; the shipped one by default.
+    threads : int, optional
+        Threads of one inference; all cores this process may use by default. The result is
+        reproducible for a given number of threads.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, not ONNX, or not a network of this format.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+        self.path = default_model_path() if path is None else Path(path)
+        self._session = _open_session(self.path, threads or _usable_cores())
+        self.info = _read_info(self.path, self._session)
+
+    def predict(self, image: NDArray[np.float32], options: PredictOptions | None = None) -> SmearField:
+        """Return the smear and its sigma at every pixel.
+
+        Parameters
+        ----------
+        image : ndarray of shape (H, W, 3), float32
+            sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
+        options : PredictOptions, optional
+            Tiling.
+
+        Returns
+        -------
+        SmearField
+            Of the image's height and width, in its pixels.
+
+        Raises
+        ------
+        ValueError
+            If the image has another shape, or values that are not finite.
+        ModelError
+            If the network's output is not what its format promises.
+        """
+        _check_image(image)
+        grid = self._predict_grid(image, options or PredictOptions())
+        if not np.isfinite(grid).all():
+            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
+        return _decode_grid(grid, self.info.stride, image.shape[:2])
+
+    def _predict_grid(self, image: NDArray[np.float32], options: PredictOptions) -> NDArray[np.float32]:
+        """Return double angle and sigma on the network's grid, (h, w, 3), tiles blended."""
+        height, width = image.shape[:2]
+        step, stride = self.info.multiple_of, self.info.stride
+        whole = height * width <= options.max_pixels
+        rows, columns = (_spans(side, step, None if whole else options) for side in (height, width))
+        total = np.zeros((rows[-1].stop // stride, columns[-1].stop // stride, 3), np.float32)
+        weight = np.zeros((*total.shape[:2], 1), np.float32)
+        for row, row_weight in _ramps(rows, stride):
+            for column, column_weight in _ramps(columns, stride):
+                cells = _cells(row, stride), _cells(column, stride)
+                tile_weight = np.outer(row_weight, column_weight)[..., None]
+                total[cells] += self._run(_reflected(image, row, column)) * tile_weight
+                weight[cells] += tile_weight
+        total /= weight
+        # a cell that the border cuts is kept; what lies wholly beyond it is padding
+        return total[: -(-height // stride), : -(-width // stride)]
+
+    def _run(self, tile: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, 3)."""
+        planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
+        output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
+        expected = (1, 3, tile.shape[0] // self.info.stride, tile.shape[1] // self.info.stride)
+        if output.shape != expected:
+            raise ModelError(
+                f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
+                "export it again with tools/export_onnx.py"
+            )
+        cells: NDArray[np.float32] = output[0].transpose(1, 2, 0)
+        return cells
+
+
+def predict(
+    image: NDArray[np.float32],
+    model: SmearNetwork | str | os.PathLike[str] | None = None,
+    options: PredictOptions | None = None,
+) -> SmearField:
+    """Return the smear and its sigma at every pixel of one photograph.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+        sRGB-coded RGB in [0, 1].
+    model : SmearNetwork or path-like, optional
+        The shipped network by default. For many photographs load a :class:`SmearNetwork` once.
+    options : PredictOptions, optional
+        Tiling.
+
+    Returns
+    -------
+    SmearField
+
+    Raises
+    ------
+    ValueError, ModelError
+        As :class:`SmearNetwork` and its ``predict``.
+    """
+    network = model if isinstance(model, SmearNetwork) else SmearNetwork(model)
+    return network.predict(image, options)
+
+
+def _usable_cores() -> int:
+    """Count the cores this process may use, which in a container can be fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _open_session(path: Path, threads: int) -> Any:
+    """Open an ONNX Runtime session or raise ModelError."""
+    import onnxruntime  # 0.2 s, so only when a network is used
+    from onnxruntime.capi import onnxruntime_pybind11_state as errors
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            f"{path}: cannot read the network ({error.strerror}); leave the model out to use the shipped one"
+        ) from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # only what is fatal: the exception says the rest
+    try:
+        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except (
+        errors.Fail,
+        errors.InvalidArgument,
+        errors.InvalidGraph,
+        errors.InvalidProtobuf,
+        errors.NoModel,
+        errors.NotImplemented,
+        errors.RuntimeException,
+    ):
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {_REMEDY}") from None
+
+
+_REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
+
+
+def _read_info(path: Path, session: Any) -> ModelInfo:
+    """Return the metadata of a network of our format; refuse any other."""
+    metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    if metadata.get("blur2view_format") != FORMAT:
+        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {_REMEDY}")
+    signature = [
+        (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
+        for node in (*session.get_inputs(), *session.get_outputs())
+    ]
+    if signature != [("image", "tensor(float)", 4, 3), ("smear", "tensor(float)", 4, 3)]:
+        raise ModelError(f"{path}: has other inputs or outputs than image and smear (N, 3, H, W); {_REMEDY}")
+    try:
+        info = ModelInfo(
+            model_id=metadata["model_id"],
+            stride=int(metadata["stride"]),
+            multiple_of=int(metadata["multiple_of"]),
+            license=metadata.get("license", ""),
+            training=json.loads(metadata.get("training", "{}")),
+        )
+    except (KeyError, ValueError) as error:
+        raise ModelError(f"{path}: has damaged metadata ({error}); {_REMEDY}") from None
+    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
+        raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {_REMEDY}")
+    return info
+
+
+def _check_image(image: NDArray[np.float32]) -> None:
+    """Raise ValueError unless the image is finite float32 of shape (H, W, 3)."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
+        raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
+    if not (np.isfinite(image.min()) and np.isfinite(image.max())):
+        raise ValueError("the image has values that are not finite")
+
+
+def _spans(side: int, step: int, options: PredictOptions | None) -> list[range]:
+    """Return pixel spans of equal size that cover a side padded to a multiple of step; one without options.
+
+    Starts are multiples of step, so that the network's grid is the same in every tile.
+    """
+    padded = -(-side // step) * step
+    if options is None:
+        return [range(padded)]
+    tile = min(-(-options.tile_px // step) * step, padded)
+    advance = max((tile - options.overlap_px) // step * step, step)
+    count = 1 + -(-(padded - tile) // advance)
+    starts = np.linspace(0, (padded - tile) // step, count).astype(int) * step
+    return [range(start, start + tile) for start in starts.tolist()]
+
+
+def _cells(span: range, stride: int) -> slice:
+    """Return the grid cells of a span of pixels."""
+    return slice(span.start // stride, span.stop // stride)
+
+
+def _ramps(spans: list[range], stride: int) -> Iterator[tuple[range, NDArray[np.float32]]]:
+    """Yield each span with its weights per cell: one, and smooth ramps over the overlaps with neighbours."""
+    for index, span in enumerate(spans):
+        weight = np.ones(len(span) // stride, np.float32)
+        if index > 0 and (shared := (spans[index - 1].stop - span.start) // stride) > 0:
+            weight[:shared] *= _ramp(shared)
+        if index + 1 < len(spans) and (shared := (span.stop - spans[index + 1].start) // stride) > 0:
+            weight[-shared:] *= _ramp(shared)[::-1]
+        yield span, weight
+
+
+def _ramp(count: int) -> NDArray[np.float32]:
+    """Return a rise from above 0 to below 1 whose reverse is its complement (raised cosine)."""
+    phase = np.pi * (np.arange(count) + 0.5) / count
+    return ((1 - np.cos(phase)) / 2).astype(np.float32)
+
+
+def _reflected(image: NDArray[np.float32], rows: range, columns: range) -> NDArray[np.float32]:
+    """Return a window of the image, which continues as its mirror image beyond the right and lower border."""
+    height, width = image.shape[:2]
+    if rows.stop <= height and columns.stop <= width:
+        return image[rows.start : rows.stop, columns.start : columns.stop]
+    return image[np.ix_(_mirror(rows, height), _mirror(columns, width))]
+
+
+def _mirror(indices: range, side: int) -> NDArray[np.intp]:
+    """Fold indices into 0 ... side-1 without repeating the border: 0 1 2 1 0 1 2 for side 3."""
+    period = max(2 * side - 2, 1)
+    folded = np.asarray(indices, dtype=np.intp) % period
+    return np.minimum(folded, period - folded) if side > 1 else np.zeros_like(folded)
+
+
+def _decode_grid(grid: NDArray[np.float32], stride: int, shape: tuple[int, ...]) -> SmearField:
+    """Resample the grid to pixels in double angle and decode, a strip of rows at a time."""
+    height, width = shape[:2]
+    displacement = np.empty((height, width, 2), np.float32)
+    sigma_px = np.empty((height, width), np.float32)
+    for first in range(0, grid.shape[0], _STRIP_CELLS):
+        above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
+        pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
+        rows = slice(first * stride, min((first + _STRIP_CELLS) * stride, height))
+        strip = pixels[: rows.stop - rows.start, :width]
+        displacement[rows] = from_double_angle(strip[..., :2])
+        np.maximum(strip[..., 2], 0, out=sigma_px[rows])
+    return SmearField(displacement=displacement, sigma_px=sigma_px)
