@@ -27,7 +27,7 @@ from blur2view.epipolar import (
 SAMPLE_SIZE = 7
 ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
 DOUBLE_ROOT_SLACK = 1e-9  # a double root, rounded, must not count as a complex pair
-CHUNK = 8
+CHUNK = 32  # samples at once; 0.11 ms a sample on one core (0.55 one by one, 0.14 all 1000)
 
 
 def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, np.ndarray]:

@@ -1,0 +1,157 @@
+"""The robust loop: sample, score preemptively, refine the best, stop. It knows no geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
+
+
+class Stop(str, Enum):
+    """Why the loop ended."""
+
+    FIT = "fit"  # enough of the data fits
+    CONFIDENCE = "confidence"  # a better sample has become unlikely
+    ITERATIONS = "iterations"  # the budget is spent
+
+
+class Estimator(Protocol):
+    """What the loop asks of a problem."""
+
+    @property
+    def sample_size(self) -> int:
+        """Size of a minimal sample."""
+
+    @property
+    def count(self) -> int:
+        """Number of data."""
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Models:
+        """Draw minimal samples and give all models of all of them, possibly none."""
+
+    def score(self, models: Models, block: NDArray[np.int_]) -> NDArray[Any]:
+        """Cost (M,) of every model summed over the data of a block; less is better."""
+
+    def refine(self, model: Models) -> Models:
+        """Give a locally better model, or the same one."""
+
+    def shares(self, model: Models) -> tuple[float, float]:
+        """Share of data that fits (for the stop on fit) and share of inliers (for the confidence)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacOptions:
+    """When the loop stops and how it scores.
+
+    ``max_iterations`` samples at most (the paper: 1000) and ``min_iterations`` before any other stop;
+    ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the probability of
+    having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once; ``first_block`` data scored
+    first, each later block ``growth`` times larger with 1 / ``growth`` of the models left; ``refined`` the best models of
+    a batch that are refined.
+    """
+
+    max_iterations: int = 1000
+    min_iterations: int = 32
+    stop_share: float = 0.9
+    confidence: float = 0.999
+    batch: int = 16
+    first_block: int = 48
+    growth: int = 4
+    refined: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        counts = self.max_iterations, self.batch, self.first_block, self.refined
+        if min(counts) < 1 or self.growth < 2 or self.min_iterations < 0:
+            raise ValueError(f"counts must be positive and growth at least 2, got {self}")
+        if not (0 < self.stop_share <= 1 and 0 < self.confidence < 1):
+            raise ValueError(f"stop_share must be in (0, 1], confidence in (0, 1), got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacResult:
+    """The best model (None if no sample gave any), its cost over all data, and how the loop ended."""
+
+    model: Models | None
+    cost: float
+    iterations: int
+    stop: Stop
+
+
+def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
+    """Search the model of least cost; deterministic given the state of rng.
+
+    A batch's best models replace the best so far only through their cost on all data; every improvement is refined
+    before it is compared.
+    """
+    order = rng.permutation(estimator.count)
+    best: Models | None = None
+    cost, iterations, stop = np.inf, 0, Stop.ITERATIONS
+    while iterations < options.max_iterations:
+        draw = min(options.batch, options.max_iterations - iterations)
+        models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
+        iterations += draw
+        for model in models:
+            candidate, candidate_cost = _improve(estimator, model, order, cost)
+            if candidate_cost < cost:
+                best, cost = candidate, candidate_cost
+        reason = None if best is None else stop_reason(estimator.shares(best), iterations, estimator, options)
+        if reason is not None:
+            stop = reason
+            break
+    return RansacResult(model=best, cost=float(cost), iterations=iterations, stop=stop)
+
+
+def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
+    """Thin out models on growing blocks of the data until ``options.refined`` are left, best first.
+
+    References
+    ----------
+    Nister, Preemptive RANSAC for live structure and motion estimation, ICCV 2003.
+    """
+    start, size = 0, options.first_block
+    total = np.zeros(len(models))
+    while len(models) > options.refined and start < len(order):
+        total = total + estimator.score(models, order[start : start + size])
+        keep = max(options.refined, len(models) // options.growth)
+        kept = np.argsort(total, kind="stable")[:keep]
+        models, total = models[kept], total[kept]
+        start, size = start + size, size * options.growth
+    return models[: options.refined]
+
+
+def _improve(estimator: Estimator, model: Models, order: NDArray[np.int_], bound: float) -> tuple[Models, float]:
+    """Refine a model; give the cheaper of both. A model far worse than ``bound`` is not worth refining."""
+    cost = float(estimator.score(model[None], order)[0])
+    if cost > 1.5 * bound:
+        return model, cost
+    refined = estimator.refine(model)
+    refined_cost = float(estimator.score(refined[None], order)[0])
+    return (refined, refined_cost) if refined_cost < cost else (model, cost)
+
+
+def stop_reason(
+    shares: tuple[float, float], iterations: int, estimator: Estimator, options: RansacOptions
+) -> Stop | None:
+    """Say whether to stop, and why."""
+    if iterations < options.min_iterations:
+        return None
+    fitting, inliers = shares
+    if fitting >= options.stop_share:
+        return Stop.FIT
+    if iterations >= needed_iterations(inliers, estimator.sample_size, options.confidence):
+        return Stop.CONFIDENCE
+    return None
+
+
+def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
+    """Samples needed so that one is all inliers with this probability: log(1 - confidence) / log(1 - w^m)."""
+    good = min(max(inlier_share, 0.0), 1.0) ** sample_size
+    if good <= 0:
+        return float("inf")
+    return 0.0 if good >= 1 else float(np.log1p(-confidence) / np.log1p(-good))
