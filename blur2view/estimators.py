@@ -1,0 +1,190 @@
+"""The smears of one image as a problem for the robust loop: coordinates, standard deviations, scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import Array, apply_similarity, cross_matrix, denormalise, shared_normalisation
+from blur2view.hypotheses import half_sphere, meeting_points, turning_hypotheses, weighted_samples
+from blur2view.manifold import CameraPrior, GeneralF, TranslationF
+from blur2view.refine import RefineOptions, WeightedEnds, refine
+from blur2view.scoring import BatchSampson
+from blur2view.seven_smears import SAMPLE_SIZE, solve_seven_smears
+
+ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
+TURN_SPREAD = np.array([1.0, 1.0, 3.0])  # prior of the rotation: smear length over focal length; roll moves less
+SEARCH_STEPS = 8  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearProblem:
+    """Smears in shared normalised coordinates with the standard deviation of their Sampson distance.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (N, 2, 2)
+        Ends under ``T``.
+    sigma_px : ndarray of shape (N,)
+        Standard deviation of the Sampson distance in pixels.
+    T : ndarray of shape (3, 3)
+        Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
+    camera_known : bool
+        Whether T is that of an assumed camera.
+    independent : float
+        Effective number of independent smears: network errors are alike over tens of pixels.
+    """
+
+    ends: Array
+    sigma_px: Array
+    T: Array
+    camera_known: bool
+    independent: float
+
+    @property
+    def unit_px(self) -> float:
+        """Pixels per normalised unit."""
+        return float(1 / self.T[0, 0])
+
+    @property
+    def data_weight(self) -> float:
+        """Share of the smears that counts as independent."""
+        return min(1.0, self.independent / len(self.ends))
+
+    @cached_property
+    def weighted(self) -> WeightedEnds:
+        """The smears as `refine` wants them."""
+        return WeightedEnds(ends=self.ends, sigma=self.sigma_px / self.unit_px)
+
+    @cached_property
+    def length_px(self) -> Array:
+        """Lengths (N,) in pixels."""
+        return np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px
+
+    @property
+    def prior(self) -> CameraPrior:
+        """What an ordinary camera does while smears of this length arise."""
+        x, y, z = TURN_SPREAD * float(np.median(self.length_px)) / self.unit_px
+        return CameraPrior(rotation=(x, y, z))
+
+    def rescaled(self, factor: float) -> SmearProblem:
+        """Give the problem with all standard deviations multiplied by a factor."""
+        return replace(self, sigma_px=self.sigma_px * factor)
+
+    def pixels(self, F: Array) -> Array:
+        """F of pixel coordinates, unit norm, from F of normalised ones."""
+        return denormalise(F, self.T)
+
+
+def assumed_camera(image_size: tuple[int, int]) -> Array:
+    """K^-1 (3, 3) of the assumed camera: principal point at the centre, focal 1.2 times the longer side."""
+    width, height = image_size
+    focal = ASSUMED_FOCAL * max(width, height)
+    return np.array([[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]])
+
+
+def occupied_blocks(points: Array, block_px: float) -> int:
+    """Count square blocks of this side that hold a point (N, 2)."""
+    return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
+
+
+def build_problem(
+    ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, *, correlation_px: float
+) -> SmearProblem:
+    """Normalise smears (N, 2, 2); sigma_px (N,) is that of the Sampson distance, pixels.
+
+    Without an image size every smear counts as independent and no camera is assumed.
+    """
+    known = image_size is not None
+    T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
+    normalised = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    independent = occupied_blocks(ends.mean(axis=1), correlation_px) if known else len(ends)
+    return SmearProblem(ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(independent))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearEstimator:
+    """F from seven smears, or from three and a grid of directions (`ransac.Estimator`).
+
+    Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard deviations,
+    cut at ``cutoff``. ``fit_error_px`` is the paper's threshold on the root of SErrMin for the stop on fit.
+    """
+
+    problem: SmearProblem
+    cutoff: float
+    fit_error_px: float
+    directions: int = 150
+
+    @property
+    def sample_size(self) -> int:
+        """Three where a camera may be assumed, else seven."""
+        return 3 if self.problem.camera_known else SAMPLE_SIZE
+
+    @property
+    def count(self) -> int:
+        """Number of smears."""
+        return len(self.problem.ends)
+
+    @cached_property
+    def sampson(self) -> BatchSampson:
+        """SErrMin of many models at once, squared pixels."""
+        return BatchSampson(self.problem.ends, self.problem.unit_px)
+
+    @cached_property
+    def quality(self) -> Array:
+        """Sampling weights (N,): squared length over standard deviation."""
+        weights: Array = (self.problem.length_px / self.problem.sigma_px) ** 2
+        return weights
+
+    @cached_property
+    def precision(self) -> NDArray[np.float32]:
+        """1 / sigma^2 (N,)."""
+        return np.asarray(1 / self.problem.sigma_px**2, np.float32)
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
+        """Candidates (M, 3, 3) of ``samples`` samples of seven and, given a camera, as many of three."""
+        ends = self.problem.ends
+        drawn = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
+        seven, _ = solve_seven_smears(ends[drawn])
+        if not self.problem.camera_known:
+            return seven
+        three = weighted_samples(self.quality, 3, samples, rng)
+        limit = 3 * np.array(self.problem.prior.rotation)
+        return np.concatenate([turning_hypotheses(ends[three], half_sphere(self.directions), limit), seven])
+
+    def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
+        """SErrMin in squared standard deviations, (M, n)."""
+        squared: NDArray[Any] = self.sampson(models, block) * self.precision[block]
+        return squared
+
+    def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
+        """MSAC cost (M,)."""
+        total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
+        return total
+
+    def refine(self, model: Array) -> Array:
+        """Few steps on the seven-parameter manifold."""
+        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff)
+        return refine(GeneralF.from_matrix(model), self.problem.weighted, options)[0].matrix()
+
+    def shares(self, model: Array) -> tuple[float, float]:
+        """Share under the paper's threshold, share under the cutoff in standard deviations."""
+        squared = self.sampson(model[None])[0]
+        return float((squared < self.fit_error_px**2).mean()), float(
+            (squared * self.precision < self.cutoff**2).mean())
+
+
+def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:
+    """Best meeting point of pairs of smears: the start of the two-parameter F."""
+    drawn = weighted_samples(estimator.quality, 2, samples, rng)
+    points = meeting_points(estimator.problem.ends[drawn])
+    points = points[np.linalg.norm(points, axis=1) > 0.5]
+    if not len(points):
+        return TranslationF(epipole=np.array([0.0, 0.0, 1.0]))
+    order = rng.permutation(estimator.count)[:500]
+    cost = estimator.score(cross_matrix(points), order)
+    return TranslationF(epipole=points[int(np.argmin(cost))])

@@ -1,0 +1,178 @@
+"""Ambiguous matches: the two ends of every smear, without their order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.smear import SmearField, smear_ends
+
+Array = NDArray[np.float64]
+STRIDE = 4  # the network's grid: cell (i, j) has its centre at pixel (4j + 1.5, 4i + 1.5)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearMatches:
+    """Smears as matches whose order is unknown.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (N, 2, 2), float64
+        The two ends of every smear, pixels; which of them is the start means nothing.
+    sigma_px : ndarray of shape (N,), float64
+        Standard deviation of the end-point error |d - d*| of every smear; positive.
+    image_size : (int, int), optional
+        Width and height of the image. With it the estimator may assume an ordinary camera.
+    still_share : float
+        Share of the measurable image that shows no motion, in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
+    """
+
+    ends: Array
+    sigma_px: Array
+    image_size: tuple[int, int] | None = None
+    still_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Convert to float64 and check shapes and values."""
+        ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)
+        if ends.ndim != 3 or ends.shape[1:] != (2, 2) or sigma.shape != ends.shape[:1]:
+            raise ValueError(f"expected ends (N, 2, 2) and sigma_px (N,), got {ends.shape} and {sigma.shape}")
+        if not (np.isfinite(ends).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
+            raise ValueError("ends must be finite, sigma_px finite and positive")
+        if self.image_size is not None and min(self.image_size) < 1:
+            raise ValueError(f"image_size must be positive, got {self.image_size}")
+        if not 0 <= self.still_share <= 1:
+            raise ValueError(f"still_share must be in [0, 1], got {self.still_share}")
+        object.__setattr__(self, "ends", ends)
+        object.__setattr__(self, "sigma_px", sigma)
+
+    @classmethod
+    def from_points(
+        cls, points1: Array, points2: Array, sigma_px: float | Array = 1.0,
+        image_size: tuple[int, int] | None = None,
+    ) -> SmearMatches:
+        """Build from two arrays (N, 2) of matched pixels; what their order was is forgotten.
+
+        ``sigma_px`` is that of the displacement, a number or (N,): twice the standard deviation of one
+        coordinate of one point, if both points err alike.
+        """
+        points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
+        if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:
+            raise ValueError(f"expected two arrays of shape (N, 2), got {points1.shape} and {points2.shape}")
+        sigma = np.broadcast_to(np.asarray(sigma_px, float), points1.shape[:1])
+        return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
+
+    def __len__(self) -> int:
+        """Number of matches."""
+        return len(self.ends)
+
+    @property
+    def midpoint(self) -> Array:
+        """Mid-exposure pixels, (N, 2)."""
+        middle: Array = self.ends.mean(axis=1)
+        return middle
+
+    @property
+    def displacement(self) -> Array:
+        """Displacements d, (N, 2), pixels, sign arbitrary."""
+        displacement: Array = self.ends[:, 1] - self.ends[:, 0]
+        return displacement
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths |d|, (N,), pixels."""
+        return np.hypot(*self.displacement.T)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectOptions:
+    """Which smears of a field become matches.
+
+    ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at most, spread
+    over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no direction worth the name;
+    ``rank`` "relative" prefers small sigma over length, "absolute" small sigma (which favours short smears).
+    """
+
+    beta: float = 0.35
+    max_matches: int = 2000
+    min_length_px: float = 1.5
+    cells: int = 16
+    rank: Literal["relative", "absolute"] = "relative"
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        if not 0 < self.beta <= 1:
+            raise ValueError(f"beta must be in (0, 1], got {self.beta}")
+        if self.max_matches < 1 or self.cells < 1 or self.min_length_px < 0:
+            raise ValueError(f"max_matches, cells must be positive, min_length_px not negative, got {self}")
+        if self.rank not in ("relative", "absolute"):
+            raise ValueError(f"rank must be 'relative' or 'absolute', got {self.rank!r}")
+
+
+def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
+    """Turn the surest smears of a field into matches, spread over the image; deterministic.
+
+    Parameters
+    ----------
+    field : SmearField
+    options : SelectOptions, optional
+
+    Returns
+    -------
+    SmearMatches
+        Possibly empty (a sharp or constant image), with image_size and still_share filled in.
+    """
+    options = options or SelectOptions()
+    rows, cols = grid_pixels(field.shape)
+    displacement = field.displacement[rows, cols].astype(np.float64)
+    sigma = np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3)
+    length = np.hypot(*displacement.T)
+    points = np.stack([cols, rows], axis=1).astype(np.float64)
+    quality = sigma / np.maximum(length, 1e-3) if options.rank == "relative" else sigma
+    long = np.flatnonzero(length >= options.min_length_px)
+    sure = long[np.argsort(quality[long], kind="stable")][: int(np.ceil(options.beta * len(length)))]
+    chosen = sure[spread(points[sure], field.shape, options)]
+    height, width = field.shape
+    return SmearMatches(
+        ends=smear_ends(points[chosen], displacement[chosen]), sigma_px=sigma[chosen],
+        image_size=(width, height), still_share=_still_share(length, sigma, options.min_length_px),
+    )
+
+
+def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Rows and columns of the pixels [1::4, 1::4], nearest the centres of the network's cells; flat."""
+    rows, cols = np.mgrid[min(1, shape[0] - 1) : shape[0] : STRIDE, min(1, shape[1] - 1) : shape[1] : STRIDE]
+    return rows.ravel(), cols.ravel()
+
+
+def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDArray[np.int_]:
+    """Choose at most max_matches of the points (N, 2), best first, taking turns between the cells.
+
+    Returns
+    -------
+    ndarray of int, shape (at most max_matches,)
+        Indices in order of rank within their cell.
+    """
+    size = np.array(shape[::-1], float)
+    cell = (points / size * options.cells).astype(int) @ np.array([1, options.cells])
+    order = np.argsort(cell, kind="stable")
+    start = np.searchsorted(cell[order], cell[order])
+    turn = np.empty(len(points), int)
+    turn[order] = np.arange(len(points)) - start  # rank within the cell
+    chosen: NDArray[np.int_] = np.argsort(turn, kind="stable")[: options.max_matches]
+    return chosen
+
+
+def _still_share(length: Array, sigma: Array, min_length_px: float) -> float:
+    """Share of the measurable smears (sure to half their length, or to min_length_px) that are shorter."""
+    measurable: NDArray[Any] = sigma <= np.maximum(0.5 * length, min_length_px)
+    still = measurable & (length < min_length_px)
+    return float(still.sum() / max(measurable.sum(), 1))
