@@ -1,0 +1,7 @@
+"""``python -m blur2view``."""
+
+import sys
+
+from blur2view.cli import main
+
+sys.exit(main())

@@ -1,0 +1,169 @@
+"""The command line: ``blur2view estimate IMG... [-o DIR]``."""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view import __version__
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.image import read_image
+from blur2view.matches import SelectOptions
+from blur2view.pipeline import estimate
+from blur2view.predict import SmearNetwork
+from blur2view.results import OutputFiles, Run, document, plan_outputs, prepare_folder, summary, write_results
+from blur2view.two_view import EstimatorOptions
+
+DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default.
+
+    Returns
+    -------
+    int
+        0 done (a degenerate scene is a result), 1 a named error, 2 usage, 130 interrupted.
+    """
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except Blur2ViewError as error:
+        _complain(error)
+        return FAILED
+    except KeyboardInterrupt:
+        print("blur2view: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has left, for example head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser; its defaults are those of the option dataclasses."""
+    parser = argparse.ArgumentParser(
+        prog="blur2view",
+        description="One motion-blurred photograph in, the two-view geometry of the camera's motion out.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_estimate(commands)
+    return parser
+
+
+def _add_estimate(commands: Any) -> None:
+    """Describe ``blur2view estimate``."""
+    about = "estimate the fundamental matrix between shutter-open and shutter-close of each photograph"
+    parser = commands.add_parser("estimate", help=about, description=about)
+    add = parser.add_argument
+    add("images", nargs="+", type=Path, metavar="IMG", help="photographs: JPEG, PNG, TIFF, ...")
+    add("-o", "--output", type=Path, metavar="DIR", help="write DIR/<stem>.json, .smear.npz and .png")
+    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add("--json", action="store_true", help="print one JSON document instead of the summary")
+    add(
+        "--beta",
+        type=float,
+        default=SelectOptions.beta,
+        metavar="SHARE",
+        help="share of the smears to use, the most certain ones (default: %(default)s)",
+    )
+    add(
+        "--max-error",
+        type=float,
+        default=EstimatorOptions.max_error_px,
+        metavar="PX",
+        help="largest distance of an inlier from its epipolar line, pixels (default: %(default)s)",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
+    add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")
+    parser.set_defaults(run=lambda options: run_estimate(options, parser.error))
+
+
+def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+    """Estimate every photograph; a failing one costs a line on stderr, not the others."""
+    run = _read_run(options, usage_error)
+    plan = _plan(options)
+    network = SmearNetwork(options.model)
+    jobs, say = _progress(list(zip(options.images, plan, strict=True)))
+    estimates: list[dict[str, Any]] = []
+    failures: list[dict[str, str]] = []
+    for image, files in jobs:
+        try:
+            facts, lines = _estimate_one(image, files, network, run)
+        except Blur2ViewError as error:
+            failures.append({"image": str(image), "error": str(error)})
+            _complain(error, say)
+            continue
+        estimates.append(facts)
+        if not options.json:
+            say(lines, file=sys.stdout)
+    if options.json:
+        print(json.dumps({"estimates": estimates, "failures": failures}, indent=2, allow_nan=False))
+    return FAILED if failures else DONE
+
+
+def _read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
+    """Turn the options into dataclasses, which check the values; a wrong one is a usage error."""
+    try:
+        if options.seed < 0:
+            raise ValueError(f"seed must not be negative, got {options.seed}")
+        return Run(
+            select=SelectOptions(beta=options.beta),
+            options=EstimatorOptions(max_error_px=options.max_error),
+            seed=options.seed,
+        )
+    except ValueError as error:
+        usage_error(str(error))
+        raise
+
+
+def _plan(options: argparse.Namespace) -> Sequence[OutputFiles | OutputError | None]:
+    """Decide before any work where each photograph's results go; nowhere without -o."""
+    if options.output is None:
+        return [None] * len(options.images)
+    prepare_folder(options.output)
+    return plan_outputs(options.images, options.output, overwrite=options.overwrite)
+
+
+def _estimate_one(
+    path: Path, files: OutputFiles | OutputError | None, network: SmearNetwork, run: Run
+) -> tuple[dict[str, Any], str]:
+    """Read, estimate and write one photograph; return its JSON document and its summary."""
+    if isinstance(files, OutputError):
+        raise files
+    start = time.perf_counter()
+    image = read_image(path)
+    read_s = time.perf_counter() - start
+    # a generator of its own, so that a photograph's result does not depend on those before it
+    rng = np.random.default_rng(run.seed)
+    found = estimate(image, network=network, select=run.select, options=run.options, rng=rng)
+    facts = document(path, found.field.shape, found, run, read_s)
+    if files:
+        write_results(files, facts, image, found)
+    return facts, summary(facts, found, files)
+
+
+def _progress(jobs: list[Any]) -> tuple[Iterable[Any], Callable[..., None]]:
+    """Return the jobs, with a progress bar where a person watches, and a print that keeps it whole."""
+    if len(jobs) < 2 or not sys.stderr.isatty():
+        return jobs, print
+    from tqdm import tqdm  # 0.07 s, so only where it is seen
+
+    return tqdm(jobs, unit="photo"), tqdm.write
+
+
+def _complain(error: Blur2ViewError, say: Callable[..., None] = print) -> None:
+    """Print one line on stderr."""
+    say(f"blur2view: {error}", file=sys.stderr)

@@ -1,0 +1,106 @@
+"""The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.predict import SmearNetwork
+from blur2view.smear import SmearField
+from blur2view.two_view import EstimatorOptions, TwoViewGeometry, estimate_two_view
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timings:
+    """Wall time of each step, in seconds."""
+
+    predict_s: float
+    select_s: float
+    solve_s: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """What was found in one photograph, and every step that led to it.
+
+    Parameters
+    ----------
+    field : SmearField
+        The smear and its sigma at every pixel.
+    matches : SmearMatches
+        The N smears that were used.
+    geometry : TwoViewGeometry
+        F or None, the configuration with its reason, and the masks of the N matches.
+    model_id : str
+        Name of the network's weights.
+    timings : Timings
+        Seconds per step.
+    """
+
+    field: SmearField
+    matches: SmearMatches
+    geometry: TwoViewGeometry
+    model_id: str
+    timings: Timings
+
+
+def estimate(
+    image: NDArray[np.float32],
+    *,
+    network: SmearNetwork | None = None,
+    select: SelectOptions | None = None,
+    options: EstimatorOptions | None = None,
+    rng: np.random.Generator | None = None,
+) -> Estimate:
+    """Estimate the two-view geometry of the camera's motion during one exposure.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+        The photograph, sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
+    network : SmearNetwork, optional
+        The shipped one by default; load it once for many photographs.
+    select : SelectOptions, optional
+        Which smears become matches.
+    options : EstimatorOptions, optional
+        The robust estimator.
+    rng : numpy.random.Generator, optional
+        Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
+
+    Returns
+    -------
+    Estimate
+        A photograph without a trustworthy F gives a configuration with its reason, not an error.
+
+    Raises
+    ------
+    ValueError
+        If the image is not finite float32 of shape (H, W, 3).
+    ModelError
+        If the network cannot be used.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> found = blur2view.estimate(blur2view.read_image("photo.jpg"))  # doctest: +SKIP
+    >>> found.geometry.config, found.geometry.reason, found.geometry.F  # doctest: +SKIP
+    """
+    network = network or SmearNetwork()
+    rng = np.random.default_rng(0) if rng is None else rng
+    clock = [time.perf_counter()]
+    field = network.predict(image)
+    clock.append(time.perf_counter())
+    matches = select_matches(field, select)
+    clock.append(time.perf_counter())
+    geometry = estimate_two_view(matches, options, rng)
+    clock.append(time.perf_counter())
+    predict_s, select_s, solve_s = np.diff(clock).tolist()
+    return Estimate(
+        field=field,
+        matches=matches,
+        geometry=geometry,
+        model_id=network.info.model_id,
+        timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
+    )

@@ -1,0 +1,278 @@
+"""Results on disk and on the terminal: JSON, arrays, overlay and a readable summary (DESIGN, section 7)."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import epipoles
+from blur2view.errors import OutputError
+from blur2view.matches import SelectOptions
+from blur2view.pipeline import Estimate
+from blur2view.two_view import EstimatorOptions
+from blur2view.viz import draw_overlay
+
+# The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
+_PNG_EFFORT = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputFiles:
+    """The three files of one photograph.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    stem : str
+        The photograph's name without its suffix.
+    """
+
+    folder: Path
+    stem: str
+
+    @property
+    def document(self) -> Path:
+        """``<stem>.json``."""
+        return self.folder / f"{self.stem}.json"
+
+    @property
+    def arrays(self) -> Path:
+        """``<stem>.smear.npz``."""
+        return self.folder / f"{self.stem}.smear.npz"
+
+    @property
+    def picture(self) -> Path:
+        """``<stem>.png``."""
+        return self.folder / f"{self.stem}.png"
+
+    @property
+    def paths(self) -> tuple[Path, Path, Path]:
+        """All three, in the order of writing: the document last, so that it marks completeness."""
+        return self.arrays, self.picture, self.document
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What was asked for, the same for every photograph of a call."""
+
+    select: SelectOptions
+    options: EstimatorOptions
+    seed: int
+
+
+def prepare_folder(folder: Path) -> None:
+    """Create the folder if needed and prove that files can be written there.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be created or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / ".blur2view-probe", lambda file: None)
+        (folder / ".blur2view-probe").unlink()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def plan_outputs(images: Sequence[Path], folder: Path, *, overwrite: bool) -> list[OutputFiles | OutputError]:
+    """Name the files of each photograph, or say why they must not be written.
+
+    Parameters
+    ----------
+    images : sequence of Path
+        The photographs of one call.
+    folder : Path
+        Where the files go.
+    overwrite : bool
+        Whether files of an earlier call may be replaced. Photographs of this call never are.
+
+    Returns
+    -------
+    list of OutputFiles or OutputError
+        One per photograph. A second photograph of the same stem is refused, so that no result is lost.
+    """
+    inputs = {image.resolve() for image in images}
+    first_of: dict[str, Path] = {}
+    plan: list[OutputFiles | OutputError] = []
+    for image in images:
+        files = OutputFiles(folder=folder, stem=image.stem)
+        taken = [path for path in files.paths if path.exists() or path.is_symlink()]
+        hit = [path for path in files.paths if path.resolve() in inputs]
+        if image.stem in first_of:
+            other = first_of[image.stem]
+            plan.append(OutputError(f"{image}: its results would replace those of {other}; use another -o"))
+            continue
+        first_of[image.stem] = image
+        if hit:
+            plan.append(
+                OutputError(f"{image}: a result would replace the photograph {hit[0]}; use another -o")
+            )
+        elif taken and not overwrite:
+            plan.append(OutputError(f"{image}: {taken[0]} exists; use another -o or add --overwrite"))
+        else:
+            plan.append(files)
+    return plan
+
+
+def document(
+    image: Path, size: tuple[int, int], estimate: Estimate, run: Run, read_s: float
+) -> dict[str, Any]:
+    """Return the JSON document of one photograph.
+
+    Parameters
+    ----------
+    image : Path
+        As the user named it.
+    size : tuple of int
+        Height and width in pixels, after EXIF rotation.
+    estimate : Estimate
+        What was found.
+    run : Run
+        What was asked for.
+    read_s : float
+        Seconds spent on decoding.
+
+    Returns
+    -------
+    dict
+        Plain JSON types; the keys are part of the stable surface, and the README lists them.
+    """
+    geometry = estimate.geometry
+    return {
+        "image": str(image),
+        "width": size[1],
+        "height": size[0],
+        "F": None if geometry.F is None else geometry.F.tolist(),
+        "config": geometry.config.name,
+        "reason": geometry.reason,
+        "motion_model": geometry.model,
+        "num_matches": len(estimate.matches),
+        "num_inliers": int(np.count_nonzero(geometry.inlier_mask)),
+        "iterations": geometry.iterations,
+        "beta": run.select.beta,
+        "max_error_px": run.options.max_error_px,
+        "seed": run.seed,
+        "model_id": estimate.model_id,
+        "timings_s": {"read": read_s}
+        | {k.removesuffix("_s"): v for k, v in asdict(estimate.timings).items()},
+    }
+
+
+def write_results(
+    files: OutputFiles, facts: dict[str, Any], image: NDArray[np.float32], estimate: Estimate
+) -> None:
+    """Write the arrays, the overlay and the document, each whole or not at all.
+
+    Parameters
+    ----------
+    files : OutputFiles
+        Where.
+    facts : dict
+        From :func:`document`.
+    image : ndarray of shape (H, W, 3), float32
+        The photograph.
+    estimate : Estimate
+        What was found.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    geometry, field = estimate.geometry, estimate.field
+    picture = draw_overlay(image, field, estimate.matches, geometry)
+    encoded = cv2.imencode(".png", picture[..., ::-1], _PNG_EFFORT)[1].tobytes()
+    text = json.dumps(facts, indent=2, allow_nan=False) + "\n"
+    try:
+        write_atomically(
+            files.arrays,
+            lambda file: np.savez(  # not compressed: that takes 30 times as long and saves a tenth
+                file,
+                displacement=field.displacement,
+                sigma_px=field.sigma_px,
+                inlier_mask=geometry.inlier_mask,
+                swapped=geometry.swapped,
+                ends=estimate.matches.ends,
+                match_sigma_px=estimate.matches.sigma_px,
+            ),
+        )
+        write_atomically(files.picture, lambda file: file.write(encoded))
+        write_atomically(files.document, lambda file: file.write(text.encode()))
+    except OSError as error:
+        raise _unwritable(files.folder, error) from None
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write beside the path and rename, so that a reader never meets half a file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; nothing is left behind then.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            write(file)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _unwritable(folder: Path, error: OSError) -> OutputError:
+    """Return the one line about a folder that takes no files."""
+    reason = error.strerror or type(error).__name__
+    return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")
+
+
+def summary(facts: dict[str, Any], estimate: Estimate, files: OutputFiles | None) -> str:
+    """Return a few readable lines about one photograph.
+
+    Parameters
+    ----------
+    facts : dict
+        From :func:`document`.
+    estimate : Estimate
+        What was found.
+    files : OutputFiles, optional
+        Where the results were written, if they were.
+    """
+    geometry, matches = estimate.geometry, estimate.matches
+    used = f"{facts['num_matches']} smears used"
+    if len(matches):
+        length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
+        used += f", median length {length:.1f} px, sigma {sigma:.1f} px"
+    title = f"{facts['image']}: {geometry.config.name} ({facts['width']}x{facts['height']})"
+    lines = [title, geometry.reason, used]
+    if geometry.F is not None:
+        share = facts["num_inliers"] / max(len(matches), 1)
+        lines[-1] += f"; {facts['num_inliers']} ({share:.0%}) agree with F"
+        lines += _matrix_lines(geometry.F)
+        lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
+    lines.append(f"{sum(facts['timings_s'].values()):.2f} s")
+    if files:
+        lines[-1] += f"; wrote {', '.join(str(path) for path in reversed(files.paths))}"
+    return "\n  ".join(lines)
+
+
+def _matrix_lines(F: NDArray[np.float64]) -> list[str]:
+    """Return F as three aligned rows."""
+    rows = ["  ".join(f"{value: .6e}" for value in row) for row in F]
+    return [f"{'F = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
+
+
+def _point(epipole: NDArray[np.float64]) -> str:
+    """Return where an epipole lies in the photograph, or its direction if it is far away."""
+    x, y, w = epipole
+    if abs(w) * 1e5 > np.hypot(x, y):  # within 100,000 px
+        return f"({x / w:.0f}, {y / w:.0f})"
+    return f"at infinity towards {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"
