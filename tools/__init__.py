@@ -1,0 +1,4 @@
+"""Development tools of blur2view: rendering, training, export, evaluation, benchmarks.
+
+They import :mod:`blur2view`; the package never imports them.
+"""

@@ -1,0 +1,112 @@
+"""Export a checkpoint to the ONNX file that the package ships.
+
+``python -m tools.export_onnx runs/smear/last.pt models/smear.onnx`` writes the averaged weights, dynamic in
+height and width, with the metadata that :mod:`blur2view.predict` reads and a reader wants to know, and checks
+the file against torch on a rendered picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+
+from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear
+from tools.render import RenderOptions, render
+from tools.sensor import photograph
+from tools.train import load_average
+
+CONVENTION = (
+    "input: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; output: smear (N,3,H/stride,W/stride): "
+    "|d| cos 2phi, |d| sin 2phi, sigma, in input pixels; d = end - start up to sign; cell j is centred at "
+    "pixel stride*j + (stride-1)/2"
+)
+
+
+def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
+    """Describe the file: format, geometry, licence and how it was trained."""
+    options = state["options"]
+    training = {
+        "seed": options["seed"],
+        "steps": state["step"],
+        "crops": state["step"] * options["batch"],
+        "scenes": state.get("scenes"),
+        "figures": {name: round(value, 4) for name, value in state["figures"].items()},
+    }
+    return {
+        "blur2view_format": "1",
+        "model_id": f"smear-{digest[:12]}",
+        "stride": str(STRIDE),
+        "multiple_of": str(MULTIPLE_OF),
+        "convention": CONVENTION,
+        "license": "Apache-2.0",
+        "training": json.dumps(training),
+    }
+
+
+def export(checkpoint: Path, target: Path) -> None:
+    """Write `target`; its temporary neighbour is replaced only when complete."""
+    network, state = load_average(checkpoint)
+    example = torch.zeros(1, 3, 128, 192)
+    temporary = target.with_suffix(".tmp.onnx")
+    axes = {0: "batch", 2: "height", 3: "width"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
+        torch.onnx.export(
+            ExportedSmear(network).eval(),
+            (example,),
+            str(temporary),
+            input_names=["image"],
+            output_names=["smear"],
+            dynamic_axes={"image": axes, "smear": {0: "batch", 2: "rows", 3: "columns"}},
+            opset_version=17,
+            dynamo=False,
+        )
+    graph = onnx.load(temporary)
+    digest = hashlib.sha256(graph.SerializeToString()).hexdigest()
+    onnx.helper.set_model_props(graph, metadata(state, digest))
+    onnx.checker.check_model(graph)
+    onnx.save(graph, temporary)
+    worst = difference_px(temporary, checkpoint, sample_image())
+    if worst > 1e-3:
+        raise SystemExit(f"{temporary} differs from torch by {worst:.2g} px; not shipped")
+    temporary.replace(target)
+    print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, step {state['step']}, {worst:.1e} px from torch")
+
+
+def sample_image() -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Return a rendered picture (1, 3, 256, 320), float32 in [0, 1]."""
+    scene = render(7, RenderOptions(size=(320, 256)))
+    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
+    return np.ascontiguousarray(image.transpose(2, 0, 1)[None])
+
+
+def difference_px(model: Path, checkpoint: Path, image: np.ndarray[Any, np.dtype[np.float32]]) -> float:
+    """Largest difference between ONNX Runtime and torch on an image, pixels."""
+    network, _ = load_average(checkpoint)
+    with torch.no_grad():
+        expected = ExportedSmear(network).eval()(torch.from_numpy(image)).numpy()
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    (actual,) = session.run(["smear"], {"image": image})
+    return float(np.abs(actual - expected).max())
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("target", type=Path)
+    arguments = parser.parse_args()
+    export(arguments.checkpoint, arguments.target)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""The smear network: a structure-tensor stem, a U-Net at stride 4 and factored heads (torch).
+
+DESIGN section 4: a plain U-Net on RGB does not start to learn; gradients' double-angle products as input and
+orientation, log length and uncertainty as separate outputs do, within minutes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as nnf
+
+STRIDE = 4
+MULTIPLE_OF = 64
+LEVELS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """Widths of the U-Net at strides 4, 8, 16, 32 and 64."""
+
+    widths: tuple[int, ...] = (40, 72, 112, 160, 192)
+
+    def as_dict(self) -> dict[str, list[int]]:
+        """Return plain values, for checkpoints."""
+        return {key: list(value) for key, value in asdict(self).items()}
+
+
+class StructureStem(nn.Module):
+    """RGB (N, 3, H, W) to features (N, 31, H/4, W/4): what blur does to gradients, at four scales.
+
+    Per level of a luminance pyramid: double-angle products of the Sobel gradients, averaged and divided by the
+    local gradient energy (orientation and coherence), and log energies, whose falloff between levels tells
+    the length; plus the contrast-normalised luminance, pixel-unshuffled.
+    """
+
+    channels = LEVELS * 2 + LEVELS + 3 + STRIDE * STRIDE
+
+    def __init__(self) -> None:
+        super().__init__()
+        sobel = torch.tensor([[-1.0, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / 8
+        self.register_buffer("sobel", torch.stack([sobel, sobel.T])[:, None], persistent=False)
+        binomial = torch.tensor([1.0, 3, 3, 1])
+        self.register_buffer("binomial", (torch.outer(binomial, binomial) / 64)[None, None], persistent=False)
+        self.register_buffer("luma", torch.tensor([0.299, 0.587, 0.114])[None, :, None, None], persistent=False)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Compute the features."""
+        grey = (image * self.luma).sum(1, keepdim=True)
+        normalised = self.normalise_contrast(grey)
+        features, energies, level = [nnf.pixel_unshuffle(normalised, STRIDE)], [], grey
+        for k in range(LEVELS):
+            orientation, energy = self.tensor_at(level, k)
+            features.append(orientation)
+            energies.append(torch.log(energy + 1e-6))
+            if k + 1 < LEVELS:
+                padded = nnf.pad(level, (1, 1, 1, 1), mode="replicate")
+                level = nnf.conv2d(padded, self.binomial, stride=2)
+        features += [(e + 6) / 3 for e in energies]
+        features += [fine - coarse for fine, coarse in zip(energies[:-1], energies[1:], strict=True)]
+        return torch.cat(features, 1)
+
+    def tensor_at(self, level: Tensor, k: int) -> tuple[Tensor, Tensor]:
+        """Normalised double-angle gradient (N, 2, h, w) and energy (N, 1, h, w) at stride 4 of pyramid level k."""
+        gradient = nnf.conv2d(nnf.pad(level, (1, 1, 1, 1), mode="replicate"), self.sobel)
+        gx, gy = gradient[:, :1], gradient[:, 1:]
+        products = torch.cat([gx * gx - gy * gy, 2 * gx * gy, gx * gx + gy * gy], 1)
+        if k < 2:
+            products = nnf.avg_pool2d(products, STRIDE // 2**k)
+        products = nnf.avg_pool2d(nnf.pad(products, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
+        if k == 3:
+            products = nnf.interpolate(products, scale_factor=2.0, mode="bilinear", align_corners=False)
+        energy = products[:, 2:]
+        return products[:, :2] / (energy + 2e-5), energy
+
+    @staticmethod
+    def normalise_contrast(grey: Tensor) -> Tensor:
+        """Luminance minus its local mean over its local deviation (about 32 px)."""
+        small = nnf.avg_pool2d(torch.cat([grey, grey * grey], 1), 16)
+        small = nnf.avg_pool2d(nnf.pad(small, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
+        local = nnf.interpolate(small, scale_factor=16.0, mode="bilinear", align_corners=False)
+        mean, square = local[:, :1], local[:, 1:]
+        deviation = torch.sqrt(torch.clamp(square - mean * mean, min=0.0) + 4e-4)
+        return torch.clamp((grey - mean) / deviation, -4.0, 4.0) / 2
+
+
+class Block(nn.Module):
+    """Two 3 x 3 convolutions with batch normalisation and a residual path."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)
+        self.second = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
+        self.norms = nn.ModuleList([nn.BatchNorm2d(outputs), nn.BatchNorm2d(outputs)])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply the block."""
+        y = nnf.relu(self.norms[0](self.first(x)))
+        return nnf.relu(self.norms[1](self.second(y)) + y)
+
+
+class SmearUNet(nn.Module):
+    """RGB (N, 3, H, W) in [0, 1] to raw heads (N, 4, H/4, W/4): double-angle x, y, log(1 + length), log sigma."""
+
+    def __init__(self, options: ModelOptions | None = None) -> None:
+        super().__init__()
+        self.options = options or ModelOptions()
+        widths = self.options.widths
+        self.stem = StructureStem()
+        self.encoders = nn.ModuleList(
+            [Block(before, after) for before, after in zip((StructureStem.channels, *widths), widths, strict=False)]
+        )
+        self.decoders = nn.ModuleList(
+            [Block(fine + coarse, fine) for fine, coarse in zip(widths[:-1], widths[1:], strict=True)]
+        )
+        self.head = nn.Conv2d(widths[0], 4, 1)
+        with torch.no_grad():
+            self.head.bias.copy_(torch.tensor([0.0, 0.0, 2.0, 1.0]))  # 6 px long, 3 px uncertain
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Compute the raw heads."""
+        return self.body(self.stem(image))
+
+    def body(self, features: Tensor) -> Tensor:
+        """Run the U-Net and heads on the stem's features (the part that may run in bfloat16)."""
+        x, skips = features, []
+        for k, encoder in enumerate(self.encoders):
+            x = encoder(x if k == 0 else nnf.max_pool2d(x, 2))
+            skips.append(x)
+        for k in reversed(range(len(self.decoders))):
+            x = nnf.interpolate(x, scale_factor=2.0, mode="nearest")
+            x = self.decoders[k](torch.cat([skips[k], x], 1))
+        return self.head(x)
+
+
+def decode(raw: Tensor) -> Tensor:
+    """Raw heads (N, 4, h, w) to the shipped output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, all in px."""
+    direction = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-8)
+    length = torch.clamp(torch.exp(torch.clamp(raw[:, 2:3], 0.0, 5.5)) - 1, min=0.0)
+    sigma = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))
+    return torch.cat([direction * length, sigma], 1)
+
+
+class ExportedSmear(nn.Module):
+    """The network followed by :func:`decode`: what the ONNX file computes."""
+
+    def __init__(self, network: SmearUNet) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Compute the output named ``smear``."""
+        return decode(self.network(image))

@@ -1,0 +1,101 @@
+"""Camera and object paths over one exposure, in SE(3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """A smooth rigid path over the exposure time tau in [-1/2, 1/2], the identity at tau = 0.
+
+    With s = tau + acceleration * tau**2 the rotation vector is ``rotation * s + rotation_bend * tau**2``
+    (radians) and the position ``translation * s + translation_bend * tau**2`` (scene units).
+    """
+
+    rotation: Vector
+    translation: Vector
+    rotation_bend: Vector
+    translation_bend: Vector
+    acceleration: float = 0.0
+
+    def at(self, tau: float) -> tuple[Vector, Vector]:
+        """Rotation matrix (3, 3) and position (3,) at exposure time tau."""
+        s = tau + self.acceleration * tau**2
+        vector = self.rotation * s + self.rotation_bend * tau**2
+        return cv2.Rodrigues(vector)[0], self.translation * s + self.translation_bend * tau**2
+
+    def scaled(self, factor: float) -> Path:
+        """Return the same path, `factor` times as far."""
+        return replace(
+            self,
+            rotation=self.rotation * factor,
+            translation=self.translation * factor,
+            rotation_bend=self.rotation_bend * factor,
+            translation_bend=self.translation_bend * factor,
+        )
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the path is a constant velocity."""
+        return not (self.rotation_bend.any() or self.translation_bend.any() or self.acceleration)
+
+
+def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:
+    """Random direction in 3D, stretched by `weights` before normalisation."""
+    vector = rng.normal(size=3) * weights
+    return vector / np.linalg.norm(vector)
+
+
+def bend_of(rng: np.random.Generator, velocity: Vector, ratio: float) -> Vector:
+    """Random bend of the given size relative to the velocity."""
+    return ratio * np.linalg.norm(velocity) * unit(rng)
+
+
+def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tuple[Path, str]:
+    """A camera path of unit size and the name of its kind.
+
+    Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (the
+    rotation counteracts the translation) and ``mixed``. Unit size means: far rotation and translation
+    at unit depth move image points by comparable amounts; the renderer scales the path to a smear length.
+    """
+    kind = str(rng.choice(["rotation", "translation", "forward", "orbit", "mixed"], p=[0.12, 0.18, 0.17, 0.13, 0.4]))
+    translation = unit(rng, (1, 0.8, 0.8))
+    rotation = unit(rng, (1, 1, 0.7)) * rng.uniform(0.1, 1.0)
+    if kind == "rotation":
+        translation = np.zeros(3)
+    elif kind == "translation":
+        rotation = np.zeros(3)
+    elif kind == "forward":
+        translation = unit(rng, (0.25, 0.25, 1))
+        rotation *= rng.choice([0.0, 0.15, 0.3])
+    elif kind == "orbit":
+        translation = unit(rng, (1, 0.8, 0.2))
+        rotation = np.cross(translation, [0, 0, 1]) * rng.uniform(0.4, 1.2) + 0.1 * rotation
+    ratio = 0.0 if straight else float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
+    path = Path(
+        rotation=rotation,
+        translation=translation,
+        rotation_bend=bend_of(rng, rotation, ratio),
+        translation_bend=bend_of(rng, translation, ratio),
+        acceleration=0.0 if straight else float(rng.normal(0, 0.2)),
+    )
+    return path, kind
+
+
+def sample_object_path(rng: np.random.Generator, camera: Path) -> Path:
+    """A moving object's own path: another direction, comparable size, little rotation."""
+    speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
+    zero = np.zeros(3)
+    return Path(
+        rotation=unit(rng) * speed * rng.uniform(0, 0.5),
+        translation=unit(rng, (1, 0.6, 0.5)) * speed * rng.uniform(0.4, 1.5),
+        rotation_bend=zero,
+        translation_bend=zero,
+    )

@@ -1,0 +1,132 @@
+"""From radiance to a coded photograph: exposure, optics, mosaic, noise, tone, sharpening, compression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """Which effects may occur; the defaults are those of training.
+
+    Attributes
+    ----------
+    softness_px : tuple of float
+        Range of the standard deviation of the optical point spread, pixels.
+    read_noise : tuple of float
+        Range of the noise deviation in the dark, full scale = 1 (log-uniform).
+    shot_noise : tuple of float
+        Range of the noise variance per unit signal (log-uniform).
+    jpeg_share : float
+        Share of images that are JPEG-compressed.
+    """
+
+    softness_px: tuple[float, float] = (0.0, 1.1)
+    read_noise: tuple[float, float] = (5e-4, 8e-3)
+    shot_noise: tuple[float, float] = (2e-5, 1.5e-3)
+    jpeg_share: float = 0.6
+
+
+def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    """Draw between two positive bounds, uniformly in the logarithm."""
+    return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
+
+
+def expose(rng: np.random.Generator, linear: Array) -> Array:
+    """Gain and white balance: a mean level between a dim and an overexposed photograph."""
+    level = float(np.exp(rng.normal(np.log(0.2), 0.55)))
+    gain = level / max(float(linear.mean()), 1e-3)
+    return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
+
+
+def soften(rng: np.random.Generator, linear: Array, bounds: tuple[float, float]) -> Array:
+    """Optical point spread; now and then defocus, which must not read as motion."""
+    if rng.random() < 0.08:
+        radius = rng.uniform(0.8, 3.5)
+        reach = int(np.ceil(radius)) + 1
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1).astype(np.float32)
+        linear = cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT)
+    sigma = rng.uniform(*bounds)
+    return cv2.GaussianBlur(linear, (0, 0), sigma) if sigma > 0.2 else linear
+
+
+def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -> Array:
+    """Shot and read noise in linear light, then clipping at white."""
+    read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
+    deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
+    noise = rng.standard_normal(signal.shape, dtype=np.float32)
+    return np.clip(signal + deviation * noise, 0, 1)
+
+
+def demosaic(signal: Array) -> Array:
+    """Sample a Bayer mosaic of linear RGB (H, W, 3) and interpolate it back."""
+    mosaic = signal[..., 1].copy()
+    mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
+    mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
+    coded = np.asarray(np.clip(mosaic, 0, 1) * 65535 + 0.5).astype(np.uint16)
+    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR)
+    return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
+
+
+def tone(rng: np.random.Generator, linear: Array) -> Array:
+    """sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
+    if rng.random() < 0.4:
+        return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055)
+    coded = np.maximum(linear, 1e-6) ** np.float32(1 / rng.uniform(1.8, 2.6))
+    strength = np.float32(rng.uniform(0, 0.8))
+    return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
+
+
+def sharpen(rng: np.random.Generator, coded: Array) -> Array:
+    """Unsharp masking, as cameras do, on half of the images."""
+    if rng.random() < 0.5:
+        return coded
+    soft = cv2.GaussianBlur(coded, (0, 0), rng.uniform(0.7, 1.6))
+    return np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1)
+
+
+def compress(rng: np.random.Generator, image: Array) -> Array:
+    """JPEG round trip (uint8 RGB) at a quality between poor and good."""
+    quality = int(rng.integers(45, 98))
+    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+
+
+def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions | None = None) -> Array:
+    """Turn radiance into an 8-bit photograph.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws the camera.
+    linear : ndarray of shape (H, W, 3)
+        float32 linear radiance; 1 is about white before the exposure is chosen.
+    options : SensorOptions, optional
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3)
+        uint8, RGB.
+    """
+    options = options or SensorOptions()
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), options.softness_px)
+    mosaic = rng.random() < 0.4
+    if mosaic:
+        signal = demosaic(add_noise(rng, signal, options))
+    else:
+        signal = add_noise(rng, signal, options)
+    if rng.random() < 0.15:  # denoised by the camera
+        signal = cv2.GaussianBlur(signal, (0, 0), rng.uniform(0.4, 0.8))
+    coded = sharpen(rng, np.asarray(tone(rng, signal), np.float32))
+    if rng.random() < 0.1:
+        coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
+    image = np.asarray(np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return compress(rng, image) if rng.random() < options.jpeg_share else image

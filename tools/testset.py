@@ -1,0 +1,125 @@
+"""The rendered test split: photographs with exact truth and texture photographs that training never saw.
+
+``python -m tools.testset render/test --scenes 60`` writes, per scene, ``NNNN.png`` (the blurred photograph),
+``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_open.png``, ``NNNN_close.png`` (the sharp
+first and last instants, for classical baselines). The same seeds give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.render import RenderOptions, grid_points, render, start_worker
+from tools.sensor import SensorOptions, compress, photograph, tone
+
+Array = NDArray[Any]
+
+FIRST_SEED = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestScene:
+    """One photograph with its truth; see :class:`tools.render.Rendering` for the fields' meaning."""
+
+    name: str
+    image_path: Path
+    displacement: Array
+    valid: Array
+    static: Array
+    K: Array
+    R: Array
+    t: Array
+    F: Array | None
+    kind: str
+
+    __test__ = False  # not a test class, whatever its name makes pytest think
+
+    @property
+    def midpoints(self) -> Array:
+        """Pixel (h, w, 2) of every cell of the truth's grid."""
+        rows, columns = self.valid.shape
+        return grid_points((columns * 4, rows * 4))
+
+
+def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
+    """Return the options of the split: median smears of 4 to 60 px, no sharp scenes."""
+    return RenderOptions(size=size, smear_px=(4.0, 60.0), sharp_share=0.0, split="test", photos=photos)
+
+
+def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Array:
+    """An instant as a good camera would show it (uint8 RGB), exposed like the blurred picture."""
+    signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
+    noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
+    coded = tone(np.random.default_rng(2), np.clip(noisy, 0, 1).astype(np.float32))
+    return compress(np.random.default_rng(1), (np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8))
+
+
+def write_scene(index: int, out: Path, options: RenderOptions) -> None:
+    """Render, photograph and store one scene; finished ones are kept."""
+    truth_path = out / f"{index:04d}.npz"
+    if truth_path.exists():
+        return
+    seed = FIRST_SEED + index
+    scene, rng = render(seed, options), np.random.default_rng([seed, 2])
+    pictures = {
+        "": photograph(rng, scene.linear, SensorOptions()),
+        "_open": sharp_photograph(rng, scene.open_image, scene.linear),
+        "_close": sharp_photograph(rng, scene.close_image, scene.linear),
+    }
+    for suffix, picture in pictures.items():
+        cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
+    np.savez(
+        truth_path,
+        displacement=scene.displacement,
+        valid=scene.valid,
+        static=scene.static,
+        K=scene.K,
+        R=scene.R,
+        t=scene.t,
+        F=np.zeros((0, 3)) if scene.F is None else scene.F,
+        kind=scene.kind,
+    )
+
+
+def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
+    """Write scenes 0 to `scenes` - 1 in parallel."""
+    out.mkdir(parents=True, exist_ok=True)
+    with multiprocessing.get_context("spawn").Pool(jobs, start_worker) as pool:
+        pool.map(partial(write_scene, out=out, options=options), range(scenes), chunksize=1)
+
+
+def read_test_set(folder: Path) -> Iterator[TestScene]:
+    """Yield the scenes of a folder in order of their names."""
+    for path in sorted(folder.glob("[0-9]*.npz")):
+        with np.load(path) as stored:
+            arrays = {key: stored[key] for key in ("displacement", "valid", "static", "K", "R", "t")}
+            F = stored["F"] if stored["F"].shape == (3, 3) else None
+            image_path, kind = path.with_suffix(".png"), str(stored["kind"])
+            yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", type=int, default=60)
+    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
+    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    arguments = parser.parse_args()
+    options = test_options(arguments.photos, tuple(arguments.size))
+    write_test_set(arguments.out, arguments.scenes, options, arguments.jobs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""Surface textures for the renderer, in linear light: procedural ones and photographs.
+
+All sources may be shipped with the weights trained on them: the procedural ones are made here, the
+bundled photographs come with scikit-image (CC0 or public domain), and a folder of photographs may be
+added (the Kodak suite, "released for unrestricted usage"). Photographs are split by name into a
+training and a held-out part, so that no test image shares a texture with training.
+"""
+
+from __future__ import annotations
+
+import functools
+import string
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+
+SIZE = 512
+"""Side of a procedural texture, in texels."""
+
+BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass", "gravel", "rocket", "page")
+"""scikit-image photographs that are CC0 or public domain and inside its wheel."""
+
+HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")
+HELD_OUT_EVERY = 4
+"""Every fourth photograph of an added folder (by sorted name) is held out of training."""
+
+
+def srgb_to_linear(coded: NDArray[np.floating]) -> Image:
+    """Decode sRGB-coded values in [0, 1] to linear light (IEC 61966-2-1)."""
+    coded = np.asarray(coded, np.float32)
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=4)
+def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
+    """Linear-light photographs of one split.
+
+    Parameters
+    ----------
+    split : {"train", "test"}
+        Training and held-out photographs are disjoint.
+    folder : Path, optional
+        A folder of further PNG or JPEG photographs.
+
+    Returns
+    -------
+    tuple of ndarray of shape (H, W, 3)
+        float32, linear light in [0, 1].
+    """
+    from skimage import data
+
+    names = [n for n in BUNDLED if (n in HELD_OUT_BUNDLED) == (split == "test")]
+    coded = [np.asarray(getattr(data, name)()) for name in names]
+    if folder is not None:
+        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
+        held = set(files[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
+        chosen = [p for p in files if (p in held) == (split == "test")]
+        coded += [cv2.cvtColor(cv2.imread(str(p)), cv2.COLOR_BGR2RGB) for p in chosen]
+    rgb = [c if c.ndim == 3 else np.repeat(c[..., None], 3, axis=2) for c in coded]
+    return tuple(srgb_to_linear(c[..., :3] / 255.0) for c in rgb)
+
+
+def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
+    """One photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
+    image = pool[rng.integers(len(pool))]
+    image = np.rot90(image, rng.integers(4))
+    if rng.random() < 0.5:
+        image = image[:, ::-1]
+    factor = rng.uniform(1.0, 2.5)
+    if min(image.shape[:2]) / factor >= 128:
+        size = (int(image.shape[1] / factor), int(image.shape[0] / factor))
+        image = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA)
+    gains = rng.uniform(0.8, 1.25, 3).astype(np.float32)
+    if rng.random() < 0.15:
+        image = np.repeat(image.mean(2, keepdims=True), 3, axis=2)
+    return np.ascontiguousarray(image * gains, dtype=np.float32)
+
+
+def colour(rng: np.random.Generator) -> Image:
+    """Return a random linear-light colour; dark ones and nearly grey ones are frequent, as in photographs."""
+    grey = rng.beta(0.9, 1.6)
+    return np.clip(grey * (1 + rng.normal(0, 0.3, 3)) + 0.005, 0, 1).astype(np.float32)
+
+
+def dead_leaves(rng: np.random.Generator) -> Image:
+    """Occluding discs, boxes and triangles with sizes after a power law (Lee, Mumford, Huang 2001)."""
+    image = np.empty((SIZE, SIZE, 3), np.float32)
+    image[:] = colour(rng)
+    smallest = rng.uniform(1.5, 5.0)
+    for _ in range(int(rng.integers(250, 900))):
+        radius = min(smallest / max(rng.random(), 1e-3) ** 0.6, 130.0)
+        x, y = rng.uniform(0, SIZE, 2)
+        fill = tuple(float(c) for c in colour(rng))
+        kind = rng.integers(3)
+        if kind == 0:
+            cv2.circle(image, (int(x * 8), int(y * 8)), int(radius * 8), fill, -1, cv2.LINE_AA, 3)
+            continue
+        angles = rng.uniform(0, 2 * np.pi) + np.arange(kind + 2) * 2 * np.pi / (kind + 2)
+        corners = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles) * rng.uniform(0.3, 1)], 1)
+        cv2.fillPoly(image, [(corners * 8).astype(np.int32)], fill, cv2.LINE_AA, 3)
+    return image
+
+
+def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> NDArray[np.float32]:
+    """Gaussian noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
+    exponent = rng.uniform(0.7, 1.6) if exponent is None else exponent
+    fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
+    amplitude = (fx * fx + fy * fy + 1.0 / size**2) ** (-exponent / 2)
+    phase = rng.uniform(0, 2 * np.pi, amplitude.shape)
+    noise = np.fft.irfft2(amplitude * np.exp(1j * phase), (size, size))
+    return ((noise - noise.mean()) / noise.std()).astype(np.float32)
+
+
+def cloudy(rng: np.random.Generator) -> Image:
+    """1/f noise between two or three colours."""
+    mix = 1 / (1 + np.exp(-rng.uniform(1, 4) * spectral_noise(rng)))[..., None]
+    image = colour(rng) * mix + colour(rng) * (1 - mix)
+    if rng.random() < 0.4:
+        fine = (spectral_noise(rng, exponent=rng.uniform(0, 0.6)) > rng.uniform(1, 2.2))[..., None]
+        image = np.where(fine, colour(rng), image)
+    return np.asarray(image, np.float32)
+
+
+def printed(rng: np.random.Generator) -> Image:
+    """Lines of printed text in several sizes on a plain or cloudy ground."""
+    image = cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    alphabet = np.array(list(string.ascii_letters + string.digits + "    .,-"))
+    y = 0.0
+    while y < SIZE:
+        height = rng.uniform(7, 60) if rng.random() < 0.3 else rng.uniform(7, 22)
+        y += height * 1.5
+        text = "".join(rng.choice(alphabet, 70))
+        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_COMPLEX]))
+        where, ink = (int(rng.uniform(-40, 60)), int(y)), np.zeros((SIZE, SIZE), np.uint8)
+        cv2.putText(ink, text, where, font, height / 30, 255, max(1, int(height / 14)), cv2.LINE_AA)
+        rows = slice(max(0, int(y - 1.2 * height)), int(y + 0.5 * height) + 1)
+        cover = ink[rows, :, None] / np.float32(255)
+        image[rows] += cover * (colour(rng) - image[rows])
+    return image
+
+
+def bricks(rng: np.random.Generator) -> Image:
+    """Courses of bricks or tiles with mortar, each with a colour of its own."""
+    image = np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    width, height = rng.uniform(12, 90), rng.uniform(8, 45)
+    mortar, base = rng.uniform(1, 5), colour(rng)
+    stagger = rng.choice([0.0, 0.5, rng.random()])
+    for row in range(int(SIZE / height) + 1):
+        for column in range(-1, int(SIZE / width) + 1):
+            x, y = (column + stagger * (row % 2)) * width, row * height
+            fill = np.clip(base * (1 + rng.normal(0, 0.25)) + rng.normal(0, 0.03, 3), 0, 1)
+            corner = (int((x + mortar) * 8), int((y + mortar) * 8))
+            opposite = (int((x + width) * 8), int((y + height) * 8))
+            cv2.rectangle(image, corner, opposite, tuple(float(c) for c in fill), -1, cv2.LINE_AA, 3)
+    grain = 1 + rng.uniform(0.02, 0.25) * spectral_noise(rng, exponent=rng.uniform(0.3, 1.2))[..., None]
+    return np.clip(image * grain, 0, 1).astype(np.float32)
+
+
+def strokes(rng: np.random.Generator) -> Image:
+    """Random thin lines and arcs: cables, branches, scratches."""
+    image = cloudy(rng) if rng.random() < 0.5 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    for _ in range(int(rng.integers(30, 220))):
+        points = rng.uniform(0, SIZE, 2) + np.cumsum(rng.normal(0, rng.uniform(5, 60), (int(rng.integers(2, 7)), 2)), 0)
+        ink = tuple(float(c) for c in colour(rng))
+        thickness = int(rng.integers(1, 5))
+        cv2.polylines(image, [(points * 8).astype(np.int32)], False, ink, thickness, cv2.LINE_AA, 3)
+    return image
+
+
+PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
+    (dead_leaves, 0.34),
+    (cloudy, 0.2),
+    (printed, 0.16),
+    (bricks, 0.14),
+    (strokes, 0.16),
+)
+"""Generators and their shares."""
+
+
+def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.62) -> Image:
+    """One linear-light texture of shape (h, w, 3), at least 128 texels a side, with random contrast and gain."""
+    if rng.random() < photo_share:
+        image = photograph(rng, pool)
+    else:
+        makers, shares = zip(*PROCEDURAL, strict=True)
+        image = makers[rng.choice(len(makers), p=shares)](rng)
+    contrast = rng.uniform(0.55, 1.3)
+    image = np.maximum(image, 1e-4) ** np.float32(contrast)
+    return np.asarray(image * np.float32(rng.uniform(0.5, 1.2)), np.float32)
