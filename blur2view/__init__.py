@@ -18,9 +18,39 @@ The method follows "Robust Fundamental Matrix Estimation from Single Image Motio
 Viksten), called "the paper" in this package.
 """
 
-from blur2view.errors import Blur2ViewError
+from blur2view.errors import Blur2ViewError, ImageError, ModelError, OutputError
+from blur2view.image import read_image
+from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.pipeline import Estimate, Timings, estimate
+from blur2view.predict import ModelInfo, SmearNetwork, predict
 from blur2view.smear import SmearField
+from blur2view.tiles import TileOptions
+from blur2view.two_view import Configuration, EstimatorOptions, TwoViewGeometry, estimate_two_view
+from blur2view.viz import draw_overlay
 
 __version__ = "0.1.0"
 
-__all__ = ["Blur2ViewError", "SmearField", "__version__"]
+__all__ = [
+    "Blur2ViewError",
+    "Configuration",
+    "Estimate",
+    "EstimatorOptions",
+    "ImageError",
+    "ModelError",
+    "ModelInfo",
+    "OutputError",
+    "SelectOptions",
+    "SmearField",
+    "SmearMatches",
+    "SmearNetwork",
+    "TileOptions",
+    "Timings",
+    "TwoViewGeometry",
+    "__version__",
+    "draw_overlay",
+    "estimate",
+    "estimate_two_view",
+    "predict",
+    "read_image",
+    "select_matches",
+]

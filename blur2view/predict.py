@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,41 +11,11 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.smear import SmearField, from_double_angle, upsample_grid
+from blur2view.tiles import TileOptions, cells, ramps, reflected, spans
 
 FORMAT = "1"
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
 _STRIP_CELLS = 64
-
-
-@dataclass(frozen=True, kw_only=True)
-class PredictOptions:
-    """When and how a photograph is cut into tiles.
-
-    Parameters
-    ----------
-    max_pixels : int
-        Photographs up to this many pixels go through the network in one piece.
-    tile_px : int
-        Side of a tile, rounded up to what the network needs.
-    overlap_px : int
-        Pixels shared by neighbouring tiles, over which they are blended.
-
-    Raises
-    ------
-    ValueError
-        Unless ``0 <= 2 * overlap_px <= tile_px``, ``tile_px`` and ``max_pixels`` are positive.
-    """
-
-    max_pixels: int = 2_500_000  # 1920x1080 in one piece
-    tile_px: int = 1280
-    overlap_px: int = 256
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.max_pixels < 1 or self.tile_px < 1:
-            raise ValueError(f"max_pixels, tile_px must be positive, got {self.max_pixels}, {self.tile_px}")
-        if not 0 <= 2 * self.overlap_px <= self.tile_px:
-            raise ValueError(f"overlap_px must be 0 to tile_px / 2, got {self.overlap_px} of {self.tile_px}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,14 +72,14 @@ class SmearNetwork:
         self._session = _open_session(self.path, threads or _usable_cores())
         self.info = _read_info(self.path, self._session)
 
-    def predict(self, image: NDArray[np.float32], options: PredictOptions | None = None) -> SmearField:
+    def predict(self, image: NDArray[np.float32], options: TileOptions | None = None) -> SmearField:
         """Return the smear and its sigma at every pixel.
 
         Parameters
         ----------
         image : ndarray of shape (H, W, 3), float32
             sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
-        options : PredictOptions, optional
+        options : TileOptions, optional
             Tiling.
 
         Returns
@@ -126,25 +95,25 @@ class SmearNetwork:
             If the network's output is not what its format promises.
         """
         _check_image(image)
-        grid = self._predict_grid(image, options or PredictOptions())
+        grid = self._predict_grid(image, options or TileOptions())
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         return _decode_grid(grid, self.info.stride, image.shape[:2])
 
-    def _predict_grid(self, image: NDArray[np.float32], options: PredictOptions) -> NDArray[np.float32]:
+    def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
         """Return double angle and sigma on the network's grid, (h, w, 3), tiles blended."""
         height, width = image.shape[:2]
         step, stride = self.info.multiple_of, self.info.stride
-        whole = height * width <= options.max_pixels
-        rows, columns = (_spans(side, step, None if whole else options) for side in (height, width))
+        tiling = options if height * width > options.max_pixels else None
+        rows, columns = (spans(side, step, tiling) for side in (height, width))
         total = np.zeros((rows[-1].stop // stride, columns[-1].stop // stride, 3), np.float32)
         weight = np.zeros((*total.shape[:2], 1), np.float32)
-        for row, row_weight in _ramps(rows, stride):
-            for column, column_weight in _ramps(columns, stride):
-                cells = _cells(row, stride), _cells(column, stride)
+        for row, row_weight in ramps(rows, stride):
+            for column, column_weight in ramps(columns, stride):
+                window = cells(row, stride), cells(column, stride)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[cells] += self._run(_reflected(image, row, column)) * tile_weight
-                weight[cells] += tile_weight
+                total[window] += self._run(reflected(image, row, column)) * tile_weight
+                weight[window] += tile_weight
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // stride), : -(-width // stride)]
@@ -159,14 +128,14 @@ class SmearNetwork:
                 f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
                 "export it again with tools/export_onnx.py"
             )
-        cells: NDArray[np.float32] = output[0].transpose(1, 2, 0)
-        return cells
+        grid: NDArray[np.float32] = output[0].transpose(1, 2, 0)
+        return grid
 
 
 def predict(
     image: NDArray[np.float32],
     model: SmearNetwork | str | os.PathLike[str] | None = None,
-    options: PredictOptions | None = None,
+    options: TileOptions | None = None,
 ) -> SmearField:
     """Return the smear and its sigma at every pixel of one photograph.
 
@@ -176,7 +145,7 @@ def predict(
         sRGB-coded RGB in [0, 1].
     model : SmearNetwork or path-like, optional
         The shipped network by default. For many photographs load a :class:`SmearNetwork` once.
-    options : PredictOptions, optional
+    options : TileOptions, optional
         Tiling.
 
     Returns
@@ -262,58 +231,6 @@ def _check_image(image: NDArray[np.float32]) -> None:
         raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
     if not (np.isfinite(image.min()) and np.isfinite(image.max())):
         raise ValueError("the image has values that are not finite")
-
-
-def _spans(side: int, step: int, options: PredictOptions | None) -> list[range]:
-    """Return pixel spans of equal size that cover a side padded to a multiple of step; one without options.
-
-    Starts are multiples of step, so that the network's grid is the same in every tile.
-    """
-    padded = -(-side // step) * step
-    if options is None:
-        return [range(padded)]
-    tile = min(-(-options.tile_px // step) * step, padded)
-    advance = max((tile - options.overlap_px) // step * step, step)
-    count = 1 + -(-(padded - tile) // advance)
-    starts = np.linspace(0, (padded - tile) // step, count).astype(int) * step
-    return [range(start, start + tile) for start in starts.tolist()]
-
-
-def _cells(span: range, stride: int) -> slice:
-    """Return the grid cells of a span of pixels."""
-    return slice(span.start // stride, span.stop // stride)
-
-
-def _ramps(spans: list[range], stride: int) -> Iterator[tuple[range, NDArray[np.float32]]]:
-    """Yield each span with its weights per cell: one, and smooth ramps over the overlaps with neighbours."""
-    for index, span in enumerate(spans):
-        weight = np.ones(len(span) // stride, np.float32)
-        if index > 0 and (shared := (spans[index - 1].stop - span.start) // stride) > 0:
-            weight[:shared] *= _ramp(shared)
-        if index + 1 < len(spans) and (shared := (span.stop - spans[index + 1].start) // stride) > 0:
-            weight[-shared:] *= _ramp(shared)[::-1]
-        yield span, weight
-
-
-def _ramp(count: int) -> NDArray[np.float32]:
-    """Return a rise from above 0 to below 1 whose reverse is its complement (raised cosine)."""
-    phase = np.pi * (np.arange(count) + 0.5) / count
-    return ((1 - np.cos(phase)) / 2).astype(np.float32)
-
-
-def _reflected(image: NDArray[np.float32], rows: range, columns: range) -> NDArray[np.float32]:
-    """Return a window of the image, which continues as its mirror image beyond the right and lower border."""
-    height, width = image.shape[:2]
-    if rows.stop <= height and columns.stop <= width:
-        return image[rows.start : rows.stop, columns.start : columns.stop]
-    return image[np.ix_(_mirror(rows, height), _mirror(columns, width))]
-
-
-def _mirror(indices: range, side: int) -> NDArray[np.intp]:
-    """Fold indices into 0 ... side-1 without repeating the border: 0 1 2 1 0 1 2 for side 3."""
-    period = max(2 * side - 2, 1)
-    folded = np.asarray(indices, dtype=np.intp) % period
-    return np.minimum(folded, period - folded) if side > 1 else np.zeros_like(folded)
 
 
 def _decode_grid(grid: NDArray[np.float32], stride: int, shape: tuple[int, ...]) -> SmearField:

@@ -195,7 +195,8 @@ def write_results(
     try:
         write_atomically(
             files.arrays,
-            lambda file: np.savez(  # not compressed: that takes 30 times as long and saves a tenth
+            # compressed it takes 40 times as long (0.63 s at 1280x720) and is an eighth smaller
+            lambda file: np.savez(
                 file,
                 displacement=field.displacement,
                 sigma_px=field.sigma_px,
@@ -255,7 +256,7 @@ def summary(facts: dict[str, Any], estimate: Estimate, files: OutputFiles | None
     lines = [title, geometry.reason, used]
     if geometry.F is not None:
         share = facts["num_inliers"] / max(len(matches), 1)
-        lines[-1] += f"; {facts['num_inliers']} ({share:.0%}) agree with F"
+        lines[-1] += f"; {facts['num_inliers']} ({share:.0%}) are inliers"
         lines += _matrix_lines(geometry.F)
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
     lines.append(f"{sum(facts['timings_s'].values()):.2f} s")

@@ -4,25 +4,20 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from blur2view.drawing import FAINT, PAPER, Picture, draw_line, orientation_colours
 from blur2view.epipolar import epipoles, homogeneous
 from blur2view.matches import SmearMatches
+from blur2view.panel import draw_panel
 from blur2view.smear import SmearField
 from blur2view.two_view import TwoViewGeometry
-
-Picture = NDArray[np.uint8]
 
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-_AIDS_HEIGHT_PX = 132
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side: the photograph stays visible
 EPIPOLAR_LINES = 14
-
-INK, PAPER, FAINT = (235, 235, 235), (26, 26, 30), (165, 165, 165)
-_FONT, _TEXT, _LEADING = cv2.FONT_HERSHEY_SIMPLEX, 0.42, 17
-_SHIFT = 4  # OpenCV draws with 1/16 px
 
 
 def draw_overlay(
@@ -67,7 +62,7 @@ def draw_overlay(
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
     if geometry.F is not None:
         _draw_epipoles(canvas, view, geometry.F)
-    return _stack(canvas, _panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry))
+    return _stack(canvas, draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,26 +102,6 @@ class View:
         return pale
 
 
-def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
-    """Return a vivid RGB colour for the orientation of each smear, the same for d and -d.
-
-    Parameters
-    ----------
-    displacement : ndarray of shape (N, 2)
-        Displacements in pixels, (x, y).
-
-    Returns
-    -------
-    ndarray of shape (N, 3), uint8
-        Horizontal is red; the hue goes once around over 180 degrees.
-    """
-    degrees = np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180
-    hsv = np.full((len(degrees), 1, 3), 255, np.uint8)
-    hsv[:, 0, 0] = degrees.astype(np.uint8) % 180  # OpenCV's hue is 0 to 179
-    hsv[:, 0, 1] = 215
-    return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
-
-
 def spread_subset(
     points: NDArray[np.float64], quality: NDArray[np.floating], spacing: float
 ) -> NDArray[np.intp]:
@@ -159,10 +134,10 @@ def _draw_smears(
     colours = orientation_colours(ends[:, 1] - ends[:, 0])
     drawn = view.to_canvas(ends)
     for index in np.flatnonzero(~inlier_mask):
-        _line(canvas, drawn[index], FAINT, thickness=2)
+        draw_line(canvas, drawn[index], FAINT, thickness=2)
     for index in np.flatnonzero(inlier_mask):
-        _line(canvas, drawn[index], (0, 0, 0), thickness=4)
-        _line(canvas, drawn[index], colours[index], thickness=2)
+        draw_line(canvas, drawn[index], (0, 0, 0), thickness=4)
+        draw_line(canvas, drawn[index], colours[index], thickness=2)
 
 
 def _draw_epipolar_lines(
@@ -186,7 +161,7 @@ def _draw_epipolar_lines(
 def _endless_line(canvas: Picture, point: NDArray[np.float64], direction: NDArray[np.float64]) -> None:
     """Draw a line across the canvas."""
     reach = sum(canvas.shape[:2]) + np.abs(point).max()
-    _line(
+    draw_line(
         canvas, np.stack([point - reach * direction, point + reach * direction]), (255, 255, 255), thickness=1
     )
 
@@ -215,20 +190,6 @@ def _draw_epipoles(canvas: Picture, view: View, F: NDArray[np.float64]) -> None:
                 cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
 
 
-def _line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thickness: int) -> None:
-    """Draw an anti-aliased line with sub-pixel ends, clipped to what OpenCV's integers hold."""
-    fixed = np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int)
-    cv2.line(
-        canvas,
-        fixed[0].tolist(),
-        fixed[1].tolist(),
-        np.ravel(colour).tolist(),
-        thickness,
-        cv2.LINE_AA,
-        _SHIFT,
-    )
-
-
 def _stack(canvas: Picture, panel: Picture) -> Picture:
     """Put the panel below the canvas, which a narrow photograph leaves narrower."""
     picture = np.full((canvas.shape[0] + panel.shape[0], panel.shape[1], 3), PAPER, np.uint8)
@@ -236,97 +197,3 @@ def _stack(canvas: Picture, panel: Picture) -> Picture:
     picture[: canvas.shape[0], left : left + canvas.shape[1]] = canvas
     picture[canvas.shape[0] :] = panel
     return picture
-
-
-def _panel(width: int, field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
-    """Draw the caption on the left, the orientation key and the sigma map on the right."""
-    aids = np.hstack([_orientation_key(), _sigma_inset(field)])
-    room = width - aids.shape[1] - 24
-    reason = wrap(geometry.reason, room, _TEXT)
-    counts = wrap(_counts(matches, geometry), room, _TEXT)
-    height = max(aids.shape[0], 38 + _LEADING * (len(reason) + len(counts)))
-    panel = np.full((height, width, 3), PAPER, np.uint8)
-    panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    _text(panel, geometry.config.name.replace("_", " "), (10, 24), size=0.6, thickness=2)
-    for index, line in enumerate(reason + counts):
-        colour = INK if index < len(reason) else FAINT
-        _text(panel, line, (10, 46 + _LEADING * index), colour=colour)
-    return panel
-
-
-def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
-    """Say how many smears were used and how long they are."""
-    if len(matches) == 0:
-        return "no smears used"
-    length = f"median length {np.median(matches.length_px):.1f} px"
-    if geometry.F is None:
-        return f"{len(matches)} smears used, {length}"
-    return f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears agree with F, {length}"
-
-
-def wrap(text: str, width: int, size: float) -> list[str]:
-    """Break a sentence into lines that are at most ``width`` pixels wide in this font size."""
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and cv2.getTextSize(longer, _FONT, size, 1)[0][0] > width:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    return lines
-
-
-def _orientation_key() -> Picture:
-    """Draw a wheel whose spokes have the colour of their orientation."""
-    key = np.full((_AIDS_HEIGHT_PX, 96, 3), PAPER, np.uint8)
-    angles = np.radians(np.arange(0, 180, 3))
-    spokes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    centre = np.array([47.5, 70.0])
-    for spoke, colour in zip(spokes, orientation_colours(spokes), strict=True):
-        for side in (-1, 1):
-            _line(key, centre + side * np.outer([16, 42], spoke), colour, thickness=2)
-    _text(key, "orientation", (12, 16), colour=FAINT)
-    return key
-
-
-def _sigma_inset(field: SmearField) -> Picture:
-    """Draw a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
-    height, width = field.shape
-    scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
-    small = cv2.resize(field.sigma_px, size, interpolation=cv2.INTER_AREA)
-    logs = np.log10(np.maximum(small, 1e-3))
-    low, high = np.percentile(logs, [2, 98])
-    high = max(high, low + 0.1)  # a constant map has one colour
-    inset = np.full((_AIDS_HEIGHT_PX, 150 + 62, 3), PAPER, np.uint8)
-    left = 150 - size[0]
-    inset[24 : 24 + size[1], left:150] = _heat((logs - low) / (high - low))
-    bar_height = _AIDS_HEIGHT_PX - 34
-    inset[24 : 24 + bar_height, 158:168] = _heat(np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1))
-    _text(inset, "sigma, px of the photo", (0, 16), colour=FAINT)
-    _text(inset, f"{10**high:.2g}", (174, 35))
-    _text(inset, f"{10**low:.2g}", (174, 24 + bar_height))
-    return inset
-
-
-def _heat(share: NDArray[np.floating]) -> Picture:
-    """Colour a map (h, w) of shares 0 to 1, RGB."""
-    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)
-
-
-def _text(
-    canvas: Picture,
-    text: str,
-    at: tuple[int, int],
-    *,
-    size: float = _TEXT,
-    colour: tuple[int, int, int] = INK,
-    thickness: int = 1,
-) -> None:
-    """Write one line; OpenCV's font has ASCII only."""
-    printable = text.encode("ascii", "replace").decode()
-    # a slice of a picture is not contiguous, which OpenCV needs
-    drawn = np.ascontiguousarray(canvas)
-    cv2.putText(drawn, printable, at, _FONT, size, colour, thickness, cv2.LINE_AA)
-    canvas[:] = drawn

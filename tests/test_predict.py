@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.predict import PredictOptions, SmearNetwork, default_model_path, predict
+from blur2view.predict import SmearNetwork, default_model_path, predict
 from blur2view.smear import to_double_angle
+from blur2view.tiles import TileOptions
 
-TILED = PredictOptions(max_pixels=1, tile_px=128, overlap_px=64)
+TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -25,7 +26,10 @@ def turning_field(height: int, width: int) -> NDArray[np.float64]:
 
 def difference(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return the distance of two fields in double angle, blind to signs."""
-    return np.hypot(*np.moveaxis(to_double_angle(first) - to_double_angle(second), -1, 0))
+    apart: NDArray[np.floating] = np.hypot(
+        *np.moveaxis(to_double_angle(first) - to_double_angle(second), -1, 0)
+    )
+    return apart
 
 
 @pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (1, 1), (300, 5)])
@@ -130,7 +134,7 @@ def test_image_that_is_not_finite_is_refused(tiny_model: Path) -> None:
 )
 def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
     with pytest.raises(ValueError, match="must be"):
-        PredictOptions(**options)
+        TileOptions(**options)
 
 
 def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:

@@ -1,0 +1,96 @@
+"""Who may import whom: layers of the package, read from the source and checked in a fresh interpreter."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "blur2view"
+
+# From the bottom up: a module imports only from layers below its own, so there are no cycles.
+LAYERS = [
+    {"errors", "ransac", "drawing"},
+    {"image", "smear", "tiles", "epipolar"},
+    {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring"},
+    {"manifold"},
+    {"refine"},
+    {"estimators"},
+    {"two_view"},
+    {"pipeline", "panel"},
+    {"viz"},
+    {"results"},
+    {"__init__"},
+    {"cli"},
+    {"__main__"},
+]
+RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
+
+# What the geometry may use besides the standard library and this package.
+NUMERIC = {"numpy", "scipy", "cv2"}
+GEOMETRY = {
+    "epipolar", "estimators", "hypotheses", "manifold", "matches", "metrics", "ransac", "refine", "scoring",
+    "seven_smears", "smear", "tiles", "two_view",
+}  # fmt: skip
+PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"}
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield the dotted name of every import in a file, also of those inside functions."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert node.module is not None
+            yield node.module
+            # "from blur2view import smear" imports a module too
+            yield from (f"{node.module}.{alias.name}" for alias in node.names if node.module == "blur2view")
+
+
+def own_imports(module: str) -> set[str]:
+    """Return the modules of the package that a module imports."""
+    names = {name for name in imported(PACKAGE / f"{module}.py") if name.split(".")[0] == "blur2view"}
+    return {(name.split(".") + ["__init__"])[1] for name in names} & (set(MODULES) | {"__init__"})
+
+
+def third_party(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imported(path)} - set(sys.stdlib_module_names) - {"blur2view"}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_from_lower_layers(module: str) -> None:
+    assert module in RANK, f"give {module} its place in LAYERS"
+    above = {name for name in own_imports(module) if RANK[name] >= RANK[module]}
+    assert not above, f"{module} imports {above}, which are not below it"
+
+
+def test_robust_loop_knows_nothing_of_ours() -> None:
+    assert own_imports("ransac") == set()
+
+
+@pytest.mark.parametrize("module", sorted(GEOMETRY & set(MODULES)))
+def test_geometry_needs_arrays_only(module: str) -> None:
+    assert third_party(PACKAGE / f"{module}.py") <= NUMERIC
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_package_uses_neither_torch_nor_tools(module: str) -> None:
+    assert third_party(PACKAGE / f"{module}.py") <= PACKAGE_MAY_USE
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tools").rglob("*.py")), ids=lambda path: path.name)
+def test_tools_do_not_use_tests(path: Path) -> None:
+    assert not {"tests", "conftest", "scenes"} & {name.split(".")[0] for name in imported(path)}
+
+
+def test_import_of_the_package_is_light() -> None:
+    heavy = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "skimage", "torch", "tqdm"]
+    program = f"import sys, blur2view; print([name for name in {heavy} if name in sys.modules])"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"

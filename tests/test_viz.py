@@ -1,0 +1,174 @@
+"""The overlay: its parts are where the geometry says, at every size of photograph."""
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from blur2view.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.epipolar import cross_matrix
+from blur2view.matches import SmearMatches
+from blur2view.smear import SmearField, smear_ends
+from blur2view.two_view import Configuration, TwoViewGeometry
+from blur2view.viz import View, draw_overlay, farthest_points, spread_subset
+
+SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
+
+
+def flat_photo(height: int, width: int) -> NDArray[np.float32]:
+    return np.full((height, width, 3), 0.5, np.float32)
+
+
+def field_of(shape: tuple[int, ...]) -> SmearField:
+    displacement = np.zeros((*shape[:2], 2), np.float32)
+    return SmearField(displacement=displacement, sigma_px=np.ones(shape[:2], np.float32))
+
+
+def matches_at(
+    points: list[tuple[float, float]], displacement: tuple[float, float] = (12, 0)
+) -> SmearMatches:
+    ends = smear_ends(np.reshape(points, (-1, 2)), np.full((len(points), 2), displacement))
+    return SmearMatches(ends=ends, sigma_px=np.ones(len(points)))
+
+
+def geometry_of(inliers: list[bool], F: NDArray[np.float64] | None = None) -> TwoViewGeometry:
+    return TwoViewGeometry(
+        F=F,
+        config=Configuration.DEGENERATE if F is None else Configuration.UNCALIBRATED,
+        reason="the figures that decided",
+        inlier_mask=np.array(inliers, bool),
+        swapped=np.zeros(len(inliers), bool),
+    )
+
+
+def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(100, 100), (500, 300)])
+    picture = draw_overlay(photo, field_of(photo.shape), matches, geometry_of([True, False]))
+    np.testing.assert_array_equal(picture[100, 100], orientation_colours(np.array([[12.0, 0]]))[0])
+    np.testing.assert_array_equal(picture[300, 500], FAINT)
+
+
+def test_smear_is_drawn_from_end_to_end() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(300, 200)], displacement=(0, 40))
+    without = draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry_of([]))
+    drawn = draw_overlay(photo, field_of(photo.shape), matches, geometry_of([True]))
+    rows, columns = np.nonzero((drawn[:480] != without[:480]).any(-1))
+    assert abs(rows.min() - 180) <= 3 and abs(rows.max() - 220) <= 3
+    assert abs(columns.mean() - 300) <= 1 and np.ptp(columns) <= 6
+
+
+def test_epipolar_lines_run_through_inliers_along_F() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(100, 60), (300, 240), (500, 400)])
+    everything = [True] * 3
+    with_F = draw_overlay(photo, field_of(photo.shape), matches, geometry_of(everything, SIDEWAYS))
+    without = draw_overlay(photo, field_of(photo.shape), matches, geometry_of(everything))
+    changed = (with_F[:480] != without[:480]).any(-1)
+    rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
+    assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
+    assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
+
+
+def test_outliers_get_no_epipolar_line() -> None:
+    photo = flat_photo(480, 640)
+    picture = draw_overlay(
+        photo, field_of(photo.shape), matches_at([(100, 60)]), geometry_of([False], SIDEWAYS)
+    )
+    assert (picture[60, 200:] == picture[0, 0]).all()
+
+
+def test_epipole_in_the_picture_is_ringed() -> None:
+    photo = flat_photo(480, 640)
+    F = cross_matrix(np.array([320.0, 240.0, 1.0]))
+    picture = draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry_of([], F))
+    assert picture[240, 320 + 11].min() > 200
+    np.testing.assert_array_equal(picture[240, 320], picture[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("size", "canvas"),
+    [
+        ((48, 64), (480, 640)),
+        ((480, 640), (480, 640)),
+        ((720, 1280), (720, 1280)),
+        ((3000, 4000), (960, 1280)),
+    ],
+)
+def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
+    photo = flat_photo(*size)
+    picture = draw_overlay(photo, field_of(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
+    assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
+    assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
+
+
+@pytest.mark.parametrize("size", [(16, 16), (16, 3000), (3000, 16)])
+def test_odd_proportions_are_drawn(size: tuple[int, int]) -> None:
+    picture = draw_overlay(flat_photo(*size), field_of(size), matches_at([(8, 8)]), geometry_of([True]))
+    assert picture.shape[1] >= 640
+
+
+def test_scaling_keeps_corner_pixels_in_place() -> None:
+    view = View.of((48, 64))
+    np.testing.assert_allclose(
+        view.to_canvas(np.array([[-0.5, -0.5], [63.5, 47.5]])), [[-0.5, -0.5], [639.5, 479.5]]
+    )
+
+
+def test_nothing_given_is_changed() -> None:
+    photo = np.random.default_rng(0).random((60, 80, 3), np.float32)
+    before = photo.copy()
+    draw_overlay(photo, field_of(photo.shape), matches_at([(30, 30)]), geometry_of([True], SIDEWAYS))
+    np.testing.assert_array_equal(photo, before)
+
+
+def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
+    photo = flat_photo(480, 640)
+    heights = []
+    for words in (10, 200):
+        geometry = TwoViewGeometry(
+            F=None,
+            config=Configuration.DEGENERATE,
+            reason="word " * words,
+            inlier_mask=np.zeros(0, bool),
+            swapped=np.zeros(0, bool),
+        )
+        heights.append(draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry).shape[0])
+    assert heights[1] > heights[0] + 100
+
+
+def test_sizes_that_disagree_are_refused() -> None:
+    photo = flat_photo(48, 64)
+    with pytest.raises(ValueError, match="field of shape"):
+        draw_overlay(photo, field_of((64, 48)), matches_at([]), geometry_of([]))
+    with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
+        draw_overlay(photo, field_of(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
+
+
+def test_colours_depend_on_orientation_and_not_on_sign() -> None:
+    d = np.random.default_rng(1).normal(size=(100, 2))
+    np.testing.assert_array_equal(orientation_colours(d), orientation_colours(-d))
+    horizontal, vertical = orientation_colours(np.array([[5.0, 0.0], [0.0, 5.0]])).astype(int)
+    assert np.abs(horizontal - vertical).max() > 150
+
+
+def test_subset_keeps_the_best_of_every_square() -> None:
+    points = np.array([[1.0, 1], [2, 2], [11, 1], [12, 3], [13, 2]])
+    quality = np.array([1.0, 2, 5, 9, 9])
+    np.testing.assert_array_equal(spread_subset(points, quality, spacing=10), [1, 3])
+
+
+def test_farthest_points_reach_the_corners_first() -> None:
+    square = np.array([[0.0, 0], [10, 0], [0, 10], [10, 10], [5, 5], [6, 5], [4, 5]])
+    assert set(farthest_points(square, 5)) == {0, 1, 2, 3, 4}
+    assert len(farthest_points(square, 50)) == len(square)
+    assert len(farthest_points(np.empty((0, 2)), 5)) == 0
+
+
+def test_wrapped_lines_fit_and_keep_every_word() -> None:
+    text = "a sentence of many words that is much wider than the panel beside the inset"
+    lines = wrap(text, 150, TEXT_SIZE)
+    assert " ".join(lines) == text and len(lines) > 2
+    widths = [cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, TEXT_SIZE, 1)[0][0] for line in lines]
+    assert max(widths) <= 150
