@@ -19,6 +19,7 @@ LAYERS = [
     {"manifold"},
     {"refine"},
     {"estimators"},
+    {"families"},
     {"two_view"},
     {"pipeline", "panel"},
     {"viz"},
@@ -33,8 +34,8 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 # What the geometry may use besides the standard library and this package.
 NUMERIC = {"numpy", "scipy", "cv2"}
 GEOMETRY = {
-    "epipolar", "estimators", "hypotheses", "manifold", "matches", "metrics", "ransac", "refine", "scoring",
-    "seven_smears", "smear", "tiles", "two_view",
+    "epipolar", "estimators", "families", "hypotheses", "manifold", "matches", "metrics", "ransac", "refine",
+    "scoring", "seven_smears", "smear", "tiles", "two_view",
 }  # fmt: skip
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"}
 
