@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import Array, apply_similarity, cross_matrix, denormalise, shared_normalisation
+from blur2view.epipolar import TINY, Array, apply_similarity, cross_matrix, denormalise, homogeneous, shared_normalisation
 from blur2view.hypotheses import half_sphere, meeting_points, turning_hypotheses, weighted_samples
 from blur2view.manifold import CameraPrior, GeneralF, TranslationF
 from blur2view.refine import RefineOptions, WeightedEnds, refine
@@ -18,6 +18,7 @@ from blur2view.seven_smears import SAMPLE_SIZE, solve_seven_smears
 
 ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
 TURN_SPREAD = np.array([1.0, 1.0, 3.0])  # prior of the rotation: smear length over focal length; roll moves less
+BLOCKS = 5  # blocks along the longer side in which residuals are compared
 SEARCH_STEPS = 8  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 
 
@@ -92,18 +93,45 @@ def occupied_blocks(points: Array, block_px: float) -> int:
     return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
 
 
-def build_problem(
-    ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, *, correlation_px: float
-) -> SmearProblem:
+def build_problem(ends: Array, sigma_px: Array, image_size: tuple[int, int] | None) -> SmearProblem:
     """Normalise smears (N, 2, 2); sigma_px (N,) is that of the Sampson distance, pixels.
 
-    Without an image size every smear counts as independent and no camera is assumed.
+    Without an image size no camera is assumed. Every smear counts as independent until `independent_count`.
     """
     known = image_size is not None
     T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
     normalised = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    independent = occupied_blocks(ends.mean(axis=1), correlation_px) if known else len(ends)
-    return SmearProblem(ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(independent))
+    return SmearProblem(ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(len(ends)))
+
+
+def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
+    """Residuals (N,) in standard deviations whose signs agree where neighbouring smears err alike.
+
+    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its residual
+    across the line is then sign(l) (|l| - |q|).
+    """
+    both = problem.weighted.residuals(F)
+    line = homogeneous(problem.ends.mean(axis=1)) @ F.T
+    d = problem.ends[:, 1] - problem.ends[:, 0]
+    along = d[:, 0] * line[:, 1] - d[:, 1] * line[:, 0]
+    skew, symmetric = 0.5 * (both.forward - both.backward), 0.5 * (both.forward + both.backward)
+    signed: Array = np.sign(along) * np.sign(skew) * (np.abs(skew) - np.abs(symmetric))
+    return signed
+
+
+def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
+    """Effective number of independent smears, from how alike the residuals of F are within blocks.
+
+    The sum of m residuals of variance v has variance m v if they are independent and m^2 v if they agree; the
+    ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that make one.
+    """
+    value = np.clip(coherent_residuals(problem, F), -cutoff, cutoff)
+    middle = problem.ends.mean(axis=1)
+    block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(int)
+    _, index = np.unique(block, axis=0, return_inverse=True)
+    sums = np.bincount(index.ravel(), weights=value)
+    cluster = float(sums @ sums) / max(float(value @ value), TINY)
+    return len(value) / max(cluster, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,7 +196,7 @@ class SmearEstimator:
 
     def refine(self, model: Array) -> Array:
         """Few steps on the seven-parameter manifold."""
-        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff)
+        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
         return refine(GeneralF.from_matrix(model), self.problem.weighted, options)[0].matrix()
 
     def shares(self, model: Array) -> tuple[float, float]:

@@ -26,7 +26,9 @@ def half_sphere(count: int) -> Array:
 
 
 def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Draw index sets (samples, size) without repetition inside a set, by weight (Gumbel top-k).
+    """Draw index sets (samples, size) without repetition inside a set, by weight.
+
+    Sets are drawn with repetition; the few that have one are drawn anew without (Gumbel top-k).
 
     Raises
     ------
@@ -35,8 +37,11 @@ def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Gen
     """
     if len(weights) < size:
         raise ValueError(f"need at least {size} data to sample from, got {len(weights)}")
-    keys = np.log(np.maximum(weights, TINY)) + rng.gumbel(size=(samples, len(weights)))
-    drawn: NDArray[np.int_] = np.argpartition(-keys, size - 1, axis=1)[:, :size]
+    cumulative = np.cumsum(np.maximum(weights, TINY))
+    drawn = np.searchsorted(cumulative[:-1], rng.random((samples, size)) * cumulative[-1], side="right")
+    repeated = (np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1)
+    keys = np.log(np.maximum(weights, TINY)) + rng.gumbel(size=(int(repeated.sum()), len(weights)))
+    drawn[repeated] = np.argpartition(-keys, size - 1, axis=1)[:, :size]
     return drawn
 
 

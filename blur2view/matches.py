@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -73,6 +73,10 @@ class SmearMatches:
     def __len__(self) -> int:
         """Number of matches."""
         return len(self.ends)
+
+    def subset(self, index: NDArray[Any]) -> SmearMatches:
+        """Only the matches of an index or mask."""
+        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index])
 
     @property
     def midpoint(self) -> Array:

@@ -86,18 +86,26 @@ class RansacResult:
 def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
     """Search the model of least cost; deterministic given the state of rng.
 
-    A batch's best models replace the best so far only through their cost on all data; every improvement is refined
-    before it is compared.
+    A model is refined when, as sampled, it beats every sampled model before it on all data; refined models
+    compete by their cost on all data.
+
+    References
+    ----------
+    Chum, Matas and Kittler, Locally optimized RANSAC, DAGM 2003.
     """
     order = rng.permutation(estimator.count)
     best: Models | None = None
-    cost, iterations, stop = np.inf, 0, Stop.ITERATIONS
+    cost, raw_cost, iterations, stop = np.inf, np.inf, 0, Stop.ITERATIONS
     while iterations < options.max_iterations:
         draw = min(options.batch, options.max_iterations - iterations)
         models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
         iterations += draw
         for model in models:
-            candidate, candidate_cost = _improve(estimator, model, order, cost)
+            sampled_cost = float(estimator.score(model[None], order)[0])
+            if sampled_cost >= raw_cost:
+                continue
+            raw_cost = sampled_cost
+            candidate, candidate_cost = _improve(estimator, model, sampled_cost, order)
             if candidate_cost < cost:
                 best, cost = candidate, candidate_cost
         reason = None if best is None else stop_reason(estimator.shares(best), iterations, estimator, options)
@@ -125,11 +133,8 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], optio
     return models[: options.refined]
 
 
-def _improve(estimator: Estimator, model: Models, order: NDArray[np.int_], bound: float) -> tuple[Models, float]:
-    """Refine a model; give the cheaper of both. A model far worse than ``bound`` is not worth refining."""
-    cost = float(estimator.score(model[None], order)[0])
-    if cost > 1.5 * bound:
-        return model, cost
+def _improve(estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]) -> tuple[Models, float]:
+    """Refine a model; give the cheaper of both with its cost."""
     refined = estimator.refine(model)
     refined_cost = float(estimator.score(refined[None], order)[0])
     return (refined, refined_cost) if refined_cost < cost else (model, cost)

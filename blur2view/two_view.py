@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import Array, cross_matrix, serrmin, swapped_order
-from blur2view.estimators import SmearEstimator, SmearProblem, build_problem, occupied_blocks, translation_start
-from blur2view.manifold import CameraF, GeneralF, Manifold, camera_from_matrix
+from blur2view.epipolar import Array, serrmin, swapped_order
+from blur2view.estimators import SmearEstimator, SmearProblem, build_problem, occupied_blocks
+from blur2view.families import Fit, fit_families, fit_translation
 from blur2view.matches import SmearMatches
-from blur2view.ransac import RansacOptions, RansacResult, ransac
-from blur2view.refine import RefineOptions, WeightedEnds, refine, robust_cost
+from blur2view.ransac import RansacOptions, ransac
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
+HELD_OUT_ITERATIONS = 16  # samples per half of the image, and matches used of it: a test, not an estimate
+HELD_OUT_MATCHES = 400
 
 
 class Configuration(str, Enum):
@@ -39,19 +39,20 @@ class EstimatorOptions:
 
     Errors: ``max_error_px`` a match with SErrMin below its square is an inlier (the paper: 3 squared pixels), as is one
     within ``cutoff`` of its own standard deviations; ``relative_sigma`` and ``min_sigma_px`` the least standard deviation
-    of a Sampson distance, as a share of the smear's length and in pixels; ``correlation_px`` the distance over
-    which errors are alike (smears in one block of this side count as one).
+    of a Sampson distance, as a share of the smear's length and in pixels; ``block_px`` the
+    side of the blocks in which coverage is counted.
     Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop on ``stop_inlier_share``.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable image;
     ``min_coverage`` the least share of the image's blocks with matches; ``min_agreement`` the least share of smears that
-    agree with F beyond chance.
+    agree with F beyond chance, ``sure_agreement`` the share that needs no second test, ``min_held_out`` the least share of
+    one half of the image that the other half predicts.
     """
 
     max_error_px: float = 3**0.5
     cutoff: float = 3.0
     relative_sigma: float = 0.03
     min_sigma_px: float = 0.1
-    correlation_px: float = 40.0
+    block_px: float = 40.0
     max_iterations: int = 1000
     confidence: float = 0.999
     stop_inlier_share: float = 0.9
@@ -60,16 +61,18 @@ class EstimatorOptions:
     min_length_px: float = 1.0
     max_still_share: float = 0.6
     min_coverage: float = 0.08
-    min_agreement: float = 0.25
+    min_agreement: float = 0.2
+    sure_agreement: float = 0.8
+    min_held_out: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
-        positive = (self.max_error_px, self.cutoff, self.min_sigma_px, self.correlation_px, self.fit_error_px)
+        positive = (self.max_error_px, self.cutoff, self.min_sigma_px, self.block_px, self.fit_error_px)
         if not min(positive) > 0 or self.relative_sigma < 0 or self.min_length_px < 0:
             raise ValueError(f"errors, sigmas and distances must be positive, got {self}")
         if self.min_matches < 8:
             raise ValueError(f"min_matches must be at least 8, got {self.min_matches}")
-        shares = (self.max_still_share, self.min_coverage, self.min_agreement)
+        shares = (self.max_still_share, self.min_coverage, self.min_agreement, self.sure_agreement, self.min_held_out)
         if min(shares) < 0 or max(shares) > 1:
             raise ValueError(f"shares must be in [0, 1], got {self}")
         self.search()
@@ -100,8 +103,8 @@ class TwoViewGeometry:
     model : str
         The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and a prior),
         "general" (7); "none" without F.
-    scores : dict of str to float
-        Penalised cost of every family that was fitted; the least won.
+    scores : tuple of (str, float)
+        Name and penalised cost of every family that was fitted, best first.
     """
 
     F: Array | None
@@ -111,22 +114,12 @@ class TwoViewGeometry:
     swapped: NDArray[np.bool_]
     iterations: int = 0
     model: str = "none"
-    scores: dict[str, float] = field(default_factory=dict)
+    scores: tuple[tuple[str, float], ...] = ()
 
     @property
     def runner_up(self) -> tuple[str, float] | None:
         """Name and penalised cost of the second best family, None if there is none."""
-        ranked = sorted(self.scores.items(), key=lambda item: item[1])
-        return ranked[1] if len(ranked) > 1 else None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """A fitted family: its name, its point, its penalised cost (twice a negative log-posterior, plus BIC)."""
-
-    name: str
-    point: Manifold
-    score: float
+        return self.scores[1] if len(self.scores) > 1 else None
 
 
 def estimate_two_view(
@@ -152,12 +145,18 @@ def estimate_two_view(
     refusal = refuse(matches, options)
     if refusal is not None:
         return without_F(matches, Configuration.DEGENERATE, refusal)
-    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size,
-                            correlation_px=options.correlation_px)
+    problem, fits, iterations = search_and_fit(matches, options, rng)
+    return judge(matches, problem, fits, iterations, options, rng)
+
+
+def search_and_fit(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> tuple[SmearProblem, list[Fit], int]:
+    """Robust search, then every family fitted: (problem with rescaled sigmas, fits, samples drawn)."""
+    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size)
     estimator = SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
     found = ransac(estimator, options.search(), rng)
-    scaled, fits = fit_families(estimator, found, rng)
-    return judge(matches, scaled, fits, found.iterations, options, rng)
+    return *fit_families(estimator, found, rng), found.iterations
 
 
 def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
@@ -168,6 +167,22 @@ def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
     """
     own = np.hypot(0.5 * matches.sigma_px, options.relative_sigma * matches.length_px)
     return np.maximum(own, options.min_sigma_px)
+
+
+def two_parameter_fundamental(
+    matches: SmearMatches, options: EstimatorOptions | None = None, rng: np.random.Generator | None = None
+) -> Array | None:
+    """Fit the two-parameter F (3, 3), all smears meeting in one point, robustly: the plainest baseline.
+
+    None where there are fewer than ``options.min_matches`` matches.
+    """
+    options = options or EstimatorOptions()
+    if len(matches) < options.min_matches:
+        return None
+    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size)
+    estimator = SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
+    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
+    return problem.pixels(point.matrix())
 
 
 def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
@@ -189,8 +204,8 @@ def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     """Reason if the smears cover so little of the image that they may be one moving object."""
     if matches.image_size is None:
         return None
-    blocks = np.ceil(np.array(matches.image_size) / options.correlation_px).prod()
-    coverage = occupied_blocks(matches.midpoint, options.correlation_px) / blocks
+    blocks = np.ceil(np.array(matches.image_size) / options.block_px).prod()
+    coverage = occupied_blocks(matches.midpoint, options.block_px) / blocks
     if coverage >= options.min_coverage:
         return None
     return (f"the smears cover {coverage:.0%} of the image (at least {options.min_coverage:.0%} needed): "
@@ -205,83 +220,81 @@ def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
     return bool(np.quantile(difference, 0.95) <= tolerance * np.linalg.norm(reference))
 
 
-def fit_families(
-    estimator: SmearEstimator, found: RansacResult, rng: np.random.Generator
-) -> tuple[SmearProblem, list[Fit]]:
-    """Fit every family from the search's result on standard deviations rescaled to what was met.
-
-    Returns
-    -------
-    problem : SmearProblem
-        With the rescaled standard deviations.
-    fits : list of Fit
-        The two-parameter F always; the camera where it is known to be ordinary; the general F.
-    """
-    problem, cutoff = estimator.problem, estimator.cutoff
-    starts: list[tuple[str, Manifold, int]] = [("translation", translation_start(estimator, 200, rng), 2)]
-    if found.model is not None:
-        if problem.camera_known:
-            starts.append(("camera", camera_from_matrix(found.model, problem.prior), 5))
-        starts.append(("general", GeneralF.from_matrix(found.model), 7))
-    rough = [refine(start, problem.weighted, RefineOptions(max_iterations=SEARCH_FIT, cutoff=cutoff))[0]
-             for _, start, _ in starts]
-    scale = min(residual_scale(point.matrix(), problem.weighted, cutoff) for point in rough)
-    scaled = problem.rescaled(scale)
-    options = RefineOptions(cutoff=cutoff, data_weight=scaled.data_weight)
-    fits = []
-    for (name, _, parameters), start in zip(starts, rough, strict=True):
-        point, cost = refine(start, scaled.weighted, options)
-        fits.append(Fit(name=name, point=point, score=cost + parameters * float(np.log(scaled.independent))))
-    return scaled, fits
-
-
-SEARCH_FIT = 10
-
-
-def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
-    """Robust standard deviation of the residuals over the assumed one, from inliers, in [0.1, 4]."""
-    residual = np.abs(matches.ordered(F)[2])
-    inside = residual[residual < cutoff]
-    return float(np.clip(1.4826 * np.median(inside), 0.1, 4.0)) if len(inside) else 1.0
-
-
 def judge(
     matches: SmearMatches, problem: SmearProblem, fits: list[Fit], iterations: int, options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> TwoViewGeometry:
     """Choose the cheapest family and test it against chance."""
-    best = min(fits, key=lambda fit: fit.score)
-    scores = {fit.name: fit.score for fit in fits}
+    ranked = sorted(fits, key=lambda fit: fit.score)
+    best, scores = ranked[0], tuple((fit.name, fit.score) for fit in ranked)
     F = problem.pixels(best.point.matrix())
-    share, chance = agreement(F, matches, rng)
-    beyond = (share - chance) / max(1 - chance, 1e-9)
-    figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
-    if beyond < options.min_agreement:
+    doubt, figures = consensus(F, matches, options, rng)
+    if doubt:
         return without_F(matches, Configuration.UNDEFINED, f"no consensus: {figures}", iterations, scores)
-    squared = serrmin(F, matches.ends)
-    own = (options.cutoff * problem.sigma_px) ** 2
-    others = ", ".join(f"{fit.name} {fit.score - best.score:+.1f}" for fit in fits if fit is not best)
-    reason = f"{figures}; the {best.name} model has the least penalised cost (others: {others or 'none'})"
+    tolerance = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    others = ", ".join(f"{fit.name} {fit.score - best.score:+.1f}" for fit in ranked[1:])
     return TwoViewGeometry(
-        F=F, config=Configuration.UNCALIBRATED, reason=reason, inlier_mask=squared < np.maximum(own, options.max_error_px**2),
+        F=F, config=Configuration.UNCALIBRATED, inlier_mask=serrmin(F, matches.ends) < tolerance**2,
+        reason=f"{figures}; the {best.name} F has the least penalised cost (others: {others})",
         swapped=swapped_order(F, matches.ends), iterations=iterations, model=best.name, scores=scores)
 
 
-def agreement(F: Array, matches: SmearMatches, rng: np.random.Generator) -> tuple[float, float]:
-    """Share of smears within CHANCE_RHO of their length of F, and the same for smears turned at random."""
+def consensus(
+    F: Array, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> tuple[bool, str]:
+    """Whether to doubt F, and the figures that say so.
+
+    F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
+    the image must also predict the other: seven parameters fit a smooth field without any geometry.
+    """
+    beyond, share, chance = agreement(F, matches, rng)
+    figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
+    if beyond < options.min_agreement:
+        return True, figures
+    if beyond >= options.sure_agreement:
+        return False, figures
+    held_out = halves_agreement(matches, options, rng)
+    figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
+    return held_out < options.min_held_out, figures
+
+
+def halves_agreement(matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator) -> float:
+    """Fit each half of the image and test it on the other: mean agreement beyond chance, at most 1."""
+    middle = matches.midpoint
+    axis = int(np.argmax(np.ptp(middle, axis=0)))
+    side = middle[:, axis] > np.median(middle[:, axis])
+    search = replace(options, max_iterations=HELD_OUT_ITERATIONS)
+    beyond = []
+    for fitted in (side, ~side):
+        train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]
+        if len(train) < options.min_matches:
+            return 0.0
+        problem, fits, _ = search_and_fit(matches.subset(train), search, rng)
+        test = matches.subset(np.flatnonzero(~fitted))
+        beyond.append(max(agreement(problem.pixels(fit.point.matrix()), test, rng)[0] for fit in fits[:2]))
+    return float(np.mean(beyond))
+
+
+def agreement(F: Array, matches: SmearMatches, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Agreement beyond chance, share of smears that agree with F, share that would by chance.
+
+    A smear agrees when its residual is within CHANCE_RHO of its length; chance is measured on the same smears,
+    each turned at random. Beyond chance: (share - chance) / (1 - chance).
+    """
     length = np.maximum(matches.length_px, 1e-9)
     angle = rng.uniform(0, np.pi, len(matches))
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     turned = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
-    shares = [float((np.sqrt(serrmin(F, ends)) < CHANCE_RHO * length).mean()) for ends in (matches.ends, turned)]
-    return shares[0], shares[1]
+    share, chance = (
+        float((np.sqrt(serrmin(F, ends)) < CHANCE_RHO * length).mean()) for ends in (matches.ends, turned))
+    return (share - chance) / max(1 - chance, 1e-9), share, chance
 
 
 def without_F(
     matches: SmearMatches, config: Configuration, reason: str, iterations: int = 0,
-    scores: dict[str, float] | None = None,
+    scores: tuple[tuple[str, float], ...] = (),
 ) -> TwoViewGeometry:
     """Give the answer that there is no F, with its reason."""
     none = np.zeros(len(matches), bool)
     return TwoViewGeometry(F=None, config=config, reason=reason, inlier_mask=none, swapped=none.copy(),
-                           iterations=iterations, scores=scores or {})
+                           iterations=iterations, scores=scores)

@@ -1,0 +1,155 @@
+"""Measures of smears, of F and of poses (DESIGN section 8): arrays in, arrays out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import Array, epipoles, serrmin
+
+__all__ = [
+    "cumulative_curve", "direction_error_deg", "epe_s", "epipole_angle_deg", "inlier_share", "length_ratio", "rho",
+    "rotation_error", "serrmin", "share_under", "sparsification_area", "sparsification_curve",
+    "translation_direction_error_deg", "true_inlier_fraction",
+]  # fmt: skip
+
+PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
+
+
+def epe_s(displacement: Array, true_displacement: Array) -> Array:
+    """EPE-S = min(|d - d*|, |d + d*|): end-point error of smears (..., 2) whose sign is unknown, pixels (...)."""
+    d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
+    return np.minimum(np.linalg.norm(d - truth, axis=-1), np.linalg.norm(d + truth, axis=-1))
+
+
+def direction_error_deg(displacement: Array, true_displacement: Array) -> Array:
+    """Angle between undirected smears (..., 2), degrees in [0, 90]; 0 where one of them is zero."""
+    d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
+    cross = np.abs(d[..., 0] * truth[..., 1] - d[..., 1] * truth[..., 0])
+    angle: Array = np.degrees(np.arctan2(cross, np.abs((d * truth).sum(-1))))
+    return angle
+
+
+def length_ratio(displacement: Array, true_displacement: Array) -> Array:
+    """|d| / |d*| of smears (..., 2); infinite where the true length is zero and the other is not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio: Array = np.linalg.norm(displacement, axis=-1) / np.linalg.norm(true_displacement, axis=-1)
+    return ratio
+
+
+def sparsification_curve(error: Array, sigma: Array, steps: int = 20) -> tuple[Array, Array, Array]:
+    """Mean error of what is left after removing the least certain share, by sigma and by the error itself.
+
+    Parameters
+    ----------
+    error, sigma : ndarray of shape (N,)
+        Errors and the standard deviations predicted for them.
+    steps : int
+        Number of shares, from 0 to 1 - 1 / steps.
+
+    Returns
+    -------
+    removed, by_sigma, by_error : ndarray of shape (steps,)
+        Share removed; mean errors over the mean of all (1 at the start; all 0 if every error is 0).
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or there are no errors.
+
+    References
+    ----------
+    Ilg et al., Uncertainty estimates and multi-hypotheses networks for optical flow, ECCV 2018.
+    """
+    error, sigma = np.asarray(error, float), np.asarray(sigma, float)
+    if error.shape != sigma.shape or error.ndim != 1 or not len(error) or steps < 1:
+        raise ValueError(f"expected two arrays of shape (N,), N > 0, got {error.shape} and {sigma.shape}")
+    removed = np.arange(steps) / steps
+    left = np.maximum(np.rint((1 - removed) * len(error)).astype(int), 1)
+    mean = max(float(error.mean()), np.finfo(float).tiny)
+    by_sigma, by_error = (
+        np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left / mean for key in (sigma, error))
+    return removed, by_sigma, by_error
+
+
+def sparsification_area(error: Array, sigma: Array, steps: int = 100) -> float:
+    """Area between the curves by sigma and by the error (AUSE): 0 for a sigma that ranks like the error."""
+    _, by_sigma, by_error = sparsification_curve(error, sigma, steps)
+    return float((by_sigma - by_error).mean())
+
+
+def rho(F: Array, ends: Array) -> Array:
+    """sqrt(SErrMin) / |d|, (..., N), of smears' ends (N, 2, 2): the error of F per length of smear.
+
+    On true smears the true F gives 0; a smear of no length counts as 1e-6 px long.
+    """
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+    relative: Array = np.sqrt(serrmin(F, ends)) / np.maximum(length, 1e-6)
+    return relative
+
+
+def share_under(values: Array, bound: float) -> float:
+    """Share of values below a bound; 0 for no values."""
+    return float((np.asarray(values) < bound).mean()) if np.size(values) else 0.0
+
+
+def inlier_share(F: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
+    """Share of smears (N, 2, 2) with SErrMin below a bound in squared pixels (the paper's: 3)."""
+    return share_under(serrmin(F, ends), bound)
+
+
+def true_inlier_fraction(F: Array, F_true: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
+    """Inlier share of F over that of the true F (the paper's fraction; above 1 if F explains more)."""
+    reached = inlier_share(F_true, ends, bound)
+    return inlier_share(F, ends, bound) / reached if reached > 0 else 0.0
+
+
+def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
+    """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
+
+    ``K`` (3, 3) turns epipoles into rays; the mean over both views.
+    """
+    inverse = np.linalg.inv(K)
+    found, true = (np.stack([inverse @ e for e in epipoles(f)]) for f in (F, F_true))
+    found, true = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (found, true))
+    angles = [np.degrees(np.arccos(np.clip(np.abs((rays * true).sum(1)), 0, 1))).mean() for rays in (found, found[::-1])]
+    return float(min(angles))
+
+
+def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
+    """Rotation error in degrees, and relative to the true rotation's angle; the better of R and R^T.
+
+    The relative error is infinite if the true rotation is none and R is some.
+    """
+    absolute = min(_angle_deg(R @ R_true.T), _angle_deg(R.T @ R_true.T))
+    true = _angle_deg(R_true)
+    if true == 0:
+        return absolute, 0.0 if absolute == 0 else float("inf")
+    return absolute, absolute / true
+
+
+def _angle_deg(R: Array) -> float:
+    """Angle of a rotation matrix in degrees, accurate near 0 and 180."""
+    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.degrees(np.arctan2(np.linalg.norm(skew), np.trace(R) - 1)))
+
+
+def translation_direction_error_deg(t: Array, t_true: Array) -> float:
+    """Angle between undirected translations (3,), degrees in [0, 90].
+
+    Raises
+    ------
+    ValueError
+        If one of them is zero.
+    """
+    norms = np.linalg.norm(t) * np.linalg.norm(t_true)
+    if not norms > 0:
+        raise ValueError("a zero translation has no direction")
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
+
+
+def cumulative_curve(values: Array, bounds: Array) -> NDArray[np.float64]:
+    """Share of values (N,) at or below each bound (K,): the cumulative error curve."""
+    ordered = np.sort(np.asarray(values, float))
+    curve: NDArray[np.float64] = np.searchsorted(ordered, bounds, side="right") / max(len(ordered), 1)
+    return curve
