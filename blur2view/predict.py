@@ -242,7 +242,7 @@ def _check_image(image: NDArray[np.float32]) -> None:
 
 def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:
     """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
-    levels = (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
+    levels = cv2.convertScaleAbs(image, alpha=255)  # rounded, saturated, no float copy
     window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
     contrast = cv2.subtract(cv2.dilate(levels, window), cv2.erode(levels, window)).reshape(image.shape)
     rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in image.shape[:2])
