@@ -30,7 +30,7 @@ def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
     degrees = np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180
     hsv = np.full((len(degrees), 1, 3), 255, np.uint8)
     hsv[:, 0, 0] = degrees.astype(np.uint8) % 180  # OpenCV's hue is 0 to 179
-    hsv[:, 0, 1] = 215
+    hsv[:, 0, 1] = 190  # a little pale: full blue would be dark
     return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
 
 

@@ -16,7 +16,7 @@ from blur2view.two_view import TwoViewGeometry
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-SMEAR_SPACING_PX = 26  # at most one smear in a square of this side: the photograph stays visible
+SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
 EPIPOLAR_LINES = 14
 
 
@@ -56,7 +56,7 @@ def draw_overlay(
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     view = View.of(image.shape)
     canvas = view.backdrop(image)
-    shown = spread_subset(view.to_canvas(matches.midpoint), _quality(matches), SMEAR_SPACING_PX)
+    shown = spread_subset(view.to_canvas(matches.midpoint), _quality(matches), _spacing(view, matches))
     if geometry.F is not None:
         _draw_epipolar_lines(canvas, view, geometry.F, geometry, matches)
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
@@ -120,6 +120,12 @@ def spread_subset(
     squares = np.floor(points[best_first] / spacing).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
     return np.sort(best_first[first])
+
+
+def _spacing(view: View, matches: SmearMatches) -> float:
+    """Return the side of the squares that get one smear each; long smears need more room."""
+    typical = float(np.median(matches.length_px)) * view.scale if len(matches) else 0.0
+    return max(SMEAR_SPACING_PX, 0.5 * typical)
 
 
 def _quality(matches: SmearMatches) -> NDArray[np.floating]:
