@@ -77,7 +77,7 @@ class TranslationF:
         return cross_matrix(self.epipole)
 
     def tangent(self) -> Array:
-        """dF of shape (2, 3, 3)."""
+        """Give dF of shape (2, 3, 3)."""
         return cross_matrix(plane_basis(self.epipole))
 
     def step(self, delta: Array) -> TranslationF:
@@ -121,7 +121,7 @@ class GeneralF:
         return self.U @ self._diagonal() @ self.V.T
 
     def tangent(self) -> Array:
-        """dF of shape (7, 3, 3): three turns of U, three of V, the angle."""
+        """Give dF of shape (7, 3, 3): three turns of U, three of V, the angle."""
         middle = self._diagonal()
         turn = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
         inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, turn[None]])
@@ -196,7 +196,7 @@ class CameraF:
         return inverse.T @ cross_matrix(self.t) @ self.R @ inverse
 
     def tangent(self) -> Array:
-        """dF of shape (8, 3, 3)."""
+        """Give dF of shape (8, 3, 3)."""
         inverse, cross = self._inverse(), cross_matrix(self.t)
         E = cross @ self.R
         moved = inverse.T @ cross_matrix(plane_basis(self.t)) @ self.R @ inverse

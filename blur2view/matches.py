@@ -109,7 +109,7 @@ class SelectOptions:
     max_matches: int = 2000
     min_length_px: float = 1.5
     cells: int = 16
-    rank: Literal["relative", "absolute"] = "relative"
+    rank: Literal["relative", "absolute"] = "absolute"
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""

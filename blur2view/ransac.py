@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
 
 
-class Stop(str, Enum):
+class Stop(StrEnum):
     """Why the loop ended."""
 
     FIT = "fit"  # enough of the data fits
@@ -155,7 +155,7 @@ def stop_reason(
 
 
 def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
-    """Samples needed so that one is all inliers with this probability: log(1 - confidence) / log(1 - w^m)."""
+    """Give the samples needed so that one is all inliers with this probability: log(1 - confidence) / log(1 - w^m)."""
     good = min(max(inlier_share, 0.0), 1.0) ** sample_size
     if good <= 0:
         return float("inf")

@@ -153,7 +153,7 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
     """Real roots (3, ...) of x^3 + a x^2 + b x + c by Viete and Cardano, polished; NaN where complex."""
     q, r = (a * a - 3 * b) / 9, (a * (2 * a * a - 9 * b) + 27 * c) / 54
     q_cubed = np.maximum(q, 0.0) ** 3
-    three = r * r <= q_cubed * (1 + DOUBLE_ROOT_SLACK)
+    three = (q >= 0) & (r * r <= q_cubed * (1 + DOUBLE_ROOT_SLACK))
     angle = np.arccos(np.clip(r / np.sqrt(np.maximum(q_cubed, TINY * TINY)), -1, 1)) / 3
     large = -np.copysign(np.cbrt(np.abs(r) + np.sqrt(np.maximum(r * r - q * q * q, 0.0))), r)
     single = large + np.where(large == 0, 0.0, q / large)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ HELD_OUT_ITERATIONS = 16  # samples per half of the image, and matches used of i
 HELD_OUT_MATCHES = 400
 
 
-class Configuration(str, Enum):
+class Configuration(StrEnum):
     """What was found; the names are those of COLMAP's TwoViewGeometryConfiguration, the values lower case."""
 
     UNDEFINED = "undefined"
