@@ -1,6 +1,7 @@
 """The command line: ``blur2view estimate IMG... [-o DIR]``."""
 
 import argparse
+import io
 import json
 import os
 import sys
@@ -38,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = build_parser()
     options = parser.parse_args(arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
         return int(options.run(options))
     except Blur2ViewError as error:
@@ -84,7 +87,7 @@ def _add_estimate(commands: Any) -> None:
         type=float,
         default=EstimatorOptions.max_error_px,
         metavar="PX",
-        help="largest distance of an inlier from its epipolar line, pixels (default: %(default)s)",
+        help=f"largest error of an inlier, pixels (default: {EstimatorOptions.max_error_px:.4g})",
     )
     add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
     add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")

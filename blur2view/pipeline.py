@@ -62,10 +62,8 @@ def estimate(
         The photograph, sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
     network : SmearNetwork, optional
         The shipped one by default; load it once for many photographs.
-    select : SelectOptions, optional
-        Which smears become matches.
-    options : EstimatorOptions, optional
-        The robust estimator.
+    select, options : SelectOptions, EstimatorOptions, optional
+        Which smears become matches; the robust estimator.
     rng : numpy.random.Generator, optional
         Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
 
@@ -76,16 +74,8 @@ def estimate(
 
     Raises
     ------
-    ValueError
-        If the image is not finite float32 of shape (H, W, 3).
-    ModelError
-        If the network cannot be used.
-
-    Examples
-    --------
-    >>> import blur2view
-    >>> found = blur2view.estimate(blur2view.read_image("photo.jpg"))  # doctest: +SKIP
-    >>> found.geometry.config, found.geometry.reason, found.geometry.F  # doctest: +SKIP
+    ValueError, ModelError
+        If the image is not finite float32 of shape (H, W, 3); if the network cannot be used.
     """
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng

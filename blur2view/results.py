@@ -100,13 +100,13 @@ def plan_outputs(images: Sequence[Path], folder: Path, *, overwrite: bool) -> li
     list of OutputFiles or OutputError
         One per photograph. A second photograph of the same stem is refused, so that no result is lost.
     """
-    inputs = {image.resolve() for image in images}
+    inputs = {os.path.realpath(image) for image in images}
     first_of: dict[str, Path] = {}
     plan: list[OutputFiles | OutputError] = []
     for image in images:
         files = OutputFiles(folder=folder, stem=image.stem)
-        taken = [path for path in files.paths if path.exists() or path.is_symlink()]
-        hit = [path for path in files.paths if path.resolve() in inputs]
+        taken = [path for path in files.paths if os.path.lexists(path)]
+        hit = [path for path in files.paths if os.path.realpath(path) in inputs]
         if image.stem in first_of:
             other = first_of[image.stem]
             plan.append(OutputError(f"{image}: its results would replace those of {other}; use another -o"))

@@ -102,6 +102,25 @@ def test_summary_names_configuration_reason_and_files(
         assert words in text
 
 
+def test_readme_explains_every_key(run: Any, still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(still, "--json") == 0
+    (facts,) = json.loads(capsys.readouterr().out)["estimates"]
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    assert [key for key in facts if f"`{key}`" not in readme] == []
+
+
+def test_names_of_any_kind_are_printed(run: Any, still: Path, tmp_path: Path) -> None:
+    odd = tmp_path / os.fsdecode(b"\xff photo.png")
+    still.rename(odd)
+    assert run(odd, "-o", tmp_path / "out") == 0
+
+
+def test_link_to_itself_is_one_line(run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
+    assert run(tmp_path / "loop.jpg", "-o", tmp_path / "out") == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_without_output_folder_nothing_is_written(run: Any, moving: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     assert run(moving) == 0

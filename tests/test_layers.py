@@ -1,8 +1,10 @@
 """Who may import whom: layers of the package, read from the source and checked in a fresh interpreter."""
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +22,8 @@ LAYERS = [
     {"refine"},
     {"estimators"},
     {"families"},
+    {"search"},
+    {"trust"},
     {"two_view"},
     {"pipeline", "panel"},
     {"viz"},
@@ -33,10 +37,8 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 
 # What the geometry may use besides the standard library and this package.
 NUMERIC = {"numpy", "scipy", "cv2"}
-GEOMETRY = {
-    "epipolar", "estimators", "families", "hypotheses", "manifold", "matches", "metrics", "ransac", "refine",
-    "scoring", "seven_smears", "smear", "tiles", "two_view",
-}  # fmt: skip
+GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - {"image", "predict"}
+DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"}
 
 
@@ -82,6 +84,13 @@ def test_geometry_needs_arrays_only(module: str) -> None:
 @pytest.mark.parametrize("module", MODULES)
 def test_package_uses_neither_torch_nor_tools(module: str) -> None:
     assert third_party(PACKAGE / f"{module}.py") <= PACKAGE_MAY_USE
+
+
+def test_dependencies_are_what_the_package_imports() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = {re.split(r"[<>=!~]", requirement)[0] for requirement in project["dependencies"]}
+    used = set().union(*(third_party(PACKAGE / f"{module}.py") for module in MODULES))
+    assert declared == {DISTRIBUTION.get(name, name) for name in used}
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "tools").rglob("*.py")), ids=lambda path: path.name)
