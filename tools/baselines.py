@@ -1,0 +1,108 @@
+"""Fundamental matrices by other means, on the same matches: what ours must be compared with.
+
+Some are told the order of every match, which no single photograph gives; some ignore that it is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import (
+    apply_similarity,
+    cross_matrix,
+    homogeneous,
+    serrmin,
+    shared_normalisation,
+    unit_norm,
+)
+
+Array = NDArray[Any]
+Solver = Callable[[Array, Array], "Array | None"]
+
+MAX_ERROR_PX = 1.0
+CONFIDENCE = 0.9999
+MAX_ITERATIONS = 10_000
+
+
+def opencv_magsac(points1: Array, points2: Array) -> Array | None:
+    """Solve with OpenCV's USAC_MAGSAC; None where it finds nothing."""
+    F, _ = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, MAX_ERROR_PX, CONFIDENCE, MAX_ITERATIONS)
+    return None if F is None else np.asarray(F[:3], np.float64)
+
+
+def pycolmap_ransac(points1: Array, points2: Array) -> Array | None:
+    """Solve with pycolmap's LO-RANSAC at the same threshold."""
+    import pycolmap
+
+    options = pycolmap.RANSACOptions()
+    options.max_error, options.confidence, options.max_num_trials = MAX_ERROR_PX, CONFIDENCE, MAX_ITERATIONS
+    found = pycolmap.estimate_fundamental_matrix(points1, points2, estimation_options=options)
+    return None if found is None else np.asarray(found["F"], np.float64)
+
+
+def poselib_ransac(points1: Array, points2: Array) -> Array | None:
+    """Solve with PoseLib's LO-RANSAC at the same threshold."""
+    import poselib
+
+    options = {
+        "max_epipolar_error": MAX_ERROR_PX,
+        "success_prob": CONFIDENCE,
+        "max_iterations": MAX_ITERATIONS,
+    }
+    F, _ = poselib.estimate_fundamental(points1, points2, options, {})
+    return np.asarray(F, np.float64)
+
+
+def scrambled(ends: Array, rng: np.random.Generator) -> Array:
+    """Put ends (N, 2, 2) in random order."""
+    return np.where(rng.random(len(ends))[:, None, None] < 0.5, ends, ends[:, ::-1])
+
+
+def rightward(ends: Array) -> Array:
+    """Order ends (N, 2, 2) by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
+    backwards = ends[:, 1, 0] < ends[:, 0, 0]
+    return np.where(backwards[:, None, None], ends[:, ::-1], ends)
+
+
+def in_true_order(ends: Array, displacement: Array) -> Array:
+    """Order ends (N, 2, 2) along true displacements (N, 2)."""
+    backwards = ((ends[:, 1] - ends[:, 0]) * displacement).sum(1) < 0
+    return np.where(backwards[:, None, None], ends[:, ::-1], ends)
+
+
+def solve(solver: Solver, ends: Array) -> Array | None:
+    """Run a solver on ordered ends (N, 2, 2); None too where it fails or returns no finite matrix."""
+    if len(ends) < 8:
+        return None
+    F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
+    return F if F is not None and np.isfinite(F).all() and np.abs(F).max() > 0 else None
+
+
+def two_parameter(ends: Array, rng: np.random.Generator, hypotheses: int = 400) -> Array:
+    """F = [e]x of two degrees of freedom: the point e in which the smears' lines (N, 2, 2) best meet.
+
+    Random pairs of lines propose e, truncated SErrMin chooses, reweighted least squares on the lines refine.
+    No order is needed, since F is antisymmetric.
+    """
+    T = shared_normalisation(ends)
+    points = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    unit = 1 / T[0, 0]  # pixels per normalised unit
+    lines = np.cross(homogeneous(points[:, 0]), homogeneous(points[:, 1]))
+    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True) + 1e-12
+
+    def errors(e: Array) -> Array:
+        return serrmin(cross_matrix(e), points) * unit**2
+
+    pairs = rng.integers(0, len(lines), (hypotheses, 2))
+    meets = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])
+    meets = meets[np.linalg.norm(meets, axis=1) > 1e-12]
+    best = min(meets, key=lambda e: float(np.minimum(errors(e), 1.0).sum()))
+    for _ in range(5):
+        weight = 1 / (1 + 4 * errors(best))
+        best = np.linalg.eigh((lines * weight[:, None]).T @ lines)[1][:, 0]
+    return unit_norm(T.T @ cross_matrix(best) @ T)

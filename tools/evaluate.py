@@ -1,0 +1,237 @@
+"""Measure smears and F on the rendered test split (DESIGN, section 8).
+
+    python -m tools.testset render/test --scenes 60 --photos KODAK
+    python -m tools.evaluate render/test --out tools/results/evaluation
+
+prints the tables and writes ``evaluation.md`` and ``evaluation.json``. Every method gets the same matches,
+the network's own. F is judged on the true smears of static pixels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import blur2view
+from blur2view.matches import SmearMatches, select_matches
+from blur2view.metrics import direction_error_deg, epe_s, inlier_share, rho, share_under, sparsification_area
+from blur2view.smear import SmearField, smear_ends
+from blur2view.two_view import estimate_two_view
+from tools import baselines
+from tools.testset import TestScene, read_test_set
+
+Array = NDArray[Any]
+
+DIRECTION_MIN_PX = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmearFigures:
+    """Quality of the predicted smears over the valid pixels of the split; lengths in pixels."""
+
+    images: int
+    epe_s: float
+    epe_s_over_length: float
+    epe_s_top50: float
+    epe_s_top50_over_length: float
+    direction_deg: float
+    direction_deg_top50: float
+    length_ratio: float
+    length_spread: float
+    sparsification_area: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FundamentalFigures:
+    """Quality of one method's F over the images whose camera translates; no F counts as the worst."""
+
+    method: str
+    images: int
+    without_F: int
+    rho: float
+    rho_under_05: float
+    rho_under_10: float
+    inliers: float
+    inliers_of_true: float
+
+
+def true_ends(scene: TestScene) -> Array:
+    """Return the ends (N, 2, 2) of the true smears of valid static pixels, in true order."""
+    chosen = scene.valid & scene.static
+    return smear_ends(scene.midpoints[chosen], scene.displacement[chosen].astype(np.float64))
+
+
+def truth_at_matches(scene: TestScene, matches: SmearMatches) -> Array:
+    """Return the true displacements (N, 2) of the cells in which the matches lie."""
+    columns, rows = np.floor(matches.midpoint / 4).astype(int).T
+    return scene.displacement[rows, columns]
+
+
+def two_parameter(matches: SmearMatches) -> Array | None:
+    """Two-parameter F (all smears meet in one point), fitted robustly to the same matches."""
+    return baselines.two_parameter(matches.ends, np.random.default_rng(0)) if len(matches) >= 2 else None
+
+
+def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None]]:
+    """Every method of the table, as a function of the matches."""
+
+    def told(solver: baselines.Solver, matches: SmearMatches) -> Array | None:
+        ordered = baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
+        return baselines.solve(solver, ordered)
+
+    def unordered(matches: SmearMatches) -> Array | None:
+        ends = baselines.scrambled(matches.ends, np.random.default_rng(0))
+        return baselines.solve(baselines.opencv_magsac, ends)
+
+    def rightward(matches: SmearMatches) -> Array | None:
+        return baselines.solve(baselines.opencv_magsac, baselines.rightward(matches.ends))
+
+    def ours(matches: SmearMatches) -> Array | None:
+        return estimate_two_view(matches, rng=np.random.default_rng(0)).F
+
+    return {
+        "ours": ours,
+        "two-parameter F": two_parameter,
+        "unordered, OpenCV MAGSAC": unordered,
+        "u > 0 order, OpenCV MAGSAC": rightward,
+        "true order, OpenCV MAGSAC": partial(told, baselines.opencv_magsac),
+        "true order, pycolmap": partial(told, baselines.pycolmap_ransac),
+        "true order, PoseLib": partial(told, baselines.poselib_ransac),
+        "true F": lambda _: scene.F,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """One F on one image's true smears."""
+
+    rho: float
+    under_05: float
+    under_10: float
+    inliers: float
+
+
+NOTHING = Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0)
+
+
+def judge(F: Array | None, ends: Array) -> Judged:
+    """Judge F on true ends (N, 2, 2); None is the worst answer."""
+    if F is None:
+        return NOTHING
+    relative = rho(F, ends)
+    return Judged(
+        rho=float(np.median(relative)),
+        under_05=share_under(relative, 0.05),
+        under_10=share_under(relative, 0.10),
+        inliers=inlier_share(F, ends),
+    )
+
+
+def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
+    """Medians of rho, means of the shares, and inliers as a fraction of what the true F reaches."""
+    mean = {
+        name: float(np.mean([getattr(j, name) for j in judged]))
+        for name in ("under_05", "under_10", "inliers")
+    }
+    return FundamentalFigures(
+        method=method,
+        images=len(judged),
+        without_F=missing,
+        rho=float(np.median([j.rho for j in judged])),
+        rho_under_05=mean["under_05"],
+        rho_under_10=mean["under_10"],
+        inliers=mean["inliers"],
+        inliers_of_true=mean["inliers"] / float(np.mean([r.inliers for r in reference])),
+    )
+
+
+def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> list[FundamentalFigures]:
+    """Run every method on every image whose camera translates."""
+    table: dict[str, list[Judged]] = {}
+    missing: dict[str, int] = {}
+    for scene, field in scenes:
+        if scene.F is None:
+            continue
+        matches, ends = select_matches(field), true_ends(scene)
+        for name, method in methods(scene).items():
+            F = method(matches)
+            table.setdefault(name, []).append(judge(F, ends))
+            missing[name] = missing.get(name, 0) + (F is None)
+    return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
+
+
+def evaluate_smears(scenes: Iterable[tuple[TestScene, SmearField]]) -> SmearFigures:
+    """Pool the valid pixels of all images; "top 50 %" is the more certain half of each image."""
+    found, true, sigma, top = [], [], [], []
+    for scene, field in scenes:
+        chosen = scene.valid
+        grid_sigma = field.sigma_px[1::4, 1::4][chosen]
+        found.append(field.displacement[1::4, 1::4][chosen])
+        true.append(scene.displacement[chosen])
+        sigma.append(grid_sigma)
+        top.append(grid_sigma <= np.median(grid_sigma))
+    d, d_true, half = np.concatenate(found), np.concatenate(true), np.concatenate(top)
+    error, length = epe_s(d, d_true), np.linalg.norm(d_true, axis=1)
+    angle, clear = direction_error_deg(d, d_true), length >= DIRECTION_MIN_PX
+    ratio = np.log((np.linalg.norm(d, axis=1)[clear] + 0.1) / length[clear])
+    return SmearFigures(
+        images=len(found),
+        epe_s=float(error.mean()),
+        epe_s_over_length=float(error.mean() / length.mean()),
+        epe_s_top50=float(error[half].mean()),
+        epe_s_top50_over_length=float(error[half].mean() / length[half].mean()),
+        direction_deg=float(np.median(angle[clear])),
+        direction_deg_top50=float(np.median(angle[clear & half])),
+        length_ratio=float(np.exp(np.median(ratio))),
+        length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
+        sparsification_area=float(sparsification_area(error, np.concatenate(sigma))),
+    )
+
+
+def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
+    """Both tables."""
+    rows = [f"Model {model_id}, {smears.images} rendered images.", "", "| smears | |", "|---|---|"]
+    rows += [f"| {name} | {value:.4g} |" for name, value in asdict(smears).items()]
+    head = "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's |"
+    rows += ["", head, "|---|---|---|---|---|---|---|---|"]
+    for f in fundamentals:
+        shares = f"{f.rho_under_05:.3f} | {f.rho_under_10:.3f} | {f.inliers:.3f} | {f.inliers_of_true:.3f}"
+        rows.append(f"| {f.method} | {f.images} | {f.without_F} | {f.rho:.4f} | {shares} |")
+    return "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("scenes", type=Path, help="folder written by tools.testset")
+    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
+    parser.add_argument("--out", type=Path, help="write OUT.md and OUT.json")
+    arguments = parser.parse_args()
+    network = blur2view.SmearNetwork(arguments.model)
+    pairs = [
+        (s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(arguments.scenes)
+    ]
+    if not pairs:
+        raise SystemExit(f"no scenes in {arguments.scenes}: run python -m tools.testset {arguments.scenes}")
+    smears, fundamentals = evaluate_smears(pairs), evaluate_fundamentals(pairs)
+    text = markdown(smears, fundamentals, network.info.model_id)
+    print(text)
+    if arguments.out:
+        document = {"smears": asdict(smears), "fundamentals": [asdict(f) for f in fundamentals]}
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.with_suffix(".md").write_text(text)
+        arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
