@@ -1,7 +1,7 @@
 """The smear network: a structure-tensor stem, a U-Net at stride 4 and factored heads (torch).
 
-DESIGN section 4: a plain U-Net on RGB does not start to learn; gradients' double-angle products as input and
-orientation, log length and uncertainty as separate outputs do, within minutes.
+DESIGN section 4: a plain U-Net on RGB does not start to learn; gradients' double-angle products as input,
+and orientation, log length and uncertainty as separate outputs do, within minutes.
 """
 
 from __future__ import annotations
@@ -13,13 +13,16 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 STRIDE = 4
+"""Pixels per output cell."""
 MULTIPLE_OF = 64
+"""Height and width of the input must be multiples of this."""
 LEVELS = 4
+"""Scales of the stem's luminance pyramid."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions:
-    """Widths of the U-Net at strides 4, 8, 16, 32 and 64."""
+    """Channels of the U-Net at strides 4, 8, 16, 32 and 64."""
 
     widths: tuple[int, ...] = (40, 72, 112, 160, 192)
 
@@ -29,12 +32,16 @@ class ModelOptions:
 
 
 class StructureStem(nn.Module):
-    """RGB (N, 3, H, W) to features (N, 31, H/4, W/4): what blur does to gradients, at four scales.
+    """Turn RGB (N, 3, H, W) into features (N, 31, H/4, W/4): what blur does to gradients, at four scales.
 
-    Per level of a luminance pyramid: double-angle products of the Sobel gradients, averaged and divided by the
-    local gradient energy (orientation and coherence), and log energies, whose falloff between levels tells
-    the length; plus the contrast-normalised luminance, pixel-unshuffled.
+    Per level of a luminance pyramid: double-angle products of the Sobel gradients, averaged and divided by
+    the local gradient energy (orientation and coherence), and log energies, whose falloff between levels
+    tells the length; plus the contrast-normalised luminance, pixel-unshuffled.
     """
+
+    sobel: Tensor
+    binomial: Tensor
+    luma: Tensor
 
     channels = LEVELS * 2 + LEVELS + 3 + STRIDE * STRIDE
 
@@ -44,7 +51,9 @@ class StructureStem(nn.Module):
         self.register_buffer("sobel", torch.stack([sobel, sobel.T])[:, None], persistent=False)
         binomial = torch.tensor([1.0, 3, 3, 1])
         self.register_buffer("binomial", (torch.outer(binomial, binomial) / 64)[None, None], persistent=False)
-        self.register_buffer("luma", torch.tensor([0.299, 0.587, 0.114])[None, :, None, None], persistent=False)
+        self.register_buffer(
+            "luma", torch.tensor([0.299, 0.587, 0.114])[None, :, None, None], persistent=False
+        )
 
     def forward(self, image: Tensor) -> Tensor:
         """Compute the features."""
@@ -63,7 +72,7 @@ class StructureStem(nn.Module):
         return torch.cat(features, 1)
 
     def tensor_at(self, level: Tensor, k: int) -> tuple[Tensor, Tensor]:
-        """Normalised double-angle gradient (N, 2, h, w) and energy (N, 1, h, w) at stride 4 of pyramid level k."""
+        """Give pyramid level k's normalised double angle (N, 2, h, w) and energy (N, 1, h, w) at stride 4."""
         gradient = nnf.conv2d(nnf.pad(level, (1, 1, 1, 1), mode="replicate"), self.sobel)
         gx, gy = gradient[:, :1], gradient[:, 1:]
         products = torch.cat([gx * gx - gy * gy, 2 * gx * gy, gx * gx + gy * gy], 1)
@@ -77,7 +86,7 @@ class StructureStem(nn.Module):
 
     @staticmethod
     def normalise_contrast(grey: Tensor) -> Tensor:
-        """Luminance minus its local mean over its local deviation (about 32 px)."""
+        """Subtract the local mean of luminance and divide by its local deviation (about 32 px)."""
         small = nnf.avg_pool2d(torch.cat([grey, grey * grey], 1), 16)
         small = nnf.avg_pool2d(nnf.pad(small, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
         local = nnf.interpolate(small, scale_factor=16.0, mode="bilinear", align_corners=False)
@@ -102,25 +111,28 @@ class Block(nn.Module):
 
 
 class SmearUNet(nn.Module):
-    """RGB (N, 3, H, W) in [0, 1] to raw heads (N, 4, H/4, W/4): double-angle x, y, log(1 + length), log sigma."""
+    """Turn RGB (N, 3, H, W) in [0, 1] into raw heads (N, 4, H/4, W/4).
+
+    They are the double angle's x and y (any length), log(1 + length) and log sigma; see :func:`decode`.
+    """
 
     def __init__(self, options: ModelOptions | None = None) -> None:
         super().__init__()
         self.options = options or ModelOptions()
         widths = self.options.widths
         self.stem = StructureStem()
+        inputs = (StructureStem.channels, *widths[:-1])
         self.encoders = nn.ModuleList(
-            [Block(before, after) for before, after in zip((StructureStem.channels, *widths), widths, strict=False)]
+            [Block(before, after) for before, after in zip(inputs, widths, strict=True)]
         )
         self.decoders = nn.ModuleList(
             [Block(fine + coarse, fine) for fine, coarse in zip(widths[:-1], widths[1:], strict=True)]
         )
         self.head = nn.Conv2d(widths[0], 4, 1)
-        with torch.no_grad():
-            self.head.bias.copy_(torch.tensor([0.0, 0.0, 2.0, 1.0]))  # 6 px long, 3 px uncertain
+        self.head.bias = nn.Parameter(torch.tensor([0.0, 0.0, 2.0, 1.0]))  # 6 px long, 3 px uncertain
 
     def forward(self, image: Tensor) -> Tensor:
-        """Compute the raw heads."""
+        """Compute the raw heads; height and width must be multiples of 64."""
         return self.body(self.stem(image))
 
     def body(self, features: Tensor) -> Tensor:
@@ -132,11 +144,12 @@ class SmearUNet(nn.Module):
         for k in reversed(range(len(self.decoders))):
             x = nnf.interpolate(x, scale_factor=2.0, mode="nearest")
             x = self.decoders[k](torch.cat([skips[k], x], 1))
-        return self.head(x)
+        heads: Tensor = self.head(x)
+        return heads
 
 
 def decode(raw: Tensor) -> Tensor:
-    """Raw heads (N, 4, h, w) to the shipped output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, all in px."""
+    """Turn raw heads (N, 4, h, w) into the output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, in px."""
     direction = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-8)
     length = torch.clamp(torch.exp(torch.clamp(raw[:, 2:3], 0.0, 5.5)) - 1, min=0.0)
     sigma = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
+KINDS = {"rotation": 0.12, "translation": 0.18, "forward": 0.17, "orbit": 0.13, "mixed": 0.4}
+"""Kinds of camera paths and their shares."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class Path:
+class Trajectory:
     """A smooth rigid path over the exposure time tau in [-1/2, 1/2], the identity at tau = 0.
 
     With s = tau + acceleration * tau**2 the rotation vector is ``rotation * s + rotation_bend * tau**2``
@@ -29,9 +32,10 @@ class Path:
         """Rotation matrix (3, 3) and position (3,) at exposure time tau."""
         s = tau + self.acceleration * tau**2
         vector = self.rotation * s + self.rotation_bend * tau**2
-        return cv2.Rodrigues(vector)[0], self.translation * s + self.translation_bend * tau**2
+        R = np.asarray(cv2.Rodrigues(vector)[0], np.float64)
+        return R, self.translation * s + self.translation_bend * tau**2
 
-    def scaled(self, factor: float) -> Path:
+    def scaled(self, factor: float) -> Trajectory:
         """Return the same path, `factor` times as far."""
         return replace(
             self,
@@ -48,24 +52,25 @@ class Path:
 
 
 def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:
-    """Random direction in 3D, stretched by `weights` before normalisation."""
+    """Draw a direction in 3D, stretched by `weights` before normalisation."""
     vector = rng.normal(size=3) * weights
     return vector / np.linalg.norm(vector)
 
 
 def bend_of(rng: np.random.Generator, velocity: Vector, ratio: float) -> Vector:
-    """Random bend of the given size relative to the velocity."""
+    """Draw a bend of the given size relative to the velocity."""
     return ratio * np.linalg.norm(velocity) * unit(rng)
 
 
-def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tuple[Path, str]:
-    """A camera path of unit size and the name of its kind.
+def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tuple[Trajectory, str]:
+    """Draw a camera path of unit size and the name of its kind.
 
-    Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (the
-    rotation counteracts the translation) and ``mixed``. Unit size means: far rotation and translation
-    at unit depth move image points by comparable amounts; the renderer scales the path to a smear length.
+    Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (sideways,
+    with a rotation that moves the image the same way) and ``mixed``. Unit size means: rotation, and
+    translation at unit depth, move image points by comparable amounts; the renderer scales the path to a
+    smear length.
     """
-    kind = str(rng.choice(["rotation", "translation", "forward", "orbit", "mixed"], p=[0.12, 0.18, 0.17, 0.13, 0.4]))
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     translation = unit(rng, (1, 0.8, 0.8))
     rotation = unit(rng, (1, 1, 0.7)) * rng.uniform(0.1, 1.0)
     if kind == "rotation":
@@ -78,8 +83,8 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
     elif kind == "orbit":
         translation = unit(rng, (1, 0.8, 0.2))
         rotation = np.cross(translation, [0, 0, 1]) * rng.uniform(0.4, 1.2) + 0.1 * rotation
-    ratio = 0.0 if straight else float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
-    path = Path(
+    ratio = 0.0 if straight else sample_bend_ratio(rng)
+    path = Trajectory(
         rotation=rotation,
         translation=translation,
         rotation_bend=bend_of(rng, rotation, ratio),
@@ -89,11 +94,16 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
     return path, kind
 
 
-def sample_object_path(rng: np.random.Generator, camera: Path) -> Path:
-    """A moving object's own path: another direction, comparable size, little rotation."""
+def sample_bend_ratio(rng: np.random.Generator) -> float:
+    """Draw how strongly a path bends: not at all, slightly (a pan) or as much as it moves (a hand)."""
+    return float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
+
+
+def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajectory:
+    """Draw a moving object's own path: another direction, comparable size, little rotation."""
     speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
     zero = np.zeros(3)
-    return Path(
+    return Trajectory(
         rotation=unit(rng) * speed * rng.uniform(0, 0.5),
         translation=unit(rng, (1, 0.6, 0.5)) * speed * rng.uniform(0.4, 1.5),
         rotation_bend=zero,

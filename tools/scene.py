@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.motion import Path, unit
+from tools.motion import Trajectory
+from tools.stencils import sample_stencil
 from tools.textures import Image, sample_texture, spectral_noise
 
 Array = NDArray[Any]
@@ -30,11 +31,11 @@ class Plane:
     turn: float
 
     def inverse_depth(self, rays: Array) -> Array:
-        """1 / z along rays (..., 3) with z = 1; negative behind the camera."""
-        return (rays @ self.normal) / self.offset
+        """Give 1 / z (...) along rays (..., 3) with z = 1; negative behind the camera."""
+        return np.asarray((rays @ self.normal) / self.offset)
 
     def texel(self, rays: Array) -> Array:
-        """Texture coordinates (..., 2), in texels, where rays meet the plane."""
+        """Give texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
         seed = np.eye(3)[np.argmin(np.abs(self.normal))]
         first = np.cross(self.normal, seed)
         first /= np.linalg.norm(first)
@@ -42,7 +43,7 @@ class Plane:
         cosine, sine = np.cos(self.turn), np.sin(self.turn)
         axes = np.array([[cosine, -sine], [sine, cosine]]) @ axes * self.texels_per_unit
         points = rays / np.maximum(self.inverse_depth(rays), 1e-3)[..., None]
-        return points @ axes.T
+        return np.asarray(points @ axes.T)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,46 +60,51 @@ class Layer:
         Alpha of a card inside `box`; None for the background, which is everywhere.
     box : tuple of float
         x, y, width, height of the stencil in the mid-exposure image, pixels.
-    own_path : Path or None
+    own_path : Trajectory or None
         Rigid motion of a moving object about `pivot`.
+    pivot : ndarray of shape (3,)
+        A point of the camera frame at mid exposure.
+    illumination : ndarray of shape (n, n)
+        Shading factors, stretched over the image.
     """
 
     planes: tuple[Plane, ...]
     relief: Array
     stencil: Array | None = None
     box: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    own_path: Path | None = None
+    own_path: Trajectory | None = None
     pivot: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     illumination: Array = field(default_factory=lambda: np.ones((2, 2), np.float32))
 
     def inverse_depth(self, rays: Array, where: Array) -> Array:
-        """Inverse depth (...) along rays (..., 3); `where` (..., 2) is the image position in [0, 1]."""
+        """Give the inverse depth (...) along rays (..., 3) at image positions `where` (..., 2) in [0, 1]."""
         nearest = np.max([plane.inverse_depth(rays) for plane in self.planes], axis=0)
-        return np.maximum(nearest, 0.02) * np.exp(sample_grid(self.relief, where))
+        return np.asarray(np.maximum(nearest, 0.02) * np.exp(sample_grid(self.relief, where)))
 
 
 def sample_grid(grid: Array, where: Array) -> Array:
-    """Bilinear values of a small grid at positions `where` (..., 2) in [0, 1]; edges are continued."""
+    """Interpolate a small grid at positions `where` (..., 2); [0, 1] is the grid, mirrored outside."""
     if not grid.any():
         return np.zeros(where.shape[:-1], np.float32)
     size = np.array([grid.shape[1] - 1, grid.shape[0] - 1])
     at = (np.clip(where, -1, 2) * size).astype(np.float32)
     flat = at.reshape(-1, 1, 2) if at.ndim == 2 else at
-    value = cv2.remap(grid.astype(np.float32), flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT)
-    return value.reshape(where.shape[:-1])
+    columns, rows = flat[..., 0], flat[..., 1]
+    value = cv2.remap(grid.astype(np.float32), columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT)
+    return np.asarray(value).reshape(where.shape[:-1])
 
 
 def smooth_field(rng: np.random.Generator, amplitude: float, size: int = 33) -> Array:
-    """A smooth random grid of standard deviation `amplitude`."""
+    """Draw a smooth random grid (size, size) of standard deviation `amplitude`."""
     noise = cv2.GaussianBlur(spectral_noise(rng, 64, exponent=rng.uniform(1.6, 2.6)), (0, 0), 2.0)
-    noise = cv2.resize(noise, (size, size), interpolation=cv2.INTER_AREA)
-    return (amplitude * noise / (noise.std() + 1e-6)).astype(np.float32)
+    small = np.asarray(cv2.resize(noise, (size, size), interpolation=cv2.INTER_AREA))
+    return np.asarray(amplitude * small / (small.std() + 1e-6), np.float32)
 
 
 def sample_plane(
     rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float, normal: Array, offset: float
 ) -> Plane:
-    """A plane whose texture is seen at about one texel a pixel or finer where it faces the camera."""
+    """Draw a plane whose texture is seen at about one texel a pixel or finer where it faces the camera."""
     density = focal_px / offset * rng.uniform(0.9, 2.2)
     return Plane(
         normal=normal,
@@ -110,13 +116,13 @@ def sample_plane(
 
 
 def tilted_normal(rng: np.random.Generator, largest: float) -> Array:
-    """Direction about the optical axis, tilted by up to `largest` radians."""
+    """Draw a direction about the optical axis, tilted by up to `largest` radians."""
     angle, azimuth = largest * rng.random(), rng.uniform(0, 2 * np.pi)
     return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
 
 
 def sample_background(rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float) -> Layer:
-    """A wall, a relief, a wall with a ground, or the inside of a room."""
+    """Draw a wall, a relief, a wall with a ground, or the inside of a room."""
     kind = rng.choice(["wall", "relief", "ground", "room"], p=[0.2, 0.3, 0.3, 0.2])
     planes = [sample_plane(rng, pool, focal_px, tilted_normal(rng, 0.8), 1.0)]
     if kind in ("ground", "room"):
@@ -125,52 +131,22 @@ def sample_background(rng: np.random.Generator, pool: tuple[Image, ...], focal_p
     if kind == "room":
         for side in (-1.0, 1.0):
             normal = np.array([side, 0.0, rng.uniform(-0.1, 0.6)])
-            planes.append(sample_plane(rng, pool, focal_px, normal / np.linalg.norm(normal), rng.uniform(0.2, 0.7)))
+            normal /= np.linalg.norm(normal)
+            planes.append(sample_plane(rng, pool, focal_px, normal, rng.uniform(0.2, 0.7)))
     amplitude = rng.uniform(0.1, 0.45) if kind == "relief" else rng.choice([0.0, 0.03])
-    return Layer(planes=tuple(planes), relief=smooth_field(rng, amplitude), illumination=sample_illumination(rng))
+    relief = smooth_field(rng, amplitude)
+    return Layer(planes=tuple(planes), relief=relief, illumination=sample_illumination(rng))
 
 
 def sample_illumination(rng: np.random.Generator) -> Array:
-    """Smooth shading factors, some strong: light and shadow over a surface."""
+    """Draw smooth shading factors, some strong: light and shadow over a surface."""
     return np.exp(smooth_field(rng, rng.choice([0.05, 0.2, 0.5]), 17))
-
-
-def sample_stencil(rng: np.random.Generator, size: int = 160) -> Array:
-    """Alpha in [0, 1] of one card: polygon, ellipse, bars, foliage, lettering or a grid of wires."""
-    alpha = np.zeros((size, size), np.float32)
-    kind = rng.choice(["polygon", "ellipse", "bars", "foliage", "letters", "box"], p=[0.25, 0.2, 0.15, 0.15, 0.05, 0.2])
-    centre, scale = np.array([size / 2, size / 2]), size * 8
-    if kind == "polygon":
-        angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
-        radius = size * rng.uniform(0.25, 0.5, len(angles))
-        corners = centre + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
-        cv2.fillPoly(alpha, [(corners * 8).astype(np.int32)], 1.0, cv2.LINE_AA, 3)
-    elif kind == "ellipse":
-        axes = (int(scale * rng.uniform(0.15, 0.48)), int(scale * rng.uniform(0.15, 0.48)))
-        cv2.ellipse(alpha, (scale // 2, scale // 2), axes, rng.uniform(0, 180), 0, 360, 1.0, -1, cv2.LINE_AA, 3)
-    elif kind == "bars":
-        for _ in range(int(rng.integers(1, 9))):
-            ends = (rng.uniform(-0.2, 1.2, (2, 2)) * scale).astype(int)
-            cv2.line(alpha, ends[0].tolist(), ends[1].tolist(), 1.0, int(rng.integers(1, 12)), cv2.LINE_AA, 3)
-    elif kind == "foliage":
-        alpha = (spectral_noise(rng, size, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)).astype(np.float32)
-        alpha = cv2.GaussianBlur(alpha, (0, 0), 0.7)
-    elif kind == "letters":
-        text = "".join(rng.choice(list("ABCDEFGHKMNRSTWXYZ2345789"), 3))
-        ink = np.zeros((size, size), np.uint8)
-        cv2.putText(ink, text, (8, size // 2 + 20), cv2.FONT_HERSHEY_SIMPLEX, 2.3, 255, 9, cv2.LINE_AA)
-        alpha = ink / np.float32(255)
-    else:
-        alpha[2:-2, 2:-2] = 1.0
-    alpha[[0, -1]] = 0
-    alpha[:, [0, -1]] = 0
-    return alpha
 
 
 def sample_card(
     rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int], depth: float
 ) -> Layer:
-    """A card at about `depth` in front of the background, anywhere in an image of `size` (width, height)."""
+    """Draw a card at about `depth`, anywhere in an image of `size` (width, height)."""
     width, height = size
     spread = np.exp(rng.uniform(np.log(0.08), np.log(0.75)))
     card = spread * max(size) * np.array([np.exp(rng.normal(0, 0.35)), np.exp(rng.normal(0, 0.35))])
@@ -191,7 +167,7 @@ def sample_card(
 def sample_layers(
     rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]
 ) -> list[Layer]:
-    """Background and zero to seven cards, far to near."""
+    """Draw a background and zero to seven cards, far to near."""
     count = int(rng.choice([0, 1, 2, 3, 4, 6, 7], p=[0.12, 0.18, 0.2, 0.2, 0.15, 0.1, 0.05]))
     depths = np.sort(rng.uniform(0.25, 0.8, count))[::-1]
     cards = [sample_card(rng, pool, K, size, float(depth)) for depth in depths]
@@ -199,11 +175,8 @@ def sample_layers(
 
 
 def sample_intrinsics(rng: np.random.Generator, size: tuple[int, int]) -> Array:
-    """Pinhole K with a focal length of 0.6 to 1.6 image widths and a slightly off-centre principal point."""
+    """Draw a pinhole K: focal length 0.6 to 1.6 longer sides, principal point slightly off the centre."""
     width, height = size
     focal = max(size) * np.exp(rng.uniform(np.log(0.6), np.log(1.6)))
     cx, cy = (width - 1) / 2 + rng.normal(0, 0.01) * width, (height - 1) / 2 + rng.normal(0, 0.01) * height
     return np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1.0]])
-
-
-__all__ = ["Layer", "Plane", "sample_grid", "sample_intrinsics", "sample_layers", "sample_plane", "unit"]

@@ -40,64 +40,74 @@ def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 
 
 def expose(rng: np.random.Generator, linear: Array) -> Array:
-    """Gain and white balance: a mean level between a dim and an overexposed photograph."""
+    """Apply gain and white balance: a mean level between a dim and an overexposed photograph."""
     level = float(np.exp(rng.normal(np.log(0.2), 0.55)))
     gain = level / max(float(linear.mean()), 1e-3)
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
 def soften(rng: np.random.Generator, linear: Array, bounds: tuple[float, float]) -> Array:
-    """Optical point spread; now and then defocus, which must not read as motion."""
+    """Apply an optical point spread; now and then defocus, which must not read as motion."""
     if rng.random() < 0.08:
         radius = rng.uniform(0.8, 3.5)
         reach = int(np.ceil(radius)) + 1
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1).astype(np.float32)
-        linear = cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT)
+        blurred = cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT)
+        linear = np.asarray(blurred)
     sigma = rng.uniform(*bounds)
-    return cv2.GaussianBlur(linear, (0, 0), sigma) if sigma > 0.2 else linear
+    return gaussian(linear, sigma) if sigma > 0.2 else linear
+
+
+def gaussian(image: Array, sigma_px: float) -> Array:
+    """Blur by a Gaussian."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
 def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -> Array:
-    """Shot and read noise in linear light, then clipping at white."""
+    """Add shot and read noise in linear light, then clip at black and white."""
     read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
     deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
-    return np.clip(signal + deviation * noise, 0, 1)
+    return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
 
 def demosaic(signal: Array) -> Array:
-    """Sample a Bayer mosaic of linear RGB (H, W, 3) and interpolate it back."""
+    """Sample a Bayer mosaic (RGGB) of linear RGB (H, W, 3) in [0, 1] and interpolate it back."""
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
     coded = np.asarray(np.clip(mosaic, 0, 1) * 65535 + 0.5).astype(np.uint16)
-    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR)
+    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR)  # OpenCV names RGGB by its second row and column
     return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
 
 
 def tone(rng: np.random.Generator, linear: Array) -> Array:
-    """sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
+    """Apply sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
     if rng.random() < 0.4:
-        return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055)
+        curve = 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055
+        return np.where(linear <= 0.0031308, 12.92 * linear, curve)
     coded = np.maximum(linear, 1e-6) ** np.float32(1 / rng.uniform(1.8, 2.6))
     strength = np.float32(rng.uniform(0, 0.8))
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
 def sharpen(rng: np.random.Generator, coded: Array) -> Array:
-    """Unsharp masking, as cameras do, on half of the images."""
+    """Sharpen half of the images by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
-    soft = cv2.GaussianBlur(coded, (0, 0), rng.uniform(0.7, 1.6))
-    return np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1)
+    soft = gaussian(coded, rng.uniform(0.7, 1.6))
+    return np.asarray(np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1))
 
 
 def compress(rng: np.random.Generator, image: Array) -> Array:
-    """JPEG round trip (uint8 RGB) at a quality between poor and good."""
+    """Send a picture (uint8 RGB) through JPEG at a quality between poor and good."""
     quality = int(rng.integers(45, 98))
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if decoded is None:
+        raise ValueError(f"OpenCV cannot decode its own JPEG of shape {image.shape}")
+    return np.asarray(decoded[..., ::-1])
 
 
 def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions | None = None) -> Array:
@@ -110,6 +120,7 @@ def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions |
     linear : ndarray of shape (H, W, 3)
         float32 linear radiance; 1 is about white before the exposure is chosen.
     options : SensorOptions, optional
+        Which effects may occur.
 
     Returns
     -------
@@ -119,12 +130,11 @@ def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions |
     options = options or SensorOptions()
     signal = soften(rng, expose(rng, linear.astype(np.float32)), options.softness_px)
     mosaic = rng.random() < 0.4
+    signal = add_noise(rng, signal, options)
     if mosaic:
-        signal = demosaic(add_noise(rng, signal, options))
-    else:
-        signal = add_noise(rng, signal, options)
+        signal = demosaic(signal)
     if rng.random() < 0.15:  # denoised by the camera
-        signal = cv2.GaussianBlur(signal, (0, 0), rng.uniform(0.4, 0.8))
+        signal = gaussian(signal, rng.uniform(0.4, 0.8))
     coded = sharpen(rng, np.asarray(tone(rng, signal), np.float32))
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)

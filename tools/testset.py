@@ -19,7 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.render import RenderOptions, grid_points, render, start_worker
+from tools.dataset import start_worker
+from tools.exposure import GRID, grid_points
+from tools.render import RenderOptions, render
 from tools.sensor import SensorOptions, compress, photograph, tone
 
 Array = NDArray[Any]
@@ -46,9 +48,9 @@ class TestScene:
 
     @property
     def midpoints(self) -> Array:
-        """Pixel (h, w, 2) of every cell of the truth's grid."""
+        """Pixels (h, w, 2) at the centres of the truth's cells."""
         rows, columns = self.valid.shape
-        return grid_points((columns * 4, rows * 4))
+        return grid_points((columns * GRID, rows * GRID))
 
 
 def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
@@ -57,7 +59,7 @@ def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> Ren
 
 
 def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Array:
-    """An instant as a good camera would show it (uint8 RGB), exposed like the blurred picture."""
+    """Photograph an instant as a good camera would (uint8 RGB), exposed like the blurred picture."""
     signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
     noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
     coded = tone(np.random.default_rng(2), np.clip(noisy, 0, 1).astype(np.float32))
@@ -110,7 +112,9 @@ def read_test_set(folder: Path) -> Iterator[TestScene]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")

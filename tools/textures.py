@@ -17,15 +17,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.errors import ImageError
+
 Image = NDArray[np.float32]
+Scalars = NDArray[np.float32]
 
 SIZE = 512
 """Side of a procedural texture, in texels."""
 
 BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass", "gravel", "rocket", "page")
-"""scikit-image photographs that are CC0 or public domain and inside its wheel."""
+"""Photographs of scikit-image that are CC0 or public domain and inside its wheel."""
 
 HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")
+"""Those of them that only the test split uses."""
+
 HELD_OUT_EVERY = 4
 """Every fourth photograph of an added folder (by sorted name) is held out of training."""
 
@@ -36,9 +41,24 @@ def srgb_to_linear(coded: NDArray[np.floating]) -> Image:
     return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
+def split_files(split: str, folder: Path) -> list[Path]:
+    """List the PNG and JPEG files of one split ("train" or "test") of a folder, by name."""
+    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
+    held = set(files[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
+    return [p for p in files if (p in held) == (split == "test")]
+
+
+def read_photograph(path: Path) -> NDArray[np.uint8]:
+    """Read an 8-bit RGB photograph (H, W, 3); ImageError names a file that cannot be decoded."""
+    bgr = cv2.imread(str(path))
+    if bgr is None:
+        raise ImageError(f"cannot decode {path}: remove it from the folder of texture photographs")
+    return np.asarray(bgr[..., ::-1], np.uint8)
+
+
 @functools.lru_cache(maxsize=4)
 def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
-    """Linear-light photographs of one split.
+    """Load the linear-light photographs of one split.
 
     Parameters
     ----------
@@ -51,30 +71,35 @@ def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
     -------
     tuple of ndarray of shape (H, W, 3)
         float32, linear light in [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If the split has another name.
     """
     from skimage import data
 
+    if split not in ("train", "test"):
+        raise ValueError(f'split must be "train" or "test", got {split!r}')
     names = [n for n in BUNDLED if (n in HELD_OUT_BUNDLED) == (split == "test")]
     coded = [np.asarray(getattr(data, name)()) for name in names]
     if folder is not None:
-        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
-        held = set(files[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
-        chosen = [p for p in files if (p in held) == (split == "test")]
-        coded += [cv2.cvtColor(cv2.imread(str(p)), cv2.COLOR_BGR2RGB) for p in chosen]
+        coded += [read_photograph(path) for path in split_files(split, folder)]
     rgb = [c if c.ndim == 3 else np.repeat(c[..., None], 3, axis=2) for c in coded]
     return tuple(srgb_to_linear(c[..., :3] / 255.0) for c in rgb)
 
 
 def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
-    """One photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
+    """Draw a photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
     image = pool[rng.integers(len(pool))]
-    image = np.rot90(image, rng.integers(4))
+    image = np.rot90(image, int(rng.integers(4)))
     if rng.random() < 0.5:
         image = image[:, ::-1]
     factor = rng.uniform(1.0, 2.5)
     if min(image.shape[:2]) / factor >= 128:
         size = (int(image.shape[1] / factor), int(image.shape[0] / factor))
-        image = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA)
+        image = np.asarray(small, np.float32)
     gains = rng.uniform(0.8, 1.25, 3).astype(np.float32)
     if rng.random() < 0.15:
         image = np.repeat(image.mean(2, keepdims=True), 3, axis=2)
@@ -88,7 +113,7 @@ def colour(rng: np.random.Generator) -> Image:
 
 
 def dead_leaves(rng: np.random.Generator) -> Image:
-    """Occluding discs, boxes and triangles with sizes after a power law (Lee, Mumford, Huang 2001)."""
+    """Paint occluding discs, triangles and boxes; sizes follow a power law (Lee, Mumford, Huang 2001)."""
     image = np.empty((SIZE, SIZE, 3), np.float32)
     image[:] = colour(rng)
     smallest = rng.uniform(1.5, 5.0)
@@ -101,23 +126,24 @@ def dead_leaves(rng: np.random.Generator) -> Image:
             cv2.circle(image, (int(x * 8), int(y * 8)), int(radius * 8), fill, -1, cv2.LINE_AA, 3)
             continue
         angles = rng.uniform(0, 2 * np.pi) + np.arange(kind + 2) * 2 * np.pi / (kind + 2)
-        corners = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles) * rng.uniform(0.3, 1)], 1)
+        squeeze = rng.uniform(0.3, 1)
+        corners = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles) * squeeze], 1)
         cv2.fillPoly(image, [(corners * 8).astype(np.int32)], fill, cv2.LINE_AA, 3)
     return image
 
 
-def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> NDArray[np.float32]:
-    """Gaussian noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
+def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Scalars:
+    """Draw noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
     exponent = rng.uniform(0.7, 1.6) if exponent is None else exponent
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     amplitude = (fx * fx + fy * fy + 1.0 / size**2) ** (-exponent / 2)
     phase = rng.uniform(0, 2 * np.pi, amplitude.shape)
     noise = np.fft.irfft2(amplitude * np.exp(1j * phase), (size, size))
-    return ((noise - noise.mean()) / noise.std()).astype(np.float32)
+    return np.asarray((noise - noise.mean()) / noise.std(), np.float32)
 
 
 def cloudy(rng: np.random.Generator) -> Image:
-    """1/f noise between two or three colours."""
+    """Mix two or three colours by 1/f noise."""
     mix = 1 / (1 + np.exp(-rng.uniform(1, 4) * spectral_noise(rng)))[..., None]
     image = colour(rng) * mix + colour(rng) * (1 - mix)
     if rng.random() < 0.4:
@@ -127,8 +153,10 @@ def cloudy(rng: np.random.Generator) -> Image:
 
 
 def printed(rng: np.random.Generator) -> Image:
-    """Lines of printed text in several sizes on a plain or cloudy ground."""
-    image = cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    """Print lines of text in several sizes on a plain or cloudy ground."""
+    image = (
+        cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    )
     alphabet = np.array(list(string.ascii_letters + string.digits + "    .,-"))
     y = 0.0
     while y < SIZE:
@@ -145,7 +173,7 @@ def printed(rng: np.random.Generator) -> Image:
 
 
 def bricks(rng: np.random.Generator) -> Image:
-    """Courses of bricks or tiles with mortar, each with a colour of its own."""
+    """Lay courses of bricks or tiles with mortar, each with a colour of its own."""
     image = np.full((SIZE, SIZE, 3), colour(rng), np.float32)
     width, height = rng.uniform(12, 90), rng.uniform(8, 45)
     mortar, base = rng.uniform(1, 5), colour(rng)
@@ -162,10 +190,11 @@ def bricks(rng: np.random.Generator) -> Image:
 
 
 def strokes(rng: np.random.Generator) -> Image:
-    """Random thin lines and arcs: cables, branches, scratches."""
+    """Draw thin broken lines: cables, branches, scratches."""
     image = cloudy(rng) if rng.random() < 0.5 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
     for _ in range(int(rng.integers(30, 220))):
-        points = rng.uniform(0, SIZE, 2) + np.cumsum(rng.normal(0, rng.uniform(5, 60), (int(rng.integers(2, 7)), 2)), 0)
+        start, spread, corners = rng.uniform(0, SIZE, 2), rng.uniform(5, 60), int(rng.integers(2, 7))
+        points = start + np.cumsum(rng.normal(0, spread, (corners, 2)), 0)
         ink = tuple(float(c) for c in colour(rng))
         thickness = int(rng.integers(1, 5))
         cv2.polylines(image, [(points * 8).astype(np.int32)], False, ink, thickness, cv2.LINE_AA, 3)
@@ -183,7 +212,7 @@ PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
 
 
 def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.62) -> Image:
-    """One linear-light texture of shape (h, w, 3), at least 128 texels a side, with random contrast and gain."""
+    """Draw a linear-light texture (h, w, 3), at least 128 texels a side, with random contrast and gain."""
     if rng.random() < photo_share:
         image = photograph(rng, pool)
     else:

@@ -1,0 +1,97 @@
+"""The state of a training run: networks, optimiser, step; saved whole, resumed exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from tools.model import ModelOptions, SmearUNet
+
+
+@dataclass
+class Run:
+    """What a checkpoint holds.
+
+    Attributes
+    ----------
+    network, average : SmearUNet
+        The trained weights, and their moving average, which is what ships.
+    optimiser : torch.optim.Optimizer
+        Over the parameters of `network`.
+    step : int
+        Optimiser steps done.
+    figures : dict of float
+        Those of the last validation.
+    """
+
+    network: SmearUNet
+    average: SmearUNet
+    optimiser: torch.optim.Optimizer
+    step: int = 0
+    figures: dict[str, float] = field(default_factory=dict)
+
+    def save(self, path: Path, options: Mapping[str, Any], scenes: int) -> None:
+        """Write the checkpoint with the run's options and number of scenes.
+
+        A run killed meanwhile keeps the checkpoint before.
+        """
+        state = {
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "model_options": self.network.options.as_dict(),
+            "options": {k: str(v) if isinstance(v, Path) else v for k, v in options.items()},
+            "figures": self.figures,
+            "scenes": scenes,
+        }
+        temporary = path.with_suffix(".tmp")
+        torch.save(state, temporary)
+        temporary.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step = int(state["step"])
+        self.figures = dict(state["figures"])
+
+
+def start_run(seed: int, learning_rate: float, device: torch.device, last: Path | None = None) -> Run:
+    """Return a fresh run, whose weights follow from the seed, or the one in `last` if that file exists."""
+    torch.manual_seed(seed)
+    network, average = SmearUNet(), SmearUNet()
+    average.load_state_dict(network.state_dict())
+    for part in (network, average):
+        part.to(device)
+        part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # the stubs lack it
+    optimiser = torch.optim.AdamW(network.parameters(), lr=learning_rate, weight_decay=1e-4)
+    run = Run(network=network, average=average, optimiser=optimiser)
+    if last is not None and last.exists():
+        run.load(last)
+    return run
+
+
+@torch.no_grad()
+def follow(average: SmearUNet, network: SmearUNet, step: int) -> None:
+    """Move the exponential average of weights and statistics, over about the last 500 steps."""
+    decay = min(0.998, (1 + step) / (10 + step))
+    for mean, value in zip(average.state_dict().values(), network.state_dict().values(), strict=True):
+        if mean.dtype.is_floating_point:
+            mean.lerp_(value, 1 - decay)
+        else:
+            mean.copy_(value)
+
+
+def load_average(path: Path) -> tuple[SmearUNet, dict[str, Any]]:
+    """Load the averaged network of a checkpoint, ready for inference, and the checkpoint's other fields."""
+    state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    network = SmearUNet(ModelOptions(**{k: tuple(v) for k, v in state["model_options"].items()}))
+    network.load_state_dict(state["average"])
+    return network.eval(), state
