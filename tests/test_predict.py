@@ -1,5 +1,6 @@
 """The smear network: what it computes, on whole photographs and on tiles, and what it refuses."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from onnx import TensorProto, helper
 from blur2view.errors import ModelError
 from blur2view.predict import UNSEEN_SIGMA_PX, SmearNetwork, default_model_path, predict
 from blur2view.smear import to_double_angle
-from blur2view.tiles import TileOptions
+from blur2view.tiles import TileOptions, cells, ramps, spans
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
 
@@ -76,6 +77,30 @@ def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None
     assert error.max() < 0.2
 
 
+@pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
+def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
+    total = np.zeros(-(-size // 64) * 16)
+    for span, weight in ramps(spans(size, 64, TILED), stride=4):
+        assert len(span) <= 128 and (weight > 0).all()
+        total[cells(span, stride=4)] += weight
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = colour_code(turning_field(300, 70), 1.0)
+    whole = predict(image, tiny_model)
+    for strip_cells in (1, 7):
+        # not by name: blur2view.predict is the function, which hides the module
+        monkeypatch.setattr(sys.modules[SmearNetwork.__module__], "_STRIP_CELLS", strip_cells)
+        np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
+
+
+@pytest.mark.parametrize(("given", "expected"), [(0.25, 0.25), (-0.5, 0.0)])
+def test_sigma_is_kept_but_never_negative(tiny_model: Path, given: float, expected: float) -> None:
+    field = predict(colour_code(turning_field(64, 64), given), tiny_model)
+    np.testing.assert_allclose(field.sigma_px, expected, atol=1e-4)
+
+
 def test_neighbouring_opposite_codes_blend_without_cancelling(tiny_model: Path) -> None:
     up_and_down = np.zeros((64, 64, 2))
     up_and_down[..., 1] = np.where(np.arange(64) % 2, 10, -10)  # one smear, two signs
@@ -91,7 +116,7 @@ def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     image = np.full((70, 90, 3), 0.9, np.float32)
-    image[::7, ::5] += 0.5 / 255  # noise below one grey level
+    image[::7, ::5] += 1 / 255  # noise of one grey level
     field = predict(image, blurring_model)
     np.testing.assert_array_equal(field.length_px, 0)
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)

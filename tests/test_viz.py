@@ -1,12 +1,14 @@
 """The overlay: its parts are where the geometry says, at every size of photograph."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from blur2view.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
-from blur2view.epipolar import cross_matrix
+from blur2view.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.matches import SmearMatches
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import Configuration, TwoViewGeometry
@@ -69,6 +71,28 @@ def test_epipolar_lines_run_through_inliers_along_F() -> None:
     rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
     assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
     assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) -> None:
+    K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    R, t = np.eye(3), np.array([0.1, 0.0, 0.0])
+    R[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
+    F = fundamental_from_pose(K, R, t)
+    ray = np.array([0.0, 0.2, 1.0])
+    open_end, close_end = ((K @ point)[:2] / (K @ point)[2] for point in (ray, R @ ray + t))
+    line = F @ [*open_end, 1.0]  # rolled against the lines F^T x2 by 17 degrees
+    ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
+    matches = SmearMatches(ends=ends, sigma_px=np.ones(1))
+    geometry = replace(geometry_of([True], F), swapped=np.array([swapped]))
+    photo = flat_photo(480, 640)
+    picture = draw_overlay(photo, field_of(photo.shape), matches, geometry)
+    columns = np.array([20, 60, 580, 620])
+    rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
+    inside = (rows > 2) & (rows < 477)
+    assert inside.sum() >= 2
+    for column, row in zip(columns[inside], rows[inside], strict=True):
+        assert picture[row - 1 : row + 2, column].max() > picture[2, 2].max() + 30
 
 
 def test_outliers_get_no_epipolar_line() -> None:
