@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import TINY, Array, apply_similarity, cross_matrix, denormalise, homogeneous, shared_normalisation
+from blur2view.epipolar import (
+    TINY,
+    Array,
+    apply_similarity,
+    cross_matrix,
+    denormalise,
+    homogeneous,
+    shared_normalisation,
+)
 from blur2view.hypotheses import half_sphere, meeting_points, turning_hypotheses, weighted_samples
 from blur2view.manifold import CameraPrior, GeneralF, TranslationF
 from blur2view.refine import RefineOptions, WeightedEnds, refine
@@ -17,7 +25,9 @@ from blur2view.scoring import BatchSampson
 from blur2view.seven_smears import SAMPLE_SIZE, solve_seven_smears
 
 ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
-TURN_SPREAD = np.array([1.0, 1.0, 3.0])  # prior of the rotation: smear length over focal length; roll moves less
+TURN_SPREAD = np.array(
+    [1.0, 1.0, 3.0]
+)  # prior of the rotation: smear length over focal length; roll moves less
 BLOCKS = 5  # blocks along the longer side in which residuals are compared
 SEARCH_STEPS = 8  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 
@@ -64,7 +74,8 @@ class SmearProblem:
     @cached_property
     def length_px(self) -> Array:
         """Lengths (N,) in pixels."""
-        return np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px
+        length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px
+        return length
 
     @property
     def prior(self) -> CameraPrior:
@@ -76,6 +87,10 @@ class SmearProblem:
         """Give the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor)
 
+    def thinned(self, step: int) -> SmearProblem:
+        """Give the problem with every step-th smear only."""
+        return replace(self, ends=self.ends[::step], sigma_px=self.sigma_px[::step])
+
     def pixels(self, F: Array) -> Array:
         """F of pixel coordinates, unit norm, from F of normalised ones."""
         return denormalise(F, self.T)
@@ -85,7 +100,9 @@ def assumed_camera(image_size: tuple[int, int]) -> Array:
     """K^-1 (3, 3) of the assumed camera: principal point at the centre, focal 1.2 times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
-    return np.array([[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]])
+    return np.array(
+        [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
+    )
 
 
 def occupied_blocks(points: Array, block_px: float) -> int:
@@ -101,14 +118,16 @@ def build_problem(ends: Array, sigma_px: Array, image_size: tuple[int, int] | No
     known = image_size is not None
     T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
     normalised = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    return SmearProblem(ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(len(ends)))
+    return SmearProblem(
+        ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(len(ends))
+    )
 
 
 def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
     """Residuals (N,) in standard deviations whose signs agree where neighbouring smears err alike.
 
-    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its residual
-    across the line is then sign(l) (|l| - |q|).
+    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its
+    residual across the line is then sign(l) (|l| - |q|).
     """
     both = problem.weighted.residuals(F)
     line = homogeneous(problem.ends.mean(axis=1)) @ F.T
@@ -122,12 +141,15 @@ def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
 def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
     """Effective number of independent smears, from how alike the residuals of F are within blocks.
 
-    The sum of m residuals of variance v has variance m v if they are independent and m^2 v if they agree; the
-    ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that make one.
+    The sum of m residuals of variance v has variance m v if they are independent and m^2 v if they agree;
+    the ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that
+    make one.
     """
     value = np.clip(coherent_residuals(problem, F), -cutoff, cutoff)
     middle = problem.ends.mean(axis=1)
-    block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(int)
+    block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(
+        int
+    )
     _, index = np.unique(block, axis=0, return_inverse=True)
     sums = np.bincount(index.ravel(), weights=value)
     cluster = float(sums @ sums) / max(float(value @ value), TINY)
@@ -138,8 +160,9 @@ def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
 class SmearEstimator:
     """F from seven smears, or from three and a grid of directions (`ransac.Estimator`).
 
-    Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard deviations,
-    cut at ``cutoff``. ``fit_error_px`` is the paper's threshold on the root of SErrMin for the stop on fit.
+    Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard
+    deviations, cut at ``cutoff``. ``fit_error_px`` is the paper's threshold on the root of SErrMin for the
+    stop on fit.
     """
 
     problem: SmearProblem
@@ -203,7 +226,8 @@ class SmearEstimator:
         """Share under the paper's threshold, share under the cutoff in standard deviations."""
         squared = self.sampson(model[None])[0]
         return float((squared < self.fit_error_px**2).mean()), float(
-            (squared * self.precision < self.cutoff**2).mean())
+            (squared * self.precision < self.cutoff**2).mean()
+        )
 
 
 def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:

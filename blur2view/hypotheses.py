@@ -1,9 +1,9 @@
 """Hypotheses for the robust loop: starts from seven smears, from three smears and a direction, from two.
 
-Seven smears fix any F exactly, but one wrong smear in seven spoils them, and noise does too. A photograph's camera is
-roughly known (square pixels, centred, focal length near the image's width) and turns little during an exposure; then F =
-[t]x (I + [w]x) to first order, and for every direction t of a grid three smears fix w linearly. These starts are
-approximate; local optimisation makes them exact.
+Seven smears fix any F exactly, but one wrong smear in seven spoils them, and noise does too. A photograph's
+camera is roughly known (square pixels, centred, focal length near the image's width) and turns little
+during an exposure; then F = [t]x (I + [w]x) to first order, and for every direction t of a grid three
+smears fix w linearly. These starts are approximate; local optimisation makes them exact.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
 def half_sphere(count: int) -> Array:
-    """Unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
+    """Give unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
     index = np.arange(count)
     z = (index + 0.5) / count
     radius, angle = np.sqrt(1 - z * z), GOLDEN_ANGLE * index
@@ -38,7 +38,9 @@ def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Gen
     if len(weights) < size:
         raise ValueError(f"need at least {size} data to sample from, got {len(weights)}")
     cumulative = np.cumsum(np.maximum(weights, TINY))
-    drawn = np.searchsorted(cumulative[:-1], rng.random((samples, size)) * cumulative[-1], side="right")
+    drawn: NDArray[np.int_] = np.searchsorted(
+        cumulative[:-1], rng.random((samples, size)) * cumulative[-1], side="right"
+    )
     repeated = (np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1)
     keys = np.log(np.maximum(weights, TINY)) + rng.gumbel(size=(int(repeated.sum()), len(weights)))
     drawn[repeated] = np.argpartition(-keys, size - 1, axis=1)[:, :size]
@@ -87,7 +89,7 @@ def _solve_three(rows: Array, right: Array) -> Array:
 
 
 def meeting_points(ends: Array) -> Array:
-    """Unit homogeneous points (B, 3) in which the lines of two smears, ends (B, 2, 2, 2), meet.
+    """Give the unit homogeneous points (B, 3) in which the lines of two smears, ends (B, 2, 2, 2), meet.
 
     Two parts of one line meet everywhere; the answer is then some point or zero.
     """

@@ -1,8 +1,9 @@
 """Families of F as manifolds: a point, its tangents, a step, and a prior.
 
 Three nested families describe a blurred photograph: `TranslationF` (2 parameters: all smears meet in the
-epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends, square pixels,
-principal point near the centre, turning little) and `GeneralF` (all 7). Coordinates are normalised.
+epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends,
+square pixels, principal point near the centre, turning little) and `GeneralF` (all 7). Coordinates are
+normalised.
 """
 
 from __future__ import annotations
@@ -161,8 +162,9 @@ class CameraPrior:
 class CameraF:
     """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] for both ends.
 
-    Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal length), so
-    K is near the identity. Eight parameters (t two, R three, log g, cx, cy) of which seven show in F.
+    Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal
+    length), so K is near the identity. Eight parameters (t two, R three, log g, cx, cy) of which seven show
+    in F.
     """
 
     t: Array  # (3,) unit
@@ -207,8 +209,13 @@ class CameraF:
 
     def step(self, delta: Array) -> CameraF:
         """Move t on the sphere, turn R from the left, change the camera."""
-        return replace(self, t=step_on_sphere(self.t, delta[:2]), R=rotation_matrix(delta[2:5]) @ self.R,
-                       log_focal=self.log_focal + float(delta[5]), principal=self.principal + delta[6:])
+        return replace(
+            self,
+            t=step_on_sphere(self.t, delta[:2]),
+            R=rotation_matrix(delta[2:5]) @ self.R,
+            log_focal=self.log_focal + float(delta[5]),
+            principal=self.principal + delta[6:],
+        )
 
     def prior(self) -> tuple[Array, Array]:
         """Residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""

@@ -56,7 +56,10 @@ class SmearMatches:
 
     @classmethod
     def from_points(
-        cls, points1: Array, points2: Array, sigma_px: float | Array = 1.0,
+        cls,
+        points1: Array,
+        points2: Array,
+        sigma_px: float | Array = 1.0,
         image_size: tuple[int, int] | None = None,
     ) -> SmearMatches:
         """Build from two arrays (N, 2) of matched pixels; what their order was is forgotten.
@@ -71,7 +74,7 @@ class SmearMatches:
         return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
 
     def __len__(self) -> int:
-        """Number of matches."""
+        """Give the number of matches."""
         return len(self.ends)
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:
@@ -93,16 +96,18 @@ class SmearMatches:
     @property
     def length_px(self) -> Array:
         """Lengths |d|, (N,), pixels."""
-        return np.hypot(*self.displacement.T)
+        length: Array = np.hypot(*self.displacement.T)
+        return length
 
 
 @dataclass(frozen=True, kw_only=True)
 class SelectOptions:
     """Which smears of a field become matches.
 
-    ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at most, spread
-    over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no direction worth the name;
-    ``rank`` "relative" prefers small sigma over length, "absolute" small sigma (which favours short smears).
+    ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at
+    most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
+    direction worth the name; ``rank`` "relative" prefers small sigma over length, "absolute" small sigma
+    (which favours short smears).
     """
 
     beta: float = 0.35
@@ -146,8 +151,10 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     chosen = sure[spread(points[sure], field.shape, options)]
     height, width = field.shape
     return SmearMatches(
-        ends=smear_ends(points[chosen], displacement[chosen]), sigma_px=sigma[chosen],
-        image_size=(width, height), still_share=_still_share(length, sigma, options.min_length_px),
+        ends=smear_ends(points[chosen], displacement[chosen]),
+        sigma_px=sigma[chosen],
+        image_size=(width, height),
+        still_share=_still_share(length, sigma, options.min_length_px),
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from blur2view.epipolar import Array, epipoles, serrmin
 
 __all__ = [
-    "cumulative_curve", "direction_error_deg", "epe_s", "epipole_angle_deg", "inlier_share", "length_ratio", "rho",
+    "cumulative_curve", "direction_error_deg", "epe_s", "epipole_angle_deg", "inlier_share", "length_ratio",
+    "rho",
     "rotation_error", "serrmin", "share_under", "sparsification_area", "sparsification_curve",
     "translation_direction_error_deg", "true_inlier_fraction",
 ]  # fmt: skip
@@ -16,13 +17,14 @@ __all__ = [
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
 
 
-def epe_s(displacement: Array, true_displacement: Array) -> Array:
-    """EPE-S = min(|d - d*|, |d + d*|): end-point error of smears (..., 2) whose sign is unknown, pixels (...)."""
+def epe_s(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
+    """EPE-S = min(|d - d*|, |d + d*|): end-point error of smears (..., 2) of unknown sign, pixels."""
     d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
-    return np.minimum(np.linalg.norm(d - truth, axis=-1), np.linalg.norm(d + truth, axis=-1))
+    error: Array = np.minimum(np.linalg.norm(d - truth, axis=-1), np.linalg.norm(d + truth, axis=-1))
+    return error
 
 
-def direction_error_deg(displacement: Array, true_displacement: Array) -> Array:
+def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
     """Angle between undirected smears (..., 2), degrees in [0, 90]; 0 where one of them is zero."""
     d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
     cross = np.abs(d[..., 0] * truth[..., 1] - d[..., 1] * truth[..., 0])
@@ -30,14 +32,14 @@ def direction_error_deg(displacement: Array, true_displacement: Array) -> Array:
     return angle
 
 
-def length_ratio(displacement: Array, true_displacement: Array) -> Array:
+def length_ratio(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
     """|d| / |d*| of smears (..., 2); infinite where the true length is zero and the other is not."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio: Array = np.linalg.norm(displacement, axis=-1) / np.linalg.norm(true_displacement, axis=-1)
     return ratio
 
 
-def sparsification_curve(error: Array, sigma: Array, steps: int = 20) -> tuple[Array, Array, Array]:
+def sparsification_curve(error: ArrayLike, sigma: ArrayLike, steps: int = 20) -> tuple[Array, Array, Array]:
     """Mean error of what is left after removing the least certain share, by sigma and by the error itself.
 
     Parameters
@@ -68,11 +70,12 @@ def sparsification_curve(error: Array, sigma: Array, steps: int = 20) -> tuple[A
     left = np.maximum(np.rint((1 - removed) * len(error)).astype(int), 1)
     mean = max(float(error.mean()), np.finfo(float).tiny)
     by_sigma, by_error = (
-        np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left / mean for key in (sigma, error))
+        np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left / mean for key in (sigma, error)
+    )
     return removed, by_sigma, by_error
 
 
-def sparsification_area(error: Array, sigma: Array, steps: int = 100) -> float:
+def sparsification_area(error: ArrayLike, sigma: ArrayLike, steps: int = 100) -> float:
     """Area between the curves by sigma and by the error (AUSE): 0 for a sigma that ranks like the error."""
     _, by_sigma, by_error = sparsification_curve(error, sigma, steps)
     return float((by_sigma - by_error).mean())
@@ -88,7 +91,7 @@ def rho(F: Array, ends: Array) -> Array:
     return relative
 
 
-def share_under(values: Array, bound: float) -> float:
+def share_under(values: ArrayLike, bound: float) -> float:
     """Share of values below a bound; 0 for no values."""
     return float((np.asarray(values) < bound).mean()) if np.size(values) else 0.0
 
@@ -112,7 +115,10 @@ def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
     inverse = np.linalg.inv(K)
     found, true = (np.stack([inverse @ e for e in epipoles(f)]) for f in (F, F_true))
     found, true = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (found, true))
-    angles = [np.degrees(np.arccos(np.clip(np.abs((rays * true).sum(1)), 0, 1))).mean() for rays in (found, found[::-1])]
+    angles = [
+        np.degrees(np.arccos(np.clip(np.abs((rays * true).sum(1)), 0, 1))).mean()
+        for rays in (found, found[::-1])
+    ]
     return float(min(angles))
 
 
@@ -148,7 +154,7 @@ def translation_direction_error_deg(t: Array, t_true: Array) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
 
 
-def cumulative_curve(values: Array, bounds: Array) -> NDArray[np.float64]:
+def cumulative_curve(values: ArrayLike, bounds: ArrayLike) -> NDArray[np.float64]:
     """Share of values (N,) at or below each bound (K,): the cumulative error curve."""
     ordered = np.sort(np.asarray(values, float))
     curve: NDArray[np.float64] = np.searchsorted(ordered, bounds, side="right") / max(len(ordered), 1)

@@ -49,10 +49,10 @@ class RansacOptions:
     """When the loop stops and how it scores.
 
     ``max_iterations`` samples at most (the paper: 1000) and ``min_iterations`` before any other stop;
-    ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the probability of
-    having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once; ``first_block`` data scored
-    first, each later block ``growth`` times larger with 1 / ``growth`` of the models left; ``refined`` the best models of
-    a batch that are refined.
+    ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the
+    probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
+    ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
+    models left; ``refined`` the best models of a batch that are refined.
     """
 
     max_iterations: int = 1000
@@ -133,7 +133,9 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], optio
     return models[: options.refined]
 
 
-def _improve(estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]) -> tuple[Models, float]:
+def _improve(
+    estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]
+) -> tuple[Models, float]:
     """Refine a model; give the cheaper of both with its cost."""
     refined = estimator.refine(model)
     refined_cost = float(estimator.score(refined[None], order)[0])
@@ -155,7 +157,7 @@ def stop_reason(
 
 
 def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
-    """Give the samples needed so that one is all inliers with this probability: log(1 - confidence) / log(1 - w^m)."""
+    """Give log(1 - confidence) / log(1 - w^m): samples needed so that one is surely all inliers."""
     good = min(max(inlier_share, 0.0), 1.0) ** sample_size
     if good <= 0:
         return float("inf")

@@ -1,10 +1,10 @@
 """Exact minimal solver: F from seven smears whose ends have no order.
 
-With signs sigma (one per smear, the unknown orders) the seven equations are Q vec(S) = -diag(sigma) L a.
-Q (7x6) does not contain the signs, so all sign patterns share one factorisation. With n the left null vector of Q,
-(n o sigma)^T L a = 0 leaves a plane of vectors a, S follows by the pseudo-inverse of Q, and
-det F = 0 is one cubic: one or three real F per pattern (DESIGN section 3). Flipping every sign
-transposes F, so sigma_1 = +1 is enough.
+With signs sigma (one per smear, the unknown orders) the seven equations are Q vec(S) = -diag(sigma) L a. Q
+(7x6) does not contain the signs, so all sign patterns share one factorisation. With n the left null vector
+of Q, (n o sigma)^T L a = 0 leaves a plane of vectors a, S follows by the pseudo-inverse of Q, and det F = 0
+is one cubic: one or three real F per pattern (DESIGN section 3). Flipping every sign transposes F, so
+sigma_1 = +1 is enough.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _pencils(ends: Array, signs: Array) -> tuple[Array, Array]:
     """Give, per sample and pattern, two (S, a) that span all solutions of the linear equations."""
     q, skew = quadratic_features(ends)  # (B, 7, 6), (B, 7, 3)
     orthogonal, triangle = np.linalg.qr(q, mode="complete")
-    diagonal = np.abs(np.diagonal(triangle[:, :SAMPLE_SIZE - 1], axis1=1, axis2=2))
+    diagonal = np.abs(np.diagonal(triangle[:, : SAMPLE_SIZE - 1], axis1=1, axis2=2))
     triangle[diagonal.min(axis=1) < 1e-13 * diagonal.max(axis=1)] = np.eye(7, 6)  # rank-deficient: no meaning
     inverse = np.linalg.solve(triangle[:, :6], np.swapaxes(orthogonal[:, :, :6], 1, 2))  # (B, 6, 7)
     normal = signs @ (orthogonal[:, :, 6, None] * skew)  # (B, P, 3)
@@ -112,8 +112,10 @@ def plane_basis(normal: Array) -> Array:
 def _determinant_cubic(S: Array, a: Array) -> Array:
     """Coefficients (4, ...) of det F(alpha, beta) = det S + a^T S a in alpha^3 ... beta^3."""
     value = np.moveaxis(S, -1, 1), np.moveaxis(a, -1, 1)  # (2, 6, ...), (2, 3, ...)
-    at = [_determinant(alpha * value[0][0] + beta * value[0][1], alpha * value[1][0] + beta * value[1][1])
-          for alpha, beta in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0))]
+    at = [
+        _determinant(alpha * value[0][0] + beta * value[0][1], alpha * value[1][0] + beta * value[1][1])
+        for alpha, beta in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0))
+    ]
     even, odd = 0.5 * (at[2] + at[3]), 0.5 * (at[2] - at[3])  # c0 + c2, c1 + c3
     return np.stack([at[0], odd - at[1], even - at[0], at[1]])
 
@@ -158,11 +160,16 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
     large = -np.copysign(np.cbrt(np.abs(r) + np.sqrt(np.maximum(r * r - q * q * q, 0.0))), r)
     single = large + np.where(large == 0, 0.0, q / large)
     height = -2 * np.sqrt(np.maximum(q, 0.0))
-    roots = np.stack([
-        np.where(three, height * np.cos(angle), single),
-        np.where(three, height * np.cos(angle + 2 * np.pi / 3), np.nan),
-        np.where(three, height * np.cos(angle - 2 * np.pi / 3), np.nan),
-    ]) - a / 3
+    roots = (
+        np.stack(
+            [
+                np.where(three, height * np.cos(angle), single),
+                np.where(three, height * np.cos(angle + 2 * np.pi / 3), np.nan),
+                np.where(three, height * np.cos(angle - 2 * np.pi / 3), np.nan),
+            ]
+        )
+        - a / 3
+    )
     for _ in range(2):  # Newton: closed forms lose digits where roots differ in size
         value, slope = ((roots + a) * roots + b) * roots + c, (3 * roots + 2 * a) * roots + b
         better = roots - value / slope

@@ -16,8 +16,8 @@ IMAGE_SIZE = (640, 480)
 class Scene:
     """Smears of a static layered scene seen by a moving camera, ends in random order.
 
-    ``ends`` may be disturbed, ``true_ends`` never is; ``swapped`` marks smears whose ends[:, 1] is the open end;
-    ``outlier`` marks smears that do not follow the camera's motion.
+    ``ends`` may be disturbed, ``true_ends`` never is; ``swapped`` marks smears whose ends[:, 1] is the open
+    end; ``outlier`` marks smears that do not follow the camera's motion.
     """
 
     K: Array
@@ -33,7 +33,8 @@ class Scene:
     @property
     def length_px(self) -> Array:
         """Lengths of the smears as given, (N,)."""
-        return np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1)
+        length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1)
+        return length
 
     @property
     def ordered(self) -> tuple[Array, Array]:
@@ -68,7 +69,7 @@ def camera(rng: np.random.Generator) -> Array:
 
 
 def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:
-    """Ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
+    """Give the ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
     rays = homogeneous(points) @ np.linalg.inv(K).T * depth[:, None]
     close = (rays @ R.T + t) @ K.T
     return np.stack([points, close[:, :2] / close[:, 2:]], axis=1)
@@ -80,12 +81,17 @@ def median_length(ends: Array) -> float:
 
 
 def make_scene(
-    rng: np.random.Generator, *, count: int = 2000, length_px: float = 15.0, rotation_share: float | None = None
+    rng: np.random.Generator,
+    *,
+    count: int = 2000,
+    length_px: float = 15.0,
+    rotation_share: float | None = None,
 ) -> Scene:
     """Random camera, motion and scene without noise.
 
-    ``length_px`` is the median smear length; ``rotation_share`` the median length of the smears of the rotation
-    alone over that of the translation alone (default 0.2 to 1; 0: pure translation; inf: pure rotation).
+    ``length_px`` is the median smear length; ``rotation_share`` the median length of the smears of the
+    rotation alone over that of the translation alone (default 0.2 to 1; 0: pure translation; inf: pure
+    rotation).
     """
     share = rng.uniform(0.2, 1.0) if rotation_share is None else rotation_share
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
@@ -102,7 +108,9 @@ def make_scene(
     F = fundamental_from_pose(K, R, t) if np.any(t) else np.full((3, 3), np.nan)
     swapped = rng.random(count) < 0.5
     ends[swapped] = ends[swapped, ::-1]
-    return Scene(K=K, R=R, t=t, F=F, ends=ends, true_ends=ends.copy(), swapped=swapped, outlier=np.zeros(count, bool))
+    return Scene(
+        K=K, R=R, t=t, F=F, ends=ends, true_ends=ends.copy(), swapped=swapped, outlier=np.zeros(count, bool)
+    )
 
 
 def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float) -> Array:
@@ -117,18 +125,29 @@ def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float)
 
 
 def disturb(
-    scene: Scene, rng: np.random.Generator, *, direction_deg: float = 0.0, length_share: float = 0.0,
-    correlation_px: float = 40.0, noise_px: float = 0.0,
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    direction_deg: float = 0.0,
+    length_share: float = 0.0,
+    correlation_px: float = 40.0,
+    noise_px: float = 0.0,
 ) -> Scene:
     """Turn and stretch the smears about their midpoints as a network errs; add white noise to both ends."""
     middle = scene.ends.mean(axis=1)
     half = scene.ends[:, 1] - middle
     angle = np.radians(direction_deg) * smooth_noise(rng, middle, correlation_px)
     stretch = np.exp(length_share * smooth_noise(rng, middle, correlation_px))
-    turned = np.stack([
-        np.cos(angle) * half[:, 0] - np.sin(angle) * half[:, 1],
-        np.sin(angle) * half[:, 0] + np.cos(angle) * half[:, 1],
-    ], axis=-1) * stretch[:, None]
+    turned = (
+        np.stack(
+            [
+                np.cos(angle) * half[:, 0] - np.sin(angle) * half[:, 1],
+                np.sin(angle) * half[:, 0] + np.cos(angle) * half[:, 1],
+            ],
+            axis=-1,
+        )
+        * stretch[:, None]
+    )
     ends = np.stack([middle - turned, middle + turned], axis=1)
     return replace(scene, ends=ends + noise_px * rng.normal(size=ends.shape))
 
@@ -141,8 +160,9 @@ def with_outliers(scene: Scene, rng: np.random.Generator, share: float) -> Scene
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     middle = scene.ends.mean(axis=1)
     random_ends = np.stack([middle - half, middle + half], axis=1)
-    return replace(scene, ends=np.where(outlier[:, None, None], random_ends, scene.ends),
-                   outlier=scene.outlier | outlier)
+    return replace(
+        scene, ends=np.where(outlier[:, None, None], random_ends, scene.ends), outlier=scene.outlier | outlier
+    )
 
 
 def with_second_motion(scene: Scene, box: tuple[float, float, float, float], displacement: Array) -> Scene:
@@ -151,11 +171,14 @@ def with_second_motion(scene: Scene, box: tuple[float, float, float, float], dis
     inside = ((middle > np.array(box[:2])) & (middle < np.array(box[2:]))).all(axis=1)
     half = np.asarray(displacement, float) / 2
     moved = np.stack([middle - half, middle + half], axis=1)
-    return replace(scene, ends=np.where(inside[:, None, None], moved, scene.ends), outlier=scene.outlier | inside)
+    return replace(
+        scene, ends=np.where(inside[:, None, None], moved, scene.ends), outlier=scene.outlier | inside
+    )
 
 
-def noise_field_ends(rng: np.random.Generator, *, count: int = 2000, length_px: float = 12.0,
-                     correlation_px: float = 0.0) -> Array:
+def noise_field_ends(
+    rng: np.random.Generator, *, count: int = 2000, length_px: float = 12.0, correlation_px: float = 0.0
+) -> Array:
     """Smears of random direction with no geometry behind them, optionally smooth over the image."""
     middle = rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     vector = np.stack([smooth_noise(rng, middle, correlation_px) for _ in range(2)], axis=-1)
@@ -163,5 +186,17 @@ def noise_field_ends(rng: np.random.Generator, *, count: int = 2000, length_px: 
     return np.stack([middle - half, middle + half], axis=1)
 
 
-__all__ = ["Scene", "camera", "cross_matrix", "disturb", "layered_depth", "make_scene", "noise_field_ends",
-           "project_smears", "rotation", "smooth_noise", "with_outliers", "with_second_motion"]
+__all__ = [
+    "Scene",
+    "camera",
+    "cross_matrix",
+    "disturb",
+    "layered_depth",
+    "make_scene",
+    "noise_field_ends",
+    "project_smears",
+    "rotation",
+    "smooth_noise",
+    "with_outliers",
+    "with_second_motion",
+]

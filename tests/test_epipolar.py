@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
+from scenes import make_scene
 
 from blur2view import epipolar
 from blur2view.scoring import BatchSampson
-from tests.scenes import make_scene
 
 SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
 
@@ -73,8 +73,17 @@ def test_serrmin_is_blind_to_order_and_transposition() -> None:
 def test_true_F_explains_its_smears_and_orders_them() -> None:
     scene = make_scene(np.random.default_rng(6), rotation_share=0.8)
     assert epipolar.serrmin(scene.F, scene.ends).max() < 1e-18
-    resolved = np.abs(np.subtract(*[epipolar.sampson(scene.F, *pair) for pair in (
-        (scene.ends[:, 0], scene.ends[:, 1]), (scene.ends[:, 1], scene.ends[:, 0]))])) > 1e-12
+    resolved = (
+        np.abs(
+            np.subtract(
+                *[
+                    epipolar.sampson(scene.F, *pair)
+                    for pair in ((scene.ends[:, 0], scene.ends[:, 1]), (scene.ends[:, 1], scene.ends[:, 0]))
+                ]
+            )
+        )
+        > 1e-12
+    )
     swapped = epipolar.swapped_order(scene.F, scene.ends)
     assert resolved.mean() > 0.9
     assert (swapped == scene.swapped)[resolved].all()

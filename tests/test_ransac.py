@@ -25,21 +25,26 @@ class Location:
 
     @property
     def count(self) -> int:
+        """Give the number of values."""
         return len(self.values)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Floats:
+        """Draw values."""
         return rng.choice(self.values, samples)
 
     def score(self, models: Floats, block: NDArray[np.int_]) -> Floats:
+        """Give truncated squares and count the work."""
         self.scored.append(len(models) * len(block))
         total: Floats = np.minimum((models[:, None] - self.values[block]) ** 2, 1.0).sum(axis=1)
         return total
 
     def refine(self, model: Floats) -> Floats:
+        """Average the neighbours."""
         self.refined += 1
         return np.asarray(self.values[np.abs(self.values - model) < 1].mean())
 
     def shares(self, model: Floats) -> tuple[float, float]:
+        """Give what the test asked for."""
         return self.fits, self.inliers
 
 
@@ -84,8 +89,10 @@ def test_needed_iterations_follow_the_formula(share: float, size: int, expected:
 
 
 def test_same_seed_same_answer_and_another_seed_another_search() -> None:
-    one, two, three = (ransac(problem(), RansacOptions(max_iterations=3, batch=1), np.random.default_rng(seed))
-                       for seed in (4, 4, 5))
+    one, two, three = (
+        ransac(problem(), RansacOptions(max_iterations=3, batch=1), np.random.default_rng(seed))
+        for seed in (4, 4, 5)
+    )
     assert one == two
     assert one.model != three.model
 
@@ -101,6 +108,7 @@ def test_preemption_scores_less_and_keeps_the_best() -> None:
 def test_an_estimator_without_models_gives_none() -> None:
     class Barren(Location):
         def generate_models(self, samples: int, rng: np.random.Generator) -> Floats:
+            """Give something useless."""
             return np.zeros(0)
 
     found = ransac(Barren(np.zeros(5), fits=1.0), RansacOptions(max_iterations=40), np.random.default_rng(0))
@@ -112,6 +120,7 @@ def test_an_estimator_without_models_gives_none() -> None:
 def test_a_worse_refinement_is_not_taken() -> None:
     class Spoiler(Location):
         def refine(self, model: Floats) -> Floats:
+            """Give something useless."""
             return np.asarray(1e6)
 
     found = ransac(Spoiler(problem().values), RansacOptions(max_iterations=64), np.random.default_rng(1))
@@ -119,7 +128,9 @@ def test_a_worse_refinement_is_not_taken() -> None:
     assert abs(float(found.model) - 5) < 0.5
 
 
-@pytest.mark.parametrize("wrong", [{"max_iterations": 0}, {"confidence": 1.0}, {"stop_share": 0.0}, {"growth": 1}])
+@pytest.mark.parametrize(
+    "wrong", [{"max_iterations": 0}, {"confidence": 1.0}, {"stop_share": 0.0}, {"growth": 1}]
+)
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         RansacOptions(**wrong)

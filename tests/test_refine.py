@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import IMAGE_SIZE, disturb, make_scene
 
 from blur2view.epipolar import (
     Array,
@@ -31,7 +32,6 @@ from blur2view.refine import (
     sampson_jacobian,
     signed_sampson,
 )
-from tests.scenes import IMAGE_SIZE, disturb, make_scene
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))
 DIRECTION = np.array([0.6, 0.0, 0.8])

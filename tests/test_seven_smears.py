@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from scenes import Scene, make_scene
 
 from blur2view.epipolar import Array, denormalise
 from blur2view.seven_smears import ALL_SIGNS, homogeneous_cubic_roots, solve_seven_smears
-from tests.scenes import Scene, make_scene
 
 
 def samples(count: int, seed: int = 0) -> tuple[Array, Array, list[Scene]]:
@@ -18,7 +18,8 @@ def samples(count: int, seed: int = 0) -> tuple[Array, Array, list[Scene]]:
 def distance(F: Array, truth: Array) -> Array:
     """Relative difference of unit matrices (..., 3, 3) up to sign."""
     both = np.linalg.norm(F - truth, axis=(-2, -1)), np.linalg.norm(F + truth, axis=(-2, -1))
-    return np.minimum(*both)
+    least: Array = np.minimum(*both)
+    return least
 
 
 def errors(ends: Array, truth: Array, signs: Array | None = None) -> Array:
@@ -50,8 +51,10 @@ def test_candidates_have_rank_two_and_fit_their_sample() -> None:
 
 
 def same_sets(one: Array, other: Array) -> bool:
-    """Whether every F of each set is, up to sign and transposition, close to one of the other (97 % of them)."""
-    pairs = np.minimum(distance(one[:, None], other[None]), distance(one[:, None], np.swapaxes(other, 1, 2)[None]))
+    """Whether 97 % of each set are, up to sign and transposition, close to one of the other."""
+    pairs = np.minimum(
+        distance(one[:, None], other[None]), distance(one[:, None], np.swapaxes(other, 1, 2)[None])
+    )
     return bool((pairs.min(0) < 1e-6).mean() > 0.97 and (pairs.min(1) < 1e-6).mean() > 0.97)
 
 
@@ -113,7 +116,7 @@ def test_all_patterns_start_positive_and_differ() -> None:
 
 @pytest.mark.parametrize("roots", [(1.0, 2.0, 3.0), (-5.0, 1e-3, 2.0), (2.0, 2.0, -1.0), (1e4, 1.0, -1e-4)])
 def test_cubic_finds_known_roots(roots: tuple[float, ...]) -> None:
-    coefficients = np.poly(roots)[:, None]
+    coefficients = np.asarray(np.poly(roots), float)[:, None]
     alpha, beta = homogeneous_cubic_roots(coefficients)
     assert np.allclose(np.sort((alpha / beta)[:, 0]), np.sort(roots), rtol=1e-6)
 

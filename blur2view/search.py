@@ -1,0 +1,106 @@
+"""From matches to fitted families: options, standard deviations, the robust search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.epipolar import Array
+from blur2view.estimators import SmearEstimator, SmearProblem, build_problem
+from blur2view.families import Fit, fit_families, fit_translation
+from blur2view.matches import SmearMatches
+from blur2view.ransac import RansacOptions, ransac
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions:
+    """How F is estimated and when it is trusted.
+
+    Errors: ``max_error_px`` a match with SErrMin below its square is an inlier (the paper: 3 squared
+    pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
+    ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
+    and in pixels; ``block_px`` the side of the blocks in which coverage is counted. Search: see
+    `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop on ``stop_inlier_share``.
+    Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
+    image; ``min_coverage`` the least share of the image's blocks with matches; ``min_agreement`` the least
+    share of smears that agree with F beyond chance, ``sure_agreement`` the share that needs no second test,
+    ``min_held_out`` the least share of one half of the image that the other half predicts.
+    """
+
+    max_error_px: float = 3**0.5
+    cutoff: float = 3.0
+    relative_sigma: float = 0.03
+    min_sigma_px: float = 0.1
+    block_px: float = 40.0
+    max_iterations: int = 1000
+    confidence: float = 0.999
+    stop_inlier_share: float = 0.9
+    fit_error_px: float = 1.0
+    min_matches: int = 30
+    min_length_px: float = 1.0
+    max_still_share: float = 0.6
+    min_coverage: float = 0.08
+    min_agreement: float = 0.2
+    sure_agreement: float = 0.8
+    min_held_out: float = 0.06
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        positive = (self.max_error_px, self.cutoff, self.min_sigma_px, self.block_px, self.fit_error_px)
+        if not min(positive) > 0 or self.relative_sigma < 0 or self.min_length_px < 0:
+            raise ValueError(f"errors, sigmas and distances must be positive, got {self}")
+        if self.min_matches < 8:
+            raise ValueError(f"min_matches must be at least 8, got {self.min_matches}")
+        shares = (
+            self.max_still_share,
+            self.min_coverage,
+            self.min_agreement,
+            self.sure_agreement,
+            self.min_held_out,
+        )
+        if min(shares) < 0 or max(shares) > 1:
+            raise ValueError(f"shares must be in [0, 1], got {self}")
+        self.search()
+
+    def search(self) -> RansacOptions:
+        """Options of the robust loop."""
+        return RansacOptions(
+            max_iterations=self.max_iterations, confidence=self.confidence, stop_share=self.stop_inlier_share
+        )
+
+
+def search_and_fit(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> tuple[SmearProblem, list[Fit], int]:
+    """Robust search, then every family fitted: (problem with rescaled sigmas, fits, samples drawn)."""
+    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size)
+    estimator = SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
+    found = ransac(estimator, options.search(), rng)
+    return *fit_families(estimator, found, rng), found.iterations
+
+
+def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
+    """Give the standard deviation (N,) of every Sampson distance, pixels.
+
+    An end-point error of standard deviation sigma (both coordinates together) moves the Sampson distance by
+    sigma / 2; no smear is believed better than ``relative_sigma`` of its length.
+    """
+    own = np.hypot(0.5 * matches.sigma_px, options.relative_sigma * matches.length_px)
+    return np.maximum(own, options.min_sigma_px)
+
+
+def two_parameter_fundamental(
+    matches: SmearMatches, options: EstimatorOptions | None = None, rng: np.random.Generator | None = None
+) -> Array | None:
+    """Fit the two-parameter F (3, 3), all smears meeting in one point, robustly: the plainest baseline.
+
+    None where there are fewer than ``options.min_matches`` matches.
+    """
+    options = options or EstimatorOptions()
+    if len(matches) < options.min_matches:
+        return None
+    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size)
+    estimator = SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
+    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
+    return problem.pixels(point.matrix())

@@ -1,0 +1,114 @@
+"""Ambiguous matches: building, choosing, spreading."""
+
+import numpy as np
+import pytest
+
+from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.smear import SmearField
+
+
+def field(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int] = (96, 128)) -> SmearField:
+    displacement = np.zeros((*shape, 2), np.float32)
+    displacement[..., 0] = length_px
+    return SmearField(displacement=displacement, sigma_px=np.full(shape, sigma_px, np.float32))
+
+
+def test_matches_know_midpoints_displacements_and_lengths() -> None:
+    matches = SmearMatches.from_points(np.array([[0.0, 0], [1, 1]]), np.array([[3.0, 4], [1, 1]]), 0.5)
+    assert len(matches) == 2
+    assert np.allclose(matches.midpoint, [[1.5, 2], [1, 1]])
+    assert np.allclose(matches.displacement, np.array([[3.0, 4], [0, 0]]))
+    assert np.allclose(matches.length_px, [5, 0])
+    assert np.allclose(matches.sigma_px, 0.5)
+    assert len(matches.subset(np.array([True, False]))) == 1
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"ends": np.zeros((3, 2)), "sigma_px": np.ones(3)},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(2)},
+        {"ends": np.full((3, 2, 2), np.nan), "sigma_px": np.ones(3)},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.zeros(3)},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "image_size": (0, 5)},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "still_share": 2.0},
+    ],
+)
+def test_wrong_matches_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=r"expected|must be"):
+        SmearMatches(**wrong)  # type: ignore[arg-type]
+
+
+def test_from_points_refuses_different_shapes() -> None:
+    with pytest.raises(ValueError, match=r"\(3, 2\) and \(4, 2\)"):
+        SmearMatches.from_points(np.zeros((3, 2)), np.zeros((4, 2)))
+
+
+def test_the_arrays_given_are_not_kept() -> None:
+    ends = np.zeros((3, 2, 2))
+    matches = SmearMatches(ends=ends, sigma_px=np.ones(3))
+    ends[:] = 1
+    assert not matches.ends.any()
+
+
+def test_smears_lie_on_the_network_s_grid_with_their_ends_half_a_smear_away() -> None:
+    matches = select_matches(field(), SelectOptions(beta=1.0, max_matches=10_000))
+    assert len(matches) == 24 * 32
+    assert (matches.midpoint % 4 == 1).all()
+    assert np.allclose(matches.displacement, [10, 0])
+    assert matches.image_size == (128, 96)
+    assert matches.still_share == 0
+
+
+@pytest.mark.parametrize("rank", ["relative", "absolute"])
+def test_the_surest_share_is_kept(rank: str) -> None:
+    smears = field()
+    sigma = smears.sigma_px.copy()
+    sigma[:48] = 0.2
+    options = SelectOptions(beta=0.4, rank=rank)  # type: ignore[arg-type]
+    matches = select_matches(SmearField(displacement=smears.displacement, sigma_px=sigma), options)
+    assert len(matches) == np.ceil(0.4 * 24 * 32)
+    assert np.allclose(matches.sigma_px, 0.2)
+
+
+def test_relative_rank_prefers_long_smears_absolute_rank_short_ones() -> None:
+    smears = field()
+    displacement, sigma = smears.displacement.copy(), smears.sigma_px.copy()
+    displacement[:, :64], sigma[:, :64] = [40.0, 0.0], 2.0
+    both = SmearField(displacement=displacement, sigma_px=sigma)
+    relative = select_matches(both, SelectOptions(beta=0.5, rank="relative"))
+    absolute = select_matches(both, SelectOptions(beta=0.5, rank="absolute"))
+    assert np.allclose(relative.length_px, 40)
+    assert np.allclose(absolute.length_px, 10)
+
+
+def test_few_matches_are_spread_over_the_image() -> None:
+    sigma = field().sigma_px.copy()
+    sigma[:48, :64] = 0.1  # one quarter is surest; it must not take all
+    smears = SmearField(displacement=field().displacement, sigma_px=sigma)
+    middle = select_matches(smears, SelectOptions(beta=1.0, max_matches=64, cells=8)).midpoint
+    quarters = np.bincount((middle[:, 0] > 64) * 2 + (middle[:, 1] > 48), minlength=4)
+    assert len(middle) == 64
+    assert (quarters == 16).all()
+
+
+def test_a_still_image_gives_no_matches_and_says_so() -> None:
+    matches = select_matches(field(length_px=0.2, sigma_px=0.3))
+    assert len(matches) == 0
+    assert matches.still_share == 1
+
+
+def test_uncertain_stillness_is_not_counted() -> None:
+    assert select_matches(field(length_px=0.2, sigma_px=30.0)).still_share == 0
+
+
+def test_tiny_images_and_repeats() -> None:
+    assert len(select_matches(field(shape=(1, 1)))) == 1
+    one, two = select_matches(field()), select_matches(field())
+    assert np.array_equal(one.ends, two.ends)
+
+
+@pytest.mark.parametrize("wrong", [{"beta": 0.0}, {"beta": 1.1}, {"max_matches": 0}, {"rank": "best"}])
+def test_options_out_of_range_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        SelectOptions(**wrong)  # type: ignore[arg-type]
