@@ -92,6 +92,6 @@ def follow(average: SmearUNet, network: SmearUNet, step: int) -> None:
 def load_average(path: Path) -> tuple[SmearUNet, dict[str, Any]]:
     """Load the averaged network of a checkpoint, ready for inference, and the checkpoint's other fields."""
     state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    network = SmearUNet(ModelOptions(**{k: tuple(v) for k, v in state["model_options"].items()}))
+    network = SmearUNet(ModelOptions.from_dict(state["model_options"]))
     network.load_state_dict(state["average"])
     return network.eval(), state

@@ -42,7 +42,7 @@ class Loss:
     @property
     def total(self) -> Tensor:
         """Weigh and sum the parts."""
-        return self.orientation + 2 * self.length + 0.25 * self.sigma
+        return self.orientation + 4 * self.length + 0.25 * self.sigma
 
     def values(self) -> dict[str, float]:
         """Return plain numbers, for the log."""

@@ -47,7 +47,7 @@ class TrainOptions:
     steps : int
         Length of the whole run; the learning rate falls to 1 % of its peak over it along a cosine.
     batch, side : int
-        Crops a step and their side in pixels (a multiple of 64).
+        Crops a step and their side in pixels (a multiple of 16).
     learning_rate : float
         Peak of the schedule (AdamW).
     alpha : float
@@ -62,15 +62,15 @@ class TrainOptions:
     Raises
     ------
     ValueError
-        If `side` is not a positive multiple of 64.
+        If `side` is not a positive multiple of 16.
     """
 
     train: Path
     val: Path
     out: Path
     steps: int = 30000
-    batch: int = 24
-    side: int = 128
+    batch: int = 12
+    side: int = 192
     learning_rate: float = 2e-3
     alpha: float = 0.01
     seed: int = 0

@@ -13,7 +13,7 @@ from tools.dataset import load_shards
 from tools.loss import smear_error, target_parts
 from tools.model import SmearUNet, decode
 
-CROPS, SIDE, SEED = 256, 192, 12345
+CROPS, SIDE, SEED = 128, 240, 12345
 LONG_PX = 4.0
 """Directions and length ratios are judged on smears from here on (DESIGN, section 8)."""
 
