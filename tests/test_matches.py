@@ -16,7 +16,7 @@ def field(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int]
 def test_matches_know_midpoints_displacements_and_lengths() -> None:
     matches = SmearMatches.from_points(np.array([[0.0, 0], [1, 1]]), np.array([[3.0, 4], [1, 1]]), 0.5)
     assert len(matches) == 2
-    assert np.allclose(matches.midpoint, [[1.5, 2], [1, 1]])
+    assert np.allclose(matches.midpoint, [[1.5, 2.0], [1.0, 1.0]])
     assert np.allclose(matches.displacement, np.array([[3.0, 4], [0, 0]]))
     assert np.allclose(matches.length_px, [5, 0])
     assert np.allclose(matches.sigma_px, 0.5)
