@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -19,13 +19,14 @@ class Trajectory:
     """A smooth rigid path over the exposure time tau in [-1/2, 1/2], the identity at tau = 0.
 
     With s = tau + acceleration * tau**2 the rotation vector is ``rotation * s + rotation_bend * tau**2``
-    (radians) and the position ``translation * s + translation_bend * tau**2`` (scene units).
+    (radians) and the position ``translation * s + translation_bend * tau**2`` (scene units); what is not
+    given is zero.
     """
 
-    rotation: Vector
-    translation: Vector
-    rotation_bend: Vector
-    translation_bend: Vector
+    rotation: Vector = field(default_factory=lambda: np.zeros(3))
+    translation: Vector = field(default_factory=lambda: np.zeros(3))
+    rotation_bend: Vector = field(default_factory=lambda: np.zeros(3))
+    translation_bend: Vector = field(default_factory=lambda: np.zeros(3))
     acceleration: float = 0.0
 
     def at(self, tau: float) -> tuple[Vector, Vector]:
@@ -102,10 +103,7 @@ def sample_bend_ratio(rng: np.random.Generator) -> float:
 def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajectory:
     """Draw a moving object's own path: another direction, comparable size, little rotation."""
     speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
-    zero = np.zeros(3)
     return Trajectory(
         rotation=unit(rng) * speed * rng.uniform(0, 0.5),
         translation=unit(rng, (1, 0.6, 0.5)) * speed * rng.uniform(0.4, 1.5),
-        rotation_bend=zero,
-        translation_bend=zero,
     )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import cross_matrix, unit_norm
+from blur2view.epipolar import fundamental_from_pose
 from tools.canvas import Canvas
 from tools.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.motion import Trajectory
@@ -97,8 +97,5 @@ def relative_pose(camera: Trajectory) -> tuple[Array, Array]:
 
 
 def fundamental_of(R: Array, t: Array, K: Array) -> Array | None:
-    """Give the unit-norm F = K^-T [t]x R K^-1; None where the camera does not translate."""
-    if not np.linalg.norm(t) > 1e-9:
-        return None
-    inverse = np.linalg.inv(K)
-    return unit_norm(inverse.T @ cross_matrix(t) @ R @ inverse)
+    """Give F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
+    return fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None

@@ -1,0 +1,107 @@
+"""Painting layers: textures in place, averaged where fine, outlines and regions."""
+
+import numpy as np
+import pytest
+
+from tools import canvas
+from tools.exposure import pixel_grid
+from tools.scene import Layer, Plane
+
+SIZE = (160, 128)
+K = np.array([[200.0, 0, 0], [0, 200, 0], [0, 0, 1]])
+
+
+def layer_of(texture: np.ndarray, texels_per_px: float = 1.0, box: tuple[float, ...] | None = None) -> Layer:
+    """Face the camera at depth 1, so that texel columns run down the image and rows to the right."""
+    plane = Plane(
+        normal=np.array([0.0, 0, 1]),
+        offset=1.0,
+        texture=texture,
+        texels_per_unit=200 * texels_per_px,
+        turn=0.0,
+    )
+    flat = np.zeros((2, 2), np.float32)
+    if box is None:
+        return Layer(planes=(plane,), relief=flat)
+    x, y, width, height = box
+    return Layer(
+        planes=(plane,), relief=flat, stencil=np.ones((160, 160), np.float32), box=(x, y, width, height)
+    )
+
+
+def plain(colour: float = 0.5) -> np.ndarray:
+    return np.full((64, 64, 3), colour, np.float32)
+
+
+def dull(seed: int = 0) -> np.random.Generator:
+    """Give a generator whose first draw adds no highlights."""
+    rng = np.random.default_rng(seed)
+    assert np.random.default_rng(seed).random() > 0.12
+    return rng
+
+
+def test_canvas_shows_the_texture_where_the_plane_is() -> None:
+    texture = np.random.default_rng(0).random((512, 512, 3), np.float32)
+    painted = canvas.paint(dull(), layer_of(texture), K, SIZE, margin=8, detail=2.0)
+    seen = painted.warp(pixel_grid(SIZE))
+    rows, columns = np.mgrid[1 : SIZE[1], 1 : SIZE[0]]
+    # axes of a plane facing the camera: texel x = image y, texel y = - image x, mirrored below zero
+    np.testing.assert_allclose(seen[1:, 1:, :3], texture[columns - 1, rows], atol=1e-4)
+
+
+def test_fine_texture_far_away_is_averaged_not_aliased() -> None:
+    checks = np.indices((64, 64)).sum(0)[..., None] % 2 * np.ones(3, np.float32)
+    painted = canvas.paint(dull(), layer_of(checks.astype(np.float32), 8.0), K, SIZE, margin=0, detail=1.0)
+    assert np.abs(painted.rgba[4:-4, 4:-4, :3] - 0.5).max() < 0.02
+
+
+def test_texture_repeats_in_mirror_images() -> None:
+    texture = np.zeros((4, 4, 3), np.float32)
+    texture[..., 0] = np.arange(4)
+    at = np.stack(np.meshgrid(np.arange(-4.0, 12.0), [1.0]), -1).astype(np.float32)
+    expected = [3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0, 1, 2, 3]
+    np.testing.assert_allclose(canvas.mirrored(texture, at)[0, :, 0], expected, atol=1e-5)
+
+
+def test_card_covers_its_box_alone() -> None:
+    painted = canvas.paint(dull(), layer_of(plain(), box=(40, 30, 60, 50)), K, SIZE, margin=8, detail=1.5)
+    alpha = painted.warp(pixel_grid(SIZE))[..., 3]
+    inside = np.zeros((128, 160), bool)
+    inside[32:78, 42:98] = True
+    outside = np.ones((128, 160), bool)
+    outside[28:82, 38:102] = False
+    np.testing.assert_allclose(alpha[inside], 1, atol=1e-3)
+    assert not alpha[outside].any()
+    np.testing.assert_allclose(painted.warp(pixel_grid(SIZE))[50, 60, :3], 0.5, atol=1e-3)
+
+
+def test_nearest_plane_shows() -> None:
+    near, far = layer_of(plain(0.9)).planes[0], layer_of(plain(0.1)).planes[0]
+    behind = Plane(normal=far.normal, offset=2.0, texture=far.texture, texels_per_unit=99.0, turn=0.0)
+    both = Layer(planes=(behind, near), relief=np.zeros((2, 2)))
+    rays = np.concatenate([np.random.default_rng(0).random((5, 6, 2)), np.ones((5, 6, 1))], -1)
+    np.testing.assert_allclose(canvas.surface_colour(both, rays), 0.9, atol=1e-5)
+
+
+def test_highlights_only_add_light_and_are_rare() -> None:
+    rgb = np.full((40, 50, 3), 0.2, np.float32)
+    lit = [canvas.add_highlights(np.random.default_rng(seed), rgb) for seed in range(100)]
+    assert all((picture >= rgb).all() for picture in lit)
+    bright = sum(picture.max() > 1 for picture in lit)
+    assert 5 <= bright <= 25
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (30, -20), (-45, 10)])
+def test_region_holds_every_pixel_a_card_reaches(shift: tuple[int, int]) -> None:
+    painted = canvas.paint(dull(), layer_of(plain(), box=(40, 30, 60, 50)), K, SIZE, margin=8, detail=1.5)
+    field = np.broadcast_to(-np.array(shift, float), (34, 42, 2))
+    reached = painted.warp(pixel_grid(SIZE) - np.array(shift, np.float32))[..., 3] > 0
+    region = painted.region(field, SIZE)
+    assert region is not None
+    assert reached[region].sum() == reached.sum() > 0
+    assert reached[region].mean() > 0.7
+
+
+def test_card_that_leaves_the_image_has_no_region() -> None:
+    painted = canvas.paint(dull(), layer_of(plain(), box=(40, 30, 60, 50)), K, SIZE, margin=8, detail=1.5)
+    assert painted.region(np.full((34, 42, 2), -300.0), SIZE) is None

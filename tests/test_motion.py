@@ -1,0 +1,78 @@
+"""Paths over the exposure: the formula, and what is drawn."""
+
+import numpy as np
+
+from tools.motion import KINDS, Trajectory, sample_camera_path, sample_object_path, unit
+
+BENT = Trajectory(
+    rotation=np.array([0.1, -0.2, 0.3]),
+    translation=np.array([0.4, 0.5, -0.6]),
+    rotation_bend=np.array([0.2, 0.0, 0.1]),
+    translation_bend=np.array([0.0, 0.3, 0.1]),
+    acceleration=0.4,
+)
+
+
+def test_path_is_the_identity_at_mid_exposure() -> None:
+    R, position = BENT.at(0.0)
+    np.testing.assert_array_equal(R, np.eye(3))
+    np.testing.assert_array_equal(position, np.zeros(3))
+
+
+def test_position_follows_velocity_acceleration_and_bend() -> None:
+    (_, first), (_, last) = BENT.at(-0.5), BENT.at(0.5)
+    np.testing.assert_allclose(last - first, BENT.translation)
+    np.testing.assert_allclose((last + first) / 2, (0.4 * BENT.translation + BENT.translation_bend) / 4)
+
+
+def test_rotation_turns_by_the_vector() -> None:
+    quarter = Trajectory(rotation=np.array([0, 0, np.pi]))
+    np.testing.assert_allclose(quarter.at(0.5)[0] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(quarter.at(-0.5)[0] @ [1, 0, 0], [0, -1, 0], atol=1e-12)
+
+
+def test_scaled_path_goes_as_many_times_as_far() -> None:
+    R, position = BENT.scaled(2.0).at(0.3)
+    np.testing.assert_allclose(position, 2 * BENT.at(0.3)[1])
+    once = BENT.at(0.3)[0]
+    np.testing.assert_allclose(R, once @ once, atol=1e-12)  # same axis, twice the angle
+
+
+def test_only_constant_velocity_is_straight() -> None:
+    assert Trajectory(rotation=BENT.rotation, translation=BENT.translation).is_straight
+    assert not Trajectory(rotation_bend=BENT.rotation_bend).is_straight
+    assert not Trajectory(translation_bend=BENT.translation_bend).is_straight
+    assert not Trajectory(acceleration=0.4).is_straight
+
+
+def test_kinds_are_what_their_names_say() -> None:
+    drawn = [sample_camera_path(np.random.default_rng(seed)) for seed in range(100)]
+    assert {kind for _, kind in drawn} == set(KINDS)
+    for path, kind in drawn:
+        assert (kind == "rotation") == (not path.translation.any())
+        assert kind != "translation" or not path.rotation.any()
+    along_axis = [path.translation[2] ** 2 for path, kind in drawn if kind == "forward"]
+    assert np.median(along_axis) > 0.6
+
+
+def test_straight_option_gives_constant_velocity() -> None:
+    paths = [sample_camera_path(np.random.default_rng(seed), straight=True)[0] for seed in range(20)]
+    assert all(path.is_straight for path in paths)
+    assert not all(sample_camera_path(np.random.default_rng(seed))[0].is_straight for seed in range(20))
+
+
+def test_object_moves_comparably_to_the_camera_but_otherwise() -> None:
+    rng = np.random.default_rng(0)
+    camera, _ = sample_camera_path(rng)
+    speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
+    for _ in range(20):
+        path = sample_object_path(rng, camera)
+        assert 0.4 <= np.linalg.norm(path.translation) / speed <= 1.5
+        assert path.is_straight
+
+
+def test_unit_has_length_one_and_prefers_its_weights() -> None:
+    rng = np.random.default_rng(0)
+    directions = np.stack([unit(rng, (0.25, 0.25, 1)) for _ in range(300)])
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    assert (directions[:, 2] ** 2).mean() > 0.7

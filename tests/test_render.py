@@ -1,0 +1,193 @@
+"""Rendered pictures against their own truth: F, both ends, and the blur itself."""
+
+import functools
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.epipolar import sampson
+from tools.exposure import Exposure, grid_points
+from tools.motion import Trajectory
+from tools.render import Rendering, RenderOptions, expose, render, sample_length
+from tools.scene import Layer, Plane
+
+SIZE = (160, 128)
+STRAIGHT_SEEDS = (2, 3, 4, 5, 9, 10, 15, 16)
+ROTATION_SEED = 7
+MOVER_SEEDS = (3, 9, 13, 14, 16, 20)
+
+
+@functools.cache
+def straight_scene(seed: int) -> Rendering:
+    """Render a small scene with constant velocity and, where there are cards, moving objects."""
+    return render(seed, RenderOptions(size=SIZE, straight=True, mover_share=1.0, smear_px=(4.0, 16.0)))
+
+
+def true_ends(scene: Rendering, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, 2) at shutter-open and shutter-close, the bend included."""
+    middle, half = grid_points(SIZE) + scene.middle_offset, scene.displacement.astype(float) / 2
+    return (middle - half)[chosen], (middle + half)[chosen]
+
+
+def sampson_px(F: np.ndarray | None, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    assert F is not None
+    return np.sqrt(sampson(F, *ends))
+
+
+def test_same_seed_gives_same_bytes_and_another_seed_does_not() -> None:
+    options = RenderOptions(size=SIZE)
+    first, again, other = render(3, options), render(3, options), render(11, options)
+    for name, value in vars(first).items():
+        if isinstance(value, np.ndarray):
+            assert value.tobytes() == getattr(again, name).tobytes(), name
+    assert first.linear.tobytes() != other.linear.tobytes()
+    assert first.displacement.tobytes() != other.displacement.tobytes()
+    test = render(3, RenderOptions(size=SIZE, split="test"))
+    assert first.linear.tobytes() != test.linear.tobytes()
+
+
+def test_rendering_has_the_shapes_it_promises() -> None:
+    scene = straight_scene(3)
+    for picture in (scene.linear, scene.open_image, scene.close_image):
+        assert picture.shape == (128, 160, 3) and picture.dtype == np.float32 and np.isfinite(picture).all()
+    assert scene.displacement.shape == scene.middle_offset.shape == (32, 40, 2)
+    assert scene.valid.shape == scene.static.shape == (32, 40)
+    assert scene.valid.dtype == scene.static.dtype == bool
+    assert scene.straight
+
+
+def test_static_smears_of_straight_scenes_satisfy_their_own_fundamental() -> None:
+    about_pixel, exact = [], []
+    for seed in STRAIGHT_SEEDS:
+        scene = straight_scene(seed)
+        chosen = scene.valid & scene.static
+        points, half = grid_points(SIZE)[chosen], scene.displacement[chosen].astype(float) / 2
+        about_pixel.append(np.median(sampson_px(scene.F, (points - half, points + half))))
+        exact.append(sampson_px(scene.F, true_ends(scene, chosen)).max())
+        backwards = sampson_px(scene.F, true_ends(scene, chosen)[::-1])
+        is_translation = np.array_equal(scene.R, np.eye(3))  # then F does not know the order of the ends
+        assert is_translation or np.median(backwards) > 10 * exact[-1]
+    assert max(about_pixel) < 0.05
+    assert max(exact) < 1e-3
+
+
+def test_movers_violate_the_fundamental_and_are_labelled() -> None:
+    violations = []
+    for seed in MOVER_SEEDS:
+        scene = straight_scene(seed)
+        moving = scene.valid & ~scene.static
+        assert moving.sum() > 30 and scene.static.mean() > 0.5
+        violations.append(np.median(sampson_px(scene.F, true_ends(scene, moving))))
+    assert min(violations) > 0.1 and np.median(violations) > 1
+
+
+def test_pure_rotation_has_no_fundamental() -> None:
+    scene = straight_scene(ROTATION_SEED)
+    assert scene.kind == "rotation" and scene.F is None
+    np.testing.assert_array_equal(scene.t, 0)
+    np.testing.assert_allclose(scene.R @ scene.R.T, np.eye(3), atol=1e-12)
+    # and its smears are those of the infinite homography K R K^-1, wherever static
+    start, close = true_ends(scene, scene.static)
+    homography = scene.K @ scene.R @ np.linalg.inv(scene.K)
+    warped = cv2.perspectiveTransform(start[None], homography)[0]
+    np.testing.assert_allclose(warped, close, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", [*STRAIGHT_SEEDS[:4], ROTATION_SEED])
+def test_open_and_close_pictures_show_the_same_points_at_either_end(seed: int) -> None:
+    scene = straight_scene(seed)
+    start, close = (end.astype(np.float32)[None] for end in true_ends(scene, scene.valid))
+
+    def difference(first: np.ndarray, last: np.ndarray) -> float:
+        colours = [
+            cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+            for picture, at in ((scene.open_image, first), (scene.close_image, last))
+        ]
+        return float(np.median(np.abs(colours[0] - colours[1]).mean(-1)))
+
+    assert difference(start, close) < 0.01
+    assert difference(close, start) > 5 * difference(start, close)
+
+
+def dot_scene(camera: Trajectory) -> Rendering:
+    """Expose a dark wall at depth 1 with one bright Gaussian dot (sigma 2 px) at about pixel (80, 64)."""
+    y, x = np.mgrid[:512, :512]
+    texture = np.exp(-((x - 64) ** 2 + (y - 80) ** 2) / 8)[..., None].repeat(3, 2).astype(np.float32)
+    normal = np.array([0.0, 0, 1])
+    wall = Plane(normal=normal, offset=1.0, texture=texture, texels_per_unit=200.0, turn=0.0)
+    K = np.array([[200.0, 0, 0], [0, 200, 0], [0, 0, 1]])
+    layer = Layer(planes=(wall,), relief=np.zeros((2, 2), np.float32))
+    exposure = Exposure(camera=camera, K=K, size=SIZE)
+    return expose(np.random.default_rng(0), [layer], exposure, "translation", 2.0)
+
+
+def moments(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Sum, centroid (2,) and covariance (2, 2) of a picture's light."""
+    light = picture[..., 0].astype(float)
+    y, x = np.mgrid[: light.shape[0], : light.shape[1]]
+    points, weights = np.stack([x.ravel(), y.ravel()]), light.ravel() / light.sum()
+    centre = points @ weights
+    return float(light.sum()), centre, ((points - centre[:, None]) * weights) @ (points - centre[:, None]).T
+
+
+def sideways(acceleration: float = 0.0) -> Trajectory:
+    zero = np.zeros(3)
+    translation = np.array([-0.12, -0.05, 0])  # 24 px to the right, 10 down
+    return Trajectory(
+        rotation=zero,
+        translation=translation,
+        rotation_bend=zero,
+        translation_bend=zero,
+        acceleration=acceleration,
+    )
+
+
+def test_dot_is_smeared_along_its_displacement_and_as_far() -> None:
+    d = np.array([24.0, 10.0])
+    scene = dot_scene(sideways())
+    np.testing.assert_allclose(scene.displacement, np.broadcast_to(d, scene.displacement.shape), atol=1e-4)
+    sharp_sum, start, sharp = moments(scene.open_image)
+    blurred_sum, middle, blurred = moments(scene.linear)
+    assert blurred_sum == pytest.approx(sharp_sum, rel=1e-3)
+    np.testing.assert_allclose(middle - start, d / 2, atol=0.02)
+    np.testing.assert_allclose(moments(scene.close_image)[1] - start, d, atol=0.02)
+    # a uniform line has the covariance d d^T / 12, added to the dot's own; interpolation softens a little
+    np.testing.assert_allclose(blurred - sharp, np.outer(d, d) / 12, atol=0.3)
+
+
+def test_light_is_averaged_over_time_not_over_the_path() -> None:
+    # with s = tau + a tau^2 the mean of s over the exposure is a / 12: where the camera is slow, light gathers
+    acceleration = 0.6
+    still, scene = dot_scene(sideways().scaled(0.0)), dot_scene(sideways(acceleration))
+    shift = moments(scene.linear)[1] - moments(still.linear)[1]
+    np.testing.assert_allclose(shift, np.array([24.0, 10.0]) * acceleration / 12, atol=0.02)
+    np.testing.assert_allclose(scene.displacement[10, 10], [24, 10], atol=1e-4)
+    np.testing.assert_allclose(scene.middle_offset[10, 10], np.array([24, 10]) * acceleration / 4, atol=1e-4)
+
+
+def test_still_exposure_is_the_sharp_picture() -> None:
+    scene = dot_scene(sideways().scaled(0.0))
+    np.testing.assert_allclose(scene.linear, scene.open_image, atol=1e-5)
+
+
+def test_scene_reaches_its_smear_length() -> None:
+    options = RenderOptions(size=SIZE, smear_px=(10.0, 10.0), sharp_share=0.0, mover_share=0.0)
+    medians = [np.median(np.linalg.norm(render(s, options).displacement, axis=-1)) for s in range(6)]
+    assert np.median(medians) == pytest.approx(10, rel=0.25)
+
+
+def test_lengths_follow_the_options() -> None:
+    rng = np.random.default_rng(0)
+    options = RenderOptions(smear_px=(4.0, 60.0), sharp_share=0.2)
+    lengths = np.array([sample_length(rng, options) for _ in range(2000)])
+    assert (lengths < 1).mean() == pytest.approx(0.2, abs=0.03)
+    blurred = lengths[lengths >= 1]
+    assert blurred.min() >= 4 and blurred.max() <= 60
+    assert np.median(blurred) == pytest.approx(np.sqrt(4 * 60), rel=0.1)
+
+
+@pytest.mark.parametrize("wrong", [{"size": (161, 128)}, {"size": (0, 4)}, {"smear_px": (5.0, 2.0)}])
+def test_impossible_options_are_refused(wrong: dict[str, tuple[int, int]]) -> None:
+    with pytest.raises(ValueError, match="got"):
+        RenderOptions(**wrong)  # type: ignore[arg-type]

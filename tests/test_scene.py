@@ -1,0 +1,116 @@
+"""Planes, layers and outlines of random scenes."""
+
+import numpy as np
+import pytest
+
+from tools import stencils
+from tools.scene import (
+    Layer,
+    Plane,
+    sample_grid,
+    sample_intrinsics,
+    sample_layers,
+    smooth_field,
+    tilted_normal,
+)
+from tools.textures import photographs
+
+SIZE = (160, 128)
+
+
+def plane(normal: list[float], offset: float, turn: float = 0.3) -> Plane:
+    texture = np.zeros((8, 8, 3), np.float32)
+    unit_normal = np.array(normal) / np.linalg.norm(normal)
+    return Plane(normal=unit_normal, offset=offset, texture=texture, texels_per_unit=50.0, turn=turn)
+
+
+def test_inverse_depth_puts_points_on_the_plane() -> None:
+    wall = plane([0.3, -0.2, 1.0], 1.7)
+    rays = np.concatenate([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.ones((50, 1))], 1)
+    points = rays / wall.inverse_depth(rays)[:, None]
+    np.testing.assert_allclose(points @ wall.normal, 1.7)
+
+
+def test_texture_lies_on_the_plane_without_distortion() -> None:
+    wall = plane([0.3, -0.2, 1.0], 1.7)
+    rays = np.concatenate([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.ones((50, 1))], 1)
+    points = rays / wall.inverse_depth(rays)[:, None]
+    texels = wall.texel(rays)
+    distance = np.linalg.norm(points[1:] - points[:-1], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(texels[1:] - texels[:-1], axis=1), 50 * distance)
+
+
+def test_nearest_plane_is_the_surface_and_relief_scales_it() -> None:
+    near, far = plane([0, 0, 1], 1.0), plane([0, 0, 1], 2.0)
+    rays, where = np.array([[0.1, 0.2, 1.0]]), np.array([[0.5, 0.5]])
+    flat = Layer(planes=(far, near), relief=np.zeros((3, 3), np.float32))
+    assert flat.inverse_depth(rays, where) == pytest.approx(1.0)
+    relief = Layer(planes=(far, near), relief=np.full((3, 3), 0.5, np.float32))
+    assert relief.inverse_depth(rays, where) == pytest.approx(np.exp(0.5))
+
+
+def test_depth_stays_finite_behind_a_plane() -> None:
+    ground = Layer(planes=(plane([0, 1, 0], 0.2),), relief=np.zeros((3, 3), np.float32))
+    assert ground.inverse_depth(np.array([[0.0, -1.0, 1.0]]), np.array([[0.5, 0.0]])) > 0
+
+
+def test_grid_is_interpolated_between_its_nodes_and_mirrored_outside() -> None:
+    grid = np.array([[1.0, 2.0, 4.0]] * 3, np.float32)
+    where = np.array([[[0.0, 0.5], [0.25, 0.5], [1.0, 0.5], [-0.25, 0.5]]])
+    np.testing.assert_allclose(sample_grid(grid, where)[0], [1, 1.5, 4, 1], atol=1e-6)
+    np.testing.assert_allclose(sample_grid(grid, where[0]), [1, 1.5, 4, 1], atol=1e-6)
+    assert not sample_grid(np.zeros((3, 3)), where).any()
+
+
+def test_smooth_field_has_its_amplitude() -> None:
+    assert smooth_field(np.random.default_rng(0), 0.3).std() == pytest.approx(0.3, rel=1e-3)
+    assert not smooth_field(np.random.default_rng(0), 0.0).any()
+
+
+def test_normals_stay_within_the_tilt() -> None:
+    rng = np.random.default_rng(0)
+    normals = np.stack([tilted_normal(rng, 0.7) for _ in range(100)])
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    assert 0.5 < np.arccos(normals[:, 2]).max() <= 0.7
+
+
+@pytest.mark.parametrize("name", stencils.OUTLINES)
+def test_outline_covers_a_part_of_its_box(name: str) -> None:
+    outline = stencils.OUTLINES[name][0]
+    alphas = np.stack([outline(np.random.default_rng(seed)) for seed in range(8)])
+    assert alphas.shape[1:] == (stencils.SIZE, stencils.SIZE) and alphas.dtype == np.float32
+    assert alphas.min() >= 0 and alphas.max() <= 1 + 1e-6
+    assert 0.02 < alphas.mean() < 0.99
+    np.testing.assert_array_equal(alphas[3], outline(np.random.default_rng(3)))
+
+
+def test_stencils_are_empty_at_their_border() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        alpha = stencils.sample_stencil(rng)
+        edge = np.concatenate([alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]])
+        assert not edge.any()
+
+
+def test_layers_come_far_to_near_behind_their_pivots() -> None:
+    pool = photographs("train")
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        K = sample_intrinsics(rng, SIZE)
+        background, *cards = sample_layers(rng, pool, K, SIZE)
+        assert background.stencil is None
+        depths = [card.pivot[2] for card in cards]
+        assert depths == sorted(depths, reverse=True)
+        for card in cards:
+            assert card.stencil is not None
+            assert card.planes[0].normal @ card.pivot == pytest.approx(card.planes[0].offset)
+            x, y, width, height = card.box
+            centre = K @ card.pivot / card.pivot[2]
+            np.testing.assert_allclose(centre[:2], [x + width / 2, y + height / 2])
+
+
+def test_focal_length_is_that_of_a_photograph() -> None:
+    K = np.stack([sample_intrinsics(np.random.default_rng(seed), SIZE) for seed in range(50)])
+    assert (K[:, 0, 0] == K[:, 1, 1]).all()
+    assert 0.6 * 160 <= K[:, 0, 0].min() < K[:, 0, 0].max() <= 1.6 * 160
+    np.testing.assert_allclose(K[:, :2, 2].mean(0), [79.5, 63.5], atol=1)

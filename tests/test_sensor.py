@@ -1,0 +1,93 @@
+"""The camera between radiance and photograph."""
+
+import numpy as np
+import pytest
+
+from tools import sensor
+from tools.sensor import SensorOptions, add_noise, compress, demosaic, expose, photograph, soften, tone
+
+
+@pytest.fixture(scope="module")
+def radiance() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    blocks = rng.uniform(0, 1.5, (8, 10, 3)).repeat(8, 0).repeat(8, 1)
+    return blocks.astype(np.float32)
+
+
+def test_photograph_is_eight_bit_and_follows_from_its_seed(radiance: np.ndarray) -> None:
+    before = radiance.copy()
+    for seed in range(12):
+        first, again = (photograph(np.random.default_rng(seed), radiance) for _ in range(2))
+        assert first.dtype == np.uint8 and first.shape == radiance.shape
+        assert first.tobytes() == again.tobytes()
+        assert first.tobytes() != photograph(np.random.default_rng(seed + 100), radiance).tobytes()
+        # brighter blocks stay brighter, whatever the camera does
+        assert np.corrcoef(first.mean(2).ravel(), np.minimum(radiance, 1).mean(2).ravel())[0, 1] > 0.6
+    np.testing.assert_array_equal(radiance, before)
+
+
+def test_noise_has_no_bias_and_the_variance_of_its_model() -> None:
+    options = SensorOptions(read_noise=(0.004, 0.004), shot_noise=(0.001, 0.001))
+    signal = np.full((400, 400, 3), 0.4, np.float32)
+    noisy = add_noise(np.random.default_rng(0), signal, options)
+    variance = 0.4 * 0.001 + 0.004**2
+    assert noisy.mean() == pytest.approx(0.4, abs=4 * np.sqrt(variance / signal.size))
+    assert noisy.var() == pytest.approx(variance, rel=0.02)
+
+
+def test_noise_is_clipped_at_black_and_white() -> None:
+    options = SensorOptions(read_noise=(0.05, 0.05))
+    signal = np.stack([np.zeros((50, 50)), np.ones((50, 50)), np.full((50, 50), 5.0)], -1).astype(np.float32)
+    noisy = add_noise(np.random.default_rng(0), signal, options)
+    assert noisy.min() == 0 and noisy.max() == 1
+    assert (noisy[..., 2] == 1).all()
+
+
+@pytest.mark.parametrize("colour", [(0.5, 0.5, 0.5), (0.8, 0.4, 0.1)], ids=["grey", "orange"])
+def test_demosaicing_keeps_a_constant_colour(colour: tuple[float, float, float]) -> None:
+    constant = np.full((16, 20, 3), colour, np.float32)
+    np.testing.assert_allclose(demosaic(constant), constant, atol=2e-5)
+
+
+def test_demosaicing_keeps_a_grey_gradient_in_place() -> None:
+    ramp = np.repeat(np.linspace(0.1, 0.9, 40, dtype=np.float32)[None, :, None], 3, 2).repeat(20, 0)
+    np.testing.assert_allclose(demosaic(ramp)[2:-2, 2:-2], ramp[2:-2, 2:-2], atol=1e-3)
+
+
+def test_exposure_reaches_a_photographs_mean_level(radiance: np.ndarray) -> None:
+    levels = [expose(np.random.default_rng(seed), 7 * radiance).mean() for seed in range(60)]
+    assert np.median(levels) == pytest.approx(0.2, rel=0.3)
+    assert np.isfinite(expose(np.random.default_rng(0), np.zeros_like(radiance))).all()
+
+
+def test_softness_moves_no_light() -> None:
+    dot = np.zeros((41, 61, 3), np.float32)
+    dot[20, 30] = 1
+    x, y = np.meshgrid(np.arange(61), np.arange(41))
+    for seed in range(30):
+        soft = soften(np.random.default_rng(seed), dot, (0.0, 1.1))[..., 0]
+        assert soft.sum() == pytest.approx(1, abs=1e-4)
+        assert (soft * x).sum() == pytest.approx(30, abs=1e-3)
+        assert (soft * y).sum() == pytest.approx(20, abs=1e-3)
+
+
+def test_tone_curves_rise_from_black_to_white() -> None:
+    ramp = np.linspace(0, 1, 200, dtype=np.float32)
+    curves = np.stack([tone(np.random.default_rng(seed), ramp) for seed in range(20)])
+    assert (np.diff(curves, axis=1) >= 0).all()
+    np.testing.assert_allclose(curves[:, 0], 0, atol=0.01)
+    np.testing.assert_allclose(curves[:, -1], 1, atol=1e-5)
+    assert (curves[:, 50] > 0.3).all()  # coded for the eye: brighter than linear
+
+
+def test_jpeg_keeps_red_red() -> None:
+    red = np.full((32, 32, 3), (200, 30, 40), np.uint8)
+    difference = compress(np.random.default_rng(0), red).astype(int) - red
+    assert np.abs(difference).max() <= 6
+
+
+def test_log_uniform_stays_between_its_bounds() -> None:
+    rng = np.random.default_rng(0)
+    draws = np.array([sensor.log_uniform(rng, (1e-4, 1e-2)) for _ in range(5000)])
+    assert draws.min() >= 1e-4 and draws.max() <= 1e-2
+    assert np.median(draws) == pytest.approx(1e-3, rel=0.1)

@@ -1,0 +1,95 @@
+"""Texture sources: disjoint splits, linear light, seeded generators."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.errors import ImageError
+from tools import textures
+from tools.textures import Image, photograph, photographs, sample_texture, spectral_noise, split_files
+
+
+def write_pictures(folder: Path, names: list[str]) -> None:
+    for level, name in enumerate(names):
+        assert cv2.imwrite(str(folder / name), np.full((8, 8, 3), 10 * level, np.uint8))
+
+
+def test_no_photograph_is_in_both_splits(tmp_path: Path) -> None:
+    write_pictures(tmp_path, [f"{k}.png" for k in range(9)])
+    train, test = ({p.tobytes() for p in photographs(split, tmp_path)} for split in ("train", "test"))
+    assert not train & test
+    assert len(train) == 7 + 7 and len(test) == 3 + 2
+
+
+def test_every_fourth_file_by_name_is_held_out(tmp_path: Path) -> None:
+    write_pictures(tmp_path, ["d.png", "a.jpg", "c.JPEG".lower(), "b.png", "e.png"])
+    (tmp_path / "notes.txt").write_text("not a picture")
+    assert [p.name for p in split_files("test", tmp_path)] == ["d.png"]
+    assert [p.name for p in split_files("train", tmp_path)] == ["a.jpg", "b.png", "c.jpeg", "e.png"]
+
+
+def test_unknown_split_is_refused() -> None:
+    with pytest.raises(ValueError, match="validation"):
+        photographs("validation")
+
+
+def test_undecodable_photograph_is_named(tmp_path: Path) -> None:
+    (tmp_path / "torn.png").write_bytes(b"\x89PNG")
+    with pytest.raises(ImageError, match=r"torn\.png"):
+        photographs("train", tmp_path)
+
+
+def test_read_photograph_gives_rgb(tmp_path: Path) -> None:
+    path = tmp_path / "red.png"
+    cv2.imwrite(str(path), np.full((2, 2, 3), (0, 0, 200), np.uint8))
+    np.testing.assert_array_equal(textures.read_photograph(path)[0, 0], [200, 0, 0])
+
+
+def test_srgb_decoding_follows_the_standard() -> None:
+    # IEC 61966-2-1: the linear part below 0.04045, and the tabulated value of middle grey
+    linear = textures.srgb_to_linear(np.array([0.0, 0.02, 0.5, 1.0]))
+    np.testing.assert_allclose(linear, [0, 0.02 / 12.92, 0.214041, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "maker", [maker for maker, _ in textures.PROCEDURAL], ids=lambda maker: maker.__name__
+)
+def test_procedural_texture_is_a_varied_picture_of_its_seed(maker: Callable[..., Image]) -> None:
+    first, again, other = (maker(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert first.shape == (textures.SIZE, textures.SIZE, 3) and first.dtype == np.float32
+    assert np.isfinite(first).all() and first.min() > -0.5 and first.max() < 1.5
+    assert first.std() > 0.01
+    assert first.tobytes() == again.tobytes() != other.tobytes()
+
+
+def test_shares_of_procedural_textures_sum_to_one() -> None:
+    assert sum(share for _, share in textures.PROCEDURAL) == pytest.approx(1)
+
+
+def test_spectral_noise_has_the_slope_it_is_asked_for() -> None:
+    noise = spectral_noise(np.random.default_rng(0), 256, exponent=1.2)
+    assert noise.mean() == pytest.approx(0, abs=1e-5) and noise.std() == pytest.approx(1, abs=1e-5)
+    frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.fftfreq(256)[None])
+    amplitude, band = np.abs(np.fft.fft2(noise)), (frequency > 0.03) & (frequency < 0.45)
+    slope = np.polyfit(np.log(frequency[band]), np.log(amplitude[band]), 1)[0]
+    assert slope == pytest.approx(-1.2, abs=0.02)
+
+
+def test_photograph_is_never_enlarged_nor_reduced_below_128_texels() -> None:
+    pool = (np.random.default_rng(0).random((300, 200, 3), np.float32),)
+    rng = np.random.default_rng(1)
+    shapes = [photograph(rng, pool).shape[:2] for _ in range(40)]
+    assert max(max(shape) for shape in shapes) == 300
+    assert min(min(shape) for shape in shapes) >= 128
+    assert len({shape[0] > shape[1] for shape in shapes}) == 2  # turned, too
+
+
+def test_sampled_texture_is_linear_light_and_positive() -> None:
+    pool = photographs("train")
+    for seed in range(6):
+        texture = sample_texture(np.random.default_rng(seed), pool)
+        assert texture.dtype == np.float32 and texture.min() >= 0 and np.isfinite(texture).all()
+        assert min(texture.shape[:2]) >= 128

@@ -1,0 +1,153 @@
+"""The truth against an independent computation with points and polygons in space."""
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.epipolar import sampson
+from tools import truth
+from tools.canvas import paint
+from tools.exposure import Exposure, grid_points
+from tools.motion import Trajectory
+from tools.scene import Layer, Plane
+
+SIZE = (160, 128)
+K = np.array([[160.0, 0, 79.5], [0, 160, 63.5], [0, 0, 1]])
+CARD_BOX = (50.0, 40.0, 60.0, 44.0)
+CARD_DEPTH = 0.4
+
+
+def facing(depth: float) -> Plane:
+    texture = np.full((64, 64, 3), 0.5, np.float32)
+    normal = np.array([0.0, 0, 1])
+    return Plane(normal=normal, offset=depth, texture=texture, texels_per_unit=100.0, turn=0.0)
+
+
+def wall_and_card(own_path: Trajectory | None = None) -> list[Layer]:
+    flat, stencil = np.zeros((2, 2), np.float32), np.ones((160, 160), np.float32)
+    card = Layer(planes=(facing(CARD_DEPTH),), relief=flat, stencil=stencil, box=CARD_BOX, own_path=own_path)
+    return [Layer(planes=(facing(1.0),), relief=flat), card]
+
+
+def path(rotation: tuple[float, ...], translation: tuple[float, ...]) -> Trajectory:
+    zero = np.zeros(3)
+    return Trajectory(
+        rotation=np.array(rotation),
+        translation=np.array(translation),
+        rotation_bend=zero,
+        translation_bend=zero,
+    )
+
+
+def compute(layers: list[Layer], exposure: Exposure) -> truth.GridTruth:
+    fields = [exposure.inverse_displacements(layer) for layer in layers]
+    canvases = [paint(np.random.default_rng(0), layer, K, SIZE, 70, 1.5) for layer in layers]
+    return truth.grid_truth(canvases, fields, exposure)
+
+
+def project(points: np.ndarray, camera: Trajectory, tau: float) -> np.ndarray:
+    R, centre = camera.at(tau)
+    image = (points - centre) @ R.T @ K.T
+    return np.asarray(image[..., :2] / image[..., 2:])
+
+
+def distance_inside(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Signed distance of points to a polygon's edge, positive inside."""
+    corners = polygon.astype(np.float32)
+    flat = [cv2.pointPolygonTest(corners, (float(x), float(y)), True) for x, y in points.reshape(-1, 2)]
+    return np.array(flat).reshape(points.shape[:-1])
+
+
+def card_corners() -> np.ndarray:
+    """Corners (4, 3) of the card in space."""
+    x, y, width, height = CARD_BOX
+    corners = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
+    return np.concatenate([corners, np.ones((4, 1))], 1) @ np.linalg.inv(K).T * CARD_DEPTH
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [path((0, 0, 0), (0.1, 0.03, 0)), path((0.03, -0.04, 0.1), (-0.06, 0.04, 0.05))],
+    ids=["sideways", "general"],
+)
+def test_validity_is_what_rays_say(camera: Trajectory) -> None:
+    """Project the card's corners at either end, and ask which points they cover."""
+    points = grid_points(SIZE)
+    corners, image = card_corners(), np.array([[0, 0], [159, 0], [159, 127], [0, 127]])
+    at_middle = distance_inside(project(corners, camera, 0.0), points)
+    on_card = at_middle > 0
+    depth = np.where(on_card, CARD_DEPTH, 1.0)[..., None]
+    space = np.concatenate([points, np.ones((*points.shape[:2], 1))], -1) @ np.linalg.inv(K).T * depth
+    expected, doubtful = np.ones(on_card.shape, bool), np.abs(at_middle) < 1.5
+    for tau in (-0.5, 0.5):
+        end = project(space, camera, tau)
+        covered = distance_inside(project(corners, camera, tau), end)
+        inside = distance_inside(image, end)
+        expected &= (on_card | (covered < 0)) & (inside > 0)
+        doubtful |= (~on_card & (np.abs(covered) < 2.0)) | (np.abs(inside) < 0.01)
+    found = compute(wall_and_card(), Exposure(camera=camera, K=K, size=SIZE))
+    np.testing.assert_array_equal(found.valid[~doubtful], expected[~doubtful])
+    hidden_by_card = ~expected & ~doubtful & (np.abs(points - [79.5, 61.5]) < 45).all(-1)
+    assert hidden_by_card.sum() > 30 and (expected & ~doubtful).sum() > 400
+    displacement = project(space, camera, 0.5) - project(space, camera, -0.5)
+    np.testing.assert_allclose(found.displacement[~doubtful], displacement[~doubtful], atol=1e-4)
+
+
+def test_ends_outside_the_image_are_invalid() -> None:
+    camera = path((0, 0, 0), (0.2, 0, 0))  # 32 px to the left
+    found = compute(wall_and_card()[:1], Exposure(camera=camera, K=K, size=SIZE))
+    x = grid_points(SIZE)[..., 0]
+    np.testing.assert_array_equal(found.valid, (x - 16 >= 0) & (x + 16 <= 159))
+
+
+def test_still_camera_sees_everything_static_and_unmoved() -> None:
+    found = compute(wall_and_card(), Exposure(camera=path((0, 0, 0), (0, 0, 0)), K=K, size=SIZE))
+    assert found.static.all() and not found.displacement.any() and not found.middle_offset.any()
+    assert found.valid.mean() > 0.99
+
+
+def test_moving_card_alone_is_not_static() -> None:
+    layers = wall_and_card(own_path=path((0, 0, 0), (0.0, 0.02, 0)))
+    found = compute(layers, Exposure(camera=path((0, 0, 0), (0, 0, 0)), K=K, size=SIZE))
+    inside = distance_inside(project(card_corners(), path((0, 0, 0), (0, 0, 0)), 0.0), grid_points(SIZE))
+    np.testing.assert_array_equal(found.static[np.abs(inside) > 1.5], (inside < 0)[np.abs(inside) > 1.5])
+    np.testing.assert_allclose(
+        found.displacement[~found.static & (inside > 1.5)][:, 1], 0.02 * 160 / 0.4, rtol=1e-5
+    )
+    assert not found.displacement[found.static].any()
+
+
+def test_bend_is_the_middle_of_the_ends_off_the_point() -> None:
+    camera = Trajectory(
+        rotation=np.zeros(3),
+        translation=np.array([0.1, 0, 0]),
+        rotation_bend=np.zeros(3),
+        translation_bend=np.array([0, 0.08, 0]),
+    )
+    found = compute(wall_and_card()[:1], Exposure(camera=camera, K=K, size=SIZE))
+    np.testing.assert_allclose(
+        found.displacement, np.broadcast_to([-16, 0], found.displacement.shape), atol=1e-4
+    )
+    np.testing.assert_allclose(found.middle_offset[..., 1], -0.08 / 4 * 160, atol=1e-4)
+
+
+def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:
+    camera = path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1))
+    point = np.array([0.4, -0.3, 2.0])
+    (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
+    R, t = truth.relative_pose(camera)
+    np.testing.assert_allclose(R @ (R_open @ (point - C_open)) + t, R_close @ (point - C_close))
+
+
+def test_fundamental_holds_for_projected_points_in_this_order() -> None:
+    camera = path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1))
+    points = np.random.default_rng(0).uniform([-1, -1, 1], [1, 1, 3], (30, 3))
+    F = truth.fundamental_of(*truth.relative_pose(camera), K)
+    assert F is not None and np.linalg.norm(F) == pytest.approx(1)
+    start, close = project(points, camera, -0.5), project(points, camera, 0.5)
+    assert sampson(F, start, close).max() < 1e-16
+    assert np.median(sampson(F, close, start)) > 1
+
+
+def test_rotation_has_no_fundamental() -> None:
+    assert truth.fundamental_of(*truth.relative_pose(path((0.2, 0, 0), (0, 0, 0))), K) is None
