@@ -38,8 +38,8 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
     ends : ndarray of shape (B, 7, 2, 2)
         B samples of seven smears, pixels.
     signs : ndarray of shape (P, 7), optional
-        The sign patterns (+1, -1) to try; default all 64 with the first sign +1. Fewer when orders are known
-        to agree within components.
+        The sign patterns to try, +1 where ends[:, 0] is the open end; default all 64 with the first +1.
+        Fewer when orders are known to agree within components.
 
     Returns
     -------

@@ -195,6 +195,7 @@ def test_random_smears_give_no_F(correlation_px: float) -> None:
         ends = noise_field_ends(np.random.default_rng(seed), count=1500, correlation_px=correlation_px)
         matches = SmearMatches(ends=ends, sigma_px=np.full(1500, 2.0), image_size=IMAGE_SIZE)
         assert_refused(solve(matches), Configuration.UNDEFINED, "no consensus")
+        assert "half" not in solve(matches).reason  # chance alone refuses it
 
 
 def test_chance_agreement_is_measured_and_subtracted() -> None:
