@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -23,7 +24,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from torch import Tensor
+import torch.multiprocessing
+from torch import Tensor, distributed
 from torch.utils.data import DataLoader
 
 from tools.checkpoint import Run, follow, start_run
@@ -34,6 +36,8 @@ from tools.model import MULTIPLE_OF, SmearUNet
 from tools.validation import figures_of, predict, validation_crops
 
 WARM_UP_STEPS = 300
+RANK_SEED = 1_000_003
+"""Added to the crops' seed for each further training process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +58,11 @@ class TrainOptions:
         The paper's bound on 1 / sigma^2 where the cross-check fails.
     seed : int
         Decides the initial weights and every crop.
+    processes : int
+        Training processes, one batch each a step, whose gradients are averaged; on a CPU two processes of one
+        thread do more than one of two threads. The result depends on their number.
     workers : int
-        Processes that make crops; with 0 the training process makes them itself.
+        Processes that make crops, for each training process; with 0 the training process makes them itself.
     save_every, validate_every : int
         Steps between checkpoints and between validations.
 
@@ -74,6 +81,7 @@ class TrainOptions:
     learning_rate: float = 2e-3
     alpha: float = 0.01
     seed: int = 0
+    processes: int = 1
     workers: int = 1
     save_every: int = 250
     validate_every: int = 500
@@ -93,7 +101,8 @@ def learning_rate_at(step: int, options: TrainOptions) -> float:
 
 def forward(network: SmearUNet, images: Tensor) -> Tensor:
     """Compute raw heads in float32; all but the stem runs in bfloat16 (twice as fast on recent CPUs)."""
-    features = network.stem(images)
+    with torch.no_grad():  # the stem has no parameters
+        features = network.stem(images)
     with torch.autocast(images.device.type, dtype=torch.bfloat16):
         return network.body(features.contiguous(memory_format=torch.channels_last)).float()
 
@@ -107,22 +116,55 @@ def advance(run: Run, images: Tensor, targets: Tensor, options: TrainOptions) ->
     loss = loss_of(forward(run.network, images), targets.to(device), options.alpha)
     run.optimiser.zero_grad(set_to_none=True)
     torch.autograd.backward(loss.total)
+    average_gradients(run.network)
     torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
     run.optimiser.step()
     run.step += 1
     follow(run.average, run.network, run.step)
-    return loss
+    return loss.detached()
 
 
-def batches_of(scenes: Scenes, options: TrainOptions, first: int) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield batches from number `first` on, made by `workers` processes."""
-    stream = CropStream(scenes, options.seed, options.batch, options.side, first=first)
+def average_gradients(network: SmearUNet) -> None:
+    """Replace each gradient by its mean over the training processes, if there are several."""
+    if not distributed.is_initialized():
+        return
+    gradients = [p.grad for p in network.parameters() if p.grad is not None]
+    flat = torch.cat([gradient.reshape(-1) for gradient in gradients])
+    distributed.all_reduce(flat)
+    parts = (flat / distributed.get_world_size()).split([gradient.numel() for gradient in gradients])
+    for gradient, part in zip(gradients, parts, strict=True):
+        gradient.copy_(part.view_as(gradient))
+
+
+def batches_of(
+    scenes: Scenes, options: TrainOptions, first: int, rank: int = 0
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Yield one training process's batches from number `first` on, made by `workers` processes."""
+    seed = options.seed + RANK_SEED * rank
+    stream = CropStream(scenes, seed, options.batch, options.side, first=first)
     ahead = 4 if options.workers else None
     return iter(DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=ahead))
 
 
-def train(options: TrainOptions) -> Run:
-    """Run the schedule to its end; print and log the figures, and keep ``out/last.pt`` fresh."""
+def train_as(rank: int, options: TrainOptions) -> None:
+    """Train as one of several processes on this machine."""
+    torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) // options.processes))
+    meeting = options.out / "processes"
+    distributed.init_process_group(
+        "gloo", init_method=meeting.absolute().as_uri(), rank=rank, world_size=options.processes
+    )
+    train(options, rank)
+
+
+def train_in_parallel(options: TrainOptions) -> None:
+    """Start the training processes and wait for them."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "processes").unlink(missing_ok=True)
+    torch.multiprocessing.spawn(train_as, args=(options,), nprocs=options.processes)  # type: ignore[no-untyped-call]
+
+
+def train(options: TrainOptions, rank: int = 0) -> Run:
+    """Run the schedule to its end; the first process prints and logs, and keeps ``out/last.pt`` fresh."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     options.out.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(0)  # workers are forked, and a forked OpenCV thread pool hangs
@@ -130,15 +172,18 @@ def train(options: TrainOptions) -> Run:
     last = options.out / "last.pt"
     run = start_run(options.seed, options.learning_rate, device, last)
     print(f"{len(scenes)} scenes, from step {run.step} on {device}", flush=True)
-    batches = batches_of(scenes, options, run.step)
+    batches = batches_of(scenes, options, run.step, rank)
     losses: list[Loss] = []
     run.network.train()
     began = time.perf_counter()
     while run.step < options.steps:
         losses.append(advance(run, *next(batches), options))
         done = run.step == options.steps
+        if rank:
+            losses.clear()
+            continue
         if done or run.step % options.validate_every == 0:
-            crops_per_s = options.batch * len(losses) / (time.perf_counter() - began)
+            crops_per_s = options.processes * options.batch * len(losses) / (time.perf_counter() - began)
             run.figures = asdict(figures_of(predict(run.average, images, device), targets))
             report(run, options.out / "log.jsonl", crops_per_s, losses)
             losses, began = [], time.perf_counter()
@@ -170,5 +215,14 @@ def parse() -> TrainOptions:
     return TrainOptions(**vars(parser.parse_args()))
 
 
+def main() -> None:
+    """Train in one process or in several."""
+    options = parse()
+    if options.processes > 1:
+        train_in_parallel(options)
+    else:
+        train(options)
+
+
 if __name__ == "__main__":
-    train(parse())
+    main()
