@@ -11,22 +11,16 @@ SIZE = (160, 128)
 K = np.array([[200.0, 0, 0], [0, 200, 0], [0, 0, 1]])
 
 
-def layer_of(texture: np.ndarray, texels_per_px: float = 1.0, box: tuple[float, ...] | None = None) -> Layer:
+def layer_of(
+    texture: np.ndarray, texels_per_px: float = 1.0, box: tuple[float, float, float, float] | None = None
+) -> Layer:
     """Face the camera at depth 1, so that texel columns run down the image and rows to the right."""
-    plane = Plane(
-        normal=np.array([0.0, 0, 1]),
-        offset=1.0,
-        texture=texture,
-        texels_per_unit=200 * texels_per_px,
-        turn=0.0,
-    )
-    flat = np.zeros((2, 2), np.float32)
+    normal, density = np.array([0.0, 0, 1]), 200 * texels_per_px
+    plane = Plane(normal=normal, offset=1.0, texture=texture, texels_per_unit=density, turn=0.0)
+    flat, opaque = np.zeros((2, 2), np.float32), np.ones((160, 160), np.float32)
     if box is None:
         return Layer(planes=(plane,), relief=flat)
-    x, y, width, height = box
-    return Layer(
-        planes=(plane,), relief=flat, stencil=np.ones((160, 160), np.float32), box=(x, y, width, height)
-    )
+    return Layer(planes=(plane,), relief=flat, stencil=opaque, box=box)
 
 
 def plain(colour: float = 0.5) -> np.ndarray:

@@ -9,18 +9,11 @@ from tools.scene import Layer, Plane
 
 SIZE = (160, 128)
 K = np.array([[150.0, 0, 80], [0, 150, 62], [0, 0, 1]])
-ZERO = np.zeros(3)
+STILL = (0.0, 0.0, 0.0)
 
 
-def trajectory(
-    rotation: tuple[float, ...] = (0, 0, 0), translation: tuple[float, ...] = (0, 0, 0)
-) -> Trajectory:
-    return Trajectory(
-        rotation=np.array(rotation, float),
-        translation=np.array(translation, float),
-        rotation_bend=ZERO,
-        translation_bend=ZERO,
-    )
+def trajectory(rotation: tuple[float, ...] = STILL, translation: tuple[float, ...] = STILL) -> Trajectory:
+    return Trajectory(rotation=np.array(rotation), translation=np.array(translation))
 
 
 def wall(depth: float, own_path: Trajectory | None = None) -> Layer:

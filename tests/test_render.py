@@ -132,15 +132,8 @@ def moments(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def sideways(acceleration: float = 0.0) -> Trajectory:
-    zero = np.zeros(3)
-    translation = np.array([-0.12, -0.05, 0])  # 24 px to the right, 10 down
-    return Trajectory(
-        rotation=zero,
-        translation=translation,
-        rotation_bend=zero,
-        translation_bend=zero,
-        acceleration=acceleration,
-    )
+    """Move the picture 24 px to the right and 10 down."""
+    return Trajectory(translation=np.array([-0.12, -0.05, 0]), acceleration=acceleration)
 
 
 def test_dot_is_smeared_along_its_displacement_and_as_far() -> None:
@@ -157,7 +150,7 @@ def test_dot_is_smeared_along_its_displacement_and_as_far() -> None:
 
 
 def test_light_is_averaged_over_time_not_over_the_path() -> None:
-    # with s = tau + a tau^2 the mean of s over the exposure is a / 12: where the camera is slow, light gathers
+    # with s = tau + a tau^2 the mean of s over the exposure is a / 12: light gathers where the camera is slow
     acceleration = 0.6
     still, scene = dot_scene(sideways().scaled(0.0)), dot_scene(sideways(acceleration))
     shift = moments(scene.linear)[1] - moments(still.linear)[1]

@@ -25,7 +25,7 @@ from tools.render import RenderOptions, render
 Array = NDArray[Any]
 
 CROP_PX = 128
-"""Side of the crops in which speed is told, the side of training crops."""
+"""Side of the crops in which speed is told."""
 WHITE = 4.0
 """Largest radiance that is stored."""
 

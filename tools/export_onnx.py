@@ -43,7 +43,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
     training = {
         "seed": options["seed"],
         "steps": state["step"],
-        "crops": state["step"] * options["batch"],
+        "crops": state["step"] * options["batch"] * options.get("processes", 1),
         "scenes": state.get("scenes"),  # absent from checkpoints of the first version
         "figures": {name: round(value, 4) for name, value in state["figures"].items()},
     }

@@ -44,9 +44,13 @@ class Loss:
         """Weigh and sum the parts."""
         return self.orientation + 4 * self.length + 0.25 * self.sigma
 
+    def detached(self) -> Loss:
+        """Return the values without the graph that computed them."""
+        return Loss(**{name: part.detach() for name, part in vars(self).items()})
+
     def values(self) -> dict[str, float]:
         """Return plain numbers, for the log."""
-        return {name: float(part.detach()) for name, part in vars(self).items()}
+        return {name: float(part) for name, part in vars(self.detached()).items()}
 
 
 def target_parts(target: Tensor) -> Target:

@@ -160,7 +160,7 @@ def train_in_parallel(options: TrainOptions) -> None:
     """Start the training processes and wait for them."""
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "processes").unlink(missing_ok=True)
-    torch.multiprocessing.spawn(train_as, args=(options,), nprocs=options.processes)  # type: ignore[no-untyped-call]
+    torch.multiprocessing.spawn(train_as, args=(options,), nprocs=options.processes)  # type: ignore[attr-defined, no-untyped-call]
 
 
 def train(options: TrainOptions, rank: int = 0) -> Run:
