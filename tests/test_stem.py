@@ -1,0 +1,54 @@
+"""What the network's fixed features see: lags that tell lengths, and no farther than a training crop."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from tools.model import LagStem, SmearUNet, StructureStem
+
+LAGS_PX = [4, 6, 10, 16, 24, 36, 52]
+DIRECTIONS = LagStem.directions
+
+
+def textured(seed: int, side: int = 256) -> NDArray[np.float32]:
+    noise = np.random.default_rng(seed).random((side, side), dtype=np.float32)
+    return cv2.GaussianBlur(noise, (0, 0), 1.0)
+
+
+def lag_features(grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean features, (lags, directions), over the middle of a grey picture brought to ordinary contrast."""
+    picture = (grey - grey.mean()) / grey.std() * 0.15 + 0.5
+    image = torch.from_numpy(np.repeat(picture[None, None].astype(np.float32), 3, axis=1))
+    with torch.no_grad():
+        features = StructureStem()(image)[0, -LagStem.channels :, 20:-20, 20:-20]
+    return np.asarray(features.mean((1, 2)).reshape(len(LAGS_PX), DIRECTIONS))
+
+
+@pytest.mark.parametrize("length", [10, 16, 24, 36])
+def test_gradient_along_a_smear_repels_itself_at_its_length(length: int) -> None:
+    features = lag_features(cv2.blur(textured(length), (length, 1)))
+    assert LAGS_PX[int(np.argmin(features[:, 0]))] == length
+    assert features[:, 0].min() < -0.3
+    assert features[:, 0].min() < features[2:, DIRECTIONS // 2].min() - 0.1
+
+
+def test_turning_the_picture_turns_the_directions() -> None:
+    blurred = cv2.blur(textured(1), (16, 1))
+    upright, turned = lag_features(blurred), lag_features(np.rot90(blurred).copy())
+    expected = np.roll(upright, DIRECTIONS // 2, axis=1)
+    assert np.abs(turned - expected).max() < 0.05
+    assert np.abs(turned - upright).max() > 0.3
+
+
+def test_the_network_sees_no_farther_than_a_training_crop() -> None:
+    torch.manual_seed(0)
+    network = SmearUNet().eval()
+    image = torch.rand(1, 3, 384, 384)
+    changed = image.clone()
+    changed[..., :32] = 0.1  # 160 px left of the middle
+    with torch.no_grad():
+        difference = (network(image) - network(changed)).abs()[0, :, 48, :]
+    assert difference[:, 48].max() < 1e-6
+    assert difference[:, 4].max() > 1e-3
