@@ -45,6 +45,7 @@ def test_same_seed_gives_same_bytes_and_another_seed_does_not() -> None:
     assert first.displacement.tobytes() != other.displacement.tobytes()
     test = render(3, RenderOptions(size=SIZE, split="test"))
     assert first.linear.tobytes() != test.linear.tobytes()
+    assert not np.array_equal(first.K, test.K)  # another scene altogether, not only other textures
 
 
 def test_rendering_has_the_shapes_it_promises() -> None:
@@ -120,6 +121,23 @@ def dot_scene(camera: Trajectory) -> Rendering:
     layer = Layer(planes=(wall,), relief=np.zeros((2, 2), np.float32))
     exposure = Exposure(camera=camera, K=K, size=SIZE)
     return expose(np.random.default_rng(0), [layer], exposure, "translation", 2.0)
+
+
+@pytest.mark.parametrize("alpha", [1.0, 0.5])
+def test_card_covers_what_is_behind_it_as_far_as_it_is_opaque(alpha: float) -> None:
+    def layer(depth: float, grey: float, stencil: np.ndarray | None) -> Layer:
+        texture = np.full((64, 64, 3), grey, np.float32)
+        normal = np.array([0.0, 0, 1])
+        plane = Plane(normal=normal, offset=depth, texture=texture, texels_per_unit=100.0, turn=0.0)
+        relief = np.zeros((2, 2), np.float32)
+        return Layer(planes=(plane,), relief=relief, stencil=stencil, box=(50.0, 40.0, 60.0, 44.0))
+
+    layers = [layer(1.0, 0.9, None), layer(0.5, 0.1, np.full((160, 160), alpha, np.float32))]
+    exposure = Exposure(camera=Trajectory(), K=np.diag([200.0, 200, 1]), size=SIZE)
+    scene = expose(np.random.default_rng(0), layers, exposure, "translation", 1.5)
+    for picture in (scene.linear, scene.open_image):
+        np.testing.assert_allclose(picture[60:64, 70:90], alpha * 0.1 + (1 - alpha) * 0.9, atol=1e-4)
+        np.testing.assert_allclose(picture[60:64, :40], 0.9, atol=1e-4)
 
 
 def moments(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:

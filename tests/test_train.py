@@ -202,9 +202,9 @@ def test_gradients_are_averaged_over_the_processes(monkeypatch: pytest.MonkeyPat
     def add_the_other_process(flat: torch.Tensor) -> None:
         flat += 10
 
-    monkeypatch.setattr(train.distributed, "is_initialized", lambda: True)
-    monkeypatch.setattr(train.distributed, "get_world_size", lambda: 2)
-    monkeypatch.setattr(train.distributed, "all_reduce", add_the_other_process)
+    monkeypatch.setattr("torch.distributed.is_initialized", lambda: True)
+    monkeypatch.setattr("torch.distributed.get_world_size", lambda: 2)
+    monkeypatch.setattr("torch.distributed.all_reduce", add_the_other_process)
     train.average_gradients(network)
     for k, parameter in enumerate(network.parameters()):
         assert parameter.grad is not None and (parameter.grad == (k + 10) / 2).all()

@@ -1,5 +1,7 @@
 """The truth against an independent computation with points and polygons in space."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -121,7 +123,7 @@ def test_bend_is_the_middle_of_the_ends_off_the_point() -> None:
 
 
 def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:
-    camera = path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1))
+    camera = replace(path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1)), rotation_bend=np.array([0.8, 0.5, 0]))
     point = np.array([0.4, -0.3, 2.0])
     (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
     R, t = truth.relative_pose(camera)
