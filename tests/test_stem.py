@@ -14,7 +14,7 @@ DIRECTIONS = LagStem.directions
 
 def textured(seed: int, side: int = 256) -> NDArray[np.float32]:
     noise = np.random.default_rng(seed).random((side, side), dtype=np.float32)
-    return cv2.GaussianBlur(noise, (0, 0), 1.0)
+    return np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.0), np.float32)
 
 
 def lag_features(grey: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -28,14 +28,14 @@ def lag_features(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @pytest.mark.parametrize("length", [10, 16, 24, 36])
 def test_gradient_along_a_smear_repels_itself_at_its_length(length: int) -> None:
-    features = lag_features(cv2.blur(textured(length), (length, 1)))
+    features = lag_features(np.asarray(cv2.blur(textured(length), (length, 1)), np.float32))
     assert LAGS_PX[int(np.argmin(features[:, 0]))] == length
     assert features[:, 0].min() < -0.3
     assert features[:, 0].min() < features[2:, DIRECTIONS // 2].min() - 0.1
 
 
 def test_turning_the_picture_turns_the_directions() -> None:
-    blurred = cv2.blur(textured(1), (16, 1))
+    blurred = np.asarray(cv2.blur(textured(1), (16, 1)), np.float32)
     upright, turned = lag_features(blurred), lag_features(np.rot90(blurred).copy())
     expected = np.roll(upright, DIRECTIONS // 2, axis=1)
     assert np.abs(turned - expected).max() < 0.05

@@ -105,4 +105,5 @@ def two_parameter(ends: Array, rng: np.random.Generator, hypotheses: int = 400) 
     for _ in range(5):
         weight = 1 / (1 + 4 * errors(best))
         best = np.linalg.eigh((lines * weight[:, None]).T @ lines)[1][:, 0]
-    return unit_norm(T.T @ cross_matrix(best) @ T)
+    F: Array = unit_norm(T.T @ cross_matrix(best) @ T)
+    return F

@@ -51,7 +51,7 @@ def classical(first: Path, last: Path) -> None:
     """Read two sharp photographs, match SIFT features and estimate F, as people do today."""
     import pycolmap
 
-    sift = cv2.SIFT_create(4000)
+    sift = cv2.SIFT.create(4000)
     images = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (first, last)]
     (keys1, words1), (keys2, words2) = (sift.detectAndCompute(image, None) for image in images)
     pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words1, words2, k=2)

@@ -72,7 +72,8 @@ def true_ends(scene: TestScene) -> Array:
 def truth_at_matches(scene: TestScene, matches: SmearMatches) -> Array:
     """Return the true displacements (N, 2) of the cells in which the matches lie."""
     columns, rows = np.floor(matches.midpoint / 4).astype(int).T
-    return scene.displacement[rows, columns]
+    displacement: Array = scene.displacement[rows, columns]
+    return displacement
 
 
 def two_parameter(matches: SmearMatches) -> Array | None:

@@ -6,6 +6,7 @@ and orientation, log length and uncertainty as separate outputs do, within minut
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -75,9 +76,10 @@ class LagStem(nn.Module):
         features = []
         for k, lags in self.lags.items():
             along = nnf.conv2d(gradients[k], self.weights[..., None, None])  # (N, 8, h, w)
-            energy = self.pool(along * along, k) + 1e-6
+            energy = self.pool(along * along, k) + 2e-5
             features += [self.pool(self.lagged_product(along, lag), k) / energy for lag in lags]
-        return torch.cat(features, 1)
+        # a long lag reaches beyond the window: next to strong edges the quotient knows no bound by itself
+        return torch.clamp(torch.cat(features, 1), -1.0, 1.0)
 
     def lagged_product(self, along: Tensor, lag: int) -> Tensor:
         """Multiply each directional derivative (N, 8, h, w) by itself, `lag` pixels on in its direction."""
@@ -230,11 +232,14 @@ class SmearUNet(nn.Module):
 
 
 def decode(raw: Tensor) -> Tensor:
-    """Turn raw heads (N, 4, h, w) into the output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, in px."""
-    direction = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-8)
+    """Turn raw heads (N, 4, h, w) into the output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, in px.
+
+    Sigma is the root mean square of an end-point error with the mean and the exponential law of the loss.
+    """
+    direction = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     length = torch.clamp(torch.exp(torch.clamp(raw[:, 2:3], 0.0, 5.5)) - 1, min=0.0)
-    sigma = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))
-    return torch.cat([direction * length, sigma], 1)
+    mean_error = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))  # what the Laplace likelihood fits
+    return torch.cat([direction * length, math.sqrt(2) * mean_error], 1)
 
 
 class ExportedSmear(nn.Module):

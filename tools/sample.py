@@ -24,7 +24,9 @@ SMEAR_PX = (10.0, 14.0)
 
 def main() -> None:
     """Render, photograph, write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("target", type=Path)
     parser.add_argument("--photos", type=Path, help="folder of the Kodak photographs")
     arguments = parser.parse_args()

@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 
 from tools.dataset import start_worker
 from tools.exposure import GRID, grid_points
-from tools.render import RenderOptions, render
+from tools.render import Rendering, RenderOptions, render
 from tools.sensor import SensorOptions, compress, photograph, tone
 
 Array = NDArray[Any]
 
 FIRST_SEED = 1_000_000
+SERIES = 100_000
+"""Distance of the seeds that are tried for one scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +68,29 @@ def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Ar
     return compress(np.random.default_rng(1), (np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8))
 
 
+def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tuple[Rendering, int]:
+    """Render the first seed of a series whose median visible smear is in range, and tell which it was.
+
+    The renderer scales the median over all surfaces, hidden ones too, and bounds the longest smears, so that
+    one scene in seven has a visible median outside.
+    """
+    for attempt in range(attempts):
+        scene = render(seed + SERIES * attempt, options)
+        seen = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
+        if len(seen) and options.smear_px[0] <= np.median(seen) <= options.smear_px[1]:
+            return scene, seed + SERIES * attempt
+    raise RuntimeError(
+        f"no seed of the series {seed} + {SERIES} k has a median smear in {options.smear_px} px"
+    )
+
+
 def write_scene(index: int, out: Path, options: RenderOptions) -> None:
     """Render, photograph and store one scene; finished ones are kept."""
     truth_path = out / f"{index:04d}.npz"
     if truth_path.exists():
         return
-    seed = FIRST_SEED + index
-    scene, rng = render(seed, options), np.random.default_rng([seed, 2])
+    scene, seed = scene_in_range(FIRST_SEED + index, options)
+    rng = np.random.default_rng([seed, 2])
     pictures = {
         "": photograph(rng, scene.linear, SensorOptions()),
         "_open": sharp_photograph(rng, scene.open_image, scene.linear),
