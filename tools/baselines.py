@@ -96,7 +96,8 @@ def two_parameter(ends: Array, rng: np.random.Generator, hypotheses: int = 400) 
     lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True) + 1e-12
 
     def errors(e: Array) -> Array:
-        return serrmin(cross_matrix(e), points) * unit**2
+        squared: Array = serrmin(cross_matrix(e), points) * unit**2
+        return squared
 
     pairs = rng.integers(0, len(lines), (hypotheses, 2))
     meets = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])

@@ -52,7 +52,7 @@ def classical(first: Path, last: Path) -> None:
     import pycolmap
 
     sift = cv2.SIFT.create(4000)
-    images = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (first, last)]
+    images = [np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8) for path in (first, last)]
     (keys1, words1), (keys2, words2) = (sift.detectAndCompute(image, None) for image in images)
     pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words1, words2, k=2)
     good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < 0.8 * b.distance]
