@@ -42,16 +42,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        return int(options.run(options))
+        code = int(options.run(options))
+        sys.stdout.flush()  # here, where a failure can still be told; at exit Python would print a traceback
     except Blur2ViewError as error:
         _complain(error)
         return FAILED
     except KeyboardInterrupt:
         print("blur2view: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has left, for example head
+    except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):  # whose reader, for example head, wants no more
+            print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
         return FAILED
+    return code
 
 
 def build_parser() -> argparse.ArgumentParser:
