@@ -8,15 +8,17 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from skimage import data
 
 from blur2view.errors import ModelError
 from blur2view.predict import SmearNetwork
 from tools import export_onnx
-from tools.checkpoint import Run
+from tools.checkpoint import Run, load_average, start_run
 from tools.export_onnx import Images, difference_px, export, metadata, sample_image
 from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, ModelOptions, SmearUNet
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+SHIPPED = Path(__file__).resolve().parents[1] / "models" / "smear.onnx"
 NARROW = ModelOptions(widths=(16, 24, 32), bottom=1)
 
 
@@ -41,7 +43,8 @@ def checkpoint(network: SmearUNet, tmp_path_factory: pytest.TempPathFactory) -> 
     path = tmp_path_factory.mktemp("run") / "last.pt"
     optimiser = torch.optim.AdamW(network.parameters())
     run = Run(network=network, average=network, optimiser=optimiser, step=40, figures={"epe_s": 1.23456})
-    run.save(path, {"seed": 5, "batch": 24, "processes": 2}, scenes=99)
+    folders = {"train": Path("/somewhere"), "out": path.parent}
+    run.save(path, {"seed": 5, "batch": 24, "processes": 2, **folders}, scenes=99)
     return path
 
 
@@ -122,3 +125,22 @@ def test_file_that_differs_from_torch_is_not_shipped(
         with pytest.raises(ModelError, match="differs from torch"):
             export(checkpoint, target)
         assert target.read_bytes() == b"the one before"
+
+
+def test_weights_beside_the_file_start_another_training(exported: Path, network: SmearUNet) -> None:
+    kept = exported.with_suffix(".pt")
+    state = torch.load(kept, weights_only=True)
+    assert set(state) == {"average", "model_options", "step", "figures", "scenes", "options"}
+    assert state["options"] == {"seed": 5, "batch": 24, "processes": 2}
+    run = start_run(3, 1e-3, torch.device("cpu"), weights=kept)
+    assert run.step == 0
+    for mine, theirs, average in zip(
+        run.network.parameters(), network.parameters(), run.average.parameters(), strict=True
+    ):
+        assert torch.equal(mine, theirs) and torch.equal(mine, average)
+
+
+def test_shipped_network_is_its_shipped_weights_on_a_real_photograph() -> None:
+    network, _ = load_average(SHIPPED.with_suffix(".pt"))
+    photo: Images = (data.coffee()[:256, :320] / 255).astype(np.float32)
+    assert difference_px(SHIPPED, network, np.ascontiguousarray(photo.transpose(2, 0, 1)[None])) < 1e-3

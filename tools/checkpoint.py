@@ -11,6 +11,9 @@ import torch
 
 from tools.model import ModelOptions, SmearUNet
 
+PATHS = ("train", "val", "out", "weights")
+"""Options that name folders of the machine that trained."""
+
 
 @dataclass
 class Run:
@@ -63,10 +66,20 @@ class Run:
         self.figures = dict(state["figures"])
 
 
-def start_run(seed: int, learning_rate: float, device: torch.device, last: Path | None = None) -> Run:
-    """Return a fresh run, whose weights follow from the seed, or the one in `last` if that file exists."""
+def start_run(
+    seed: int,
+    learning_rate: float,
+    device: torch.device,
+    last: Path | None = None,
+    weights: Path | None = None,
+) -> Run:
+    """Return a fresh run, or the one in `last` if that file exists.
+
+    A fresh run's weights are the averaged ones of the checkpoint `weights`, or follow from the seed.
+    """
     torch.manual_seed(seed)
-    network, average = SmearUNet(), SmearUNet()
+    network = load_average(weights)[0] if weights else SmearUNet()
+    average = SmearUNet(network.options)
     average.load_state_dict(network.state_dict())
     for part in (network, average):
         part.to(device)
@@ -95,3 +108,13 @@ def load_average(path: Path) -> tuple[SmearUNet, dict[str, Any]]:
     network = SmearUNet(ModelOptions.from_dict(state["model_options"]))
     network.load_state_dict(state["average"])
     return network.eval(), state
+
+
+def save_average(checkpoint: Path, target: Path) -> None:
+    """Keep of a checkpoint what inference and a later training need: averaged weights, history, no paths."""
+    state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    kept = {key: state[key] for key in ("average", "model_options", "step", "figures", "scenes")}
+    kept["options"] = {k: v for k, v in state["options"].items() if k not in PATHS}
+    temporary = target.with_suffix(".tmp")
+    torch.save(kept, temporary)
+    temporary.replace(target)

@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from tools.checkpoint import load_average
+from tools.checkpoint import load_average, save_average
 from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, SmearUNet
 from tools.render import RenderOptions, render
 from tools.sensor import photograph
@@ -59,7 +59,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
 
 
 def export(checkpoint: Path, target: Path) -> None:
-    """Write `target`; its temporary neighbour replaces it only when complete and checked.
+    """Write `target`, when complete and checked, and beside it the weights as ``.pt``.
 
     Raises
     ------
@@ -78,6 +78,7 @@ def export(checkpoint: Path, target: Path) -> None:
     if not worst <= LARGEST_DIFFERENCE_PX:
         raise ModelError(f"{temporary} differs from torch by {worst:.2g} px, so it does not replace {target}")
     temporary.replace(target)
+    save_average(checkpoint, target.with_suffix(".pt"))
     print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, step {state['step']}, {worst:.1e} px from torch")
 
 

@@ -164,6 +164,7 @@ class StructureStem(nn.Module):
     @staticmethod
     def normalise_contrast(grey: Tensor) -> Tensor:
         """Subtract the local mean of luminance and divide by its local deviation (about 32 px)."""
+        grey = grey - 0.5  # or the variance below loses half of its digits
         small = nnf.avg_pool2d(torch.cat([grey, grey * grey], 1), 16)
         small = nnf.avg_pool2d(nnf.pad(small, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
         local = nnf.interpolate(small, scale_factor=16.0, mode="bilinear", align_corners=False)

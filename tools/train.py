@@ -48,6 +48,8 @@ class TrainOptions:
     ----------
     train, val, out : Path
         Folders of rendered shards, and of checkpoints and the log.
+    weights : Path, optional
+        A checkpoint whose averaged weights a fresh run starts from, such as ``models/smear.pt``.
     steps : int
         Length of the whole run; the learning rate falls to 1 % of its peak over it along a cosine.
     batch, side : int
@@ -75,6 +77,7 @@ class TrainOptions:
     train: Path
     val: Path
     out: Path
+    weights: Path | None = None
     steps: int = 30000
     batch: int = 12
     side: int = 192
@@ -170,7 +173,7 @@ def train(options: TrainOptions, rank: int = 0) -> Run:
     cv2.setNumThreads(0)  # workers are forked, and a forked OpenCV thread pool hangs
     scenes, (images, targets) = load_shards(options.train), validation_crops(options.val)
     last = options.out / "last.pt"
-    run = start_run(options.seed, options.learning_rate, device, last)
+    run = start_run(options.seed, options.learning_rate, device, last, options.weights)
     print(f"{len(scenes)} scenes, from step {run.step} on {device}", flush=True)
     batches = batches_of(scenes, options, run.step, rank)
     losses: list[Loss] = []
@@ -210,6 +213,8 @@ def parse() -> TrainOptions:
         name = f"--{field.name.replace('_', '-')}"
         if field.default is MISSING:
             parser.add_argument(name, type=Path, required=True)
+        elif field.default is None:
+            parser.add_argument(name, type=Path)
         else:
             parser.add_argument(name, type=type(field.default), default=field.default)
     return TrainOptions(**vars(parser.parse_args()))
