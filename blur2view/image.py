@@ -99,8 +99,12 @@ def _decode(path: Path, encoded: bytes) -> _Decoded:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
         raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
-    except (OSError, ValueError, SyntaxError, EOFError, IndexError, cv2.error) as error:
-        # Pillow's decoders raise all of these on damaged files
+    except ImageError:
+        raise
+    except MemoryError:
+        raise ImageError(f"{path}: does not fit in memory; resize it") from None
+    except Exception as error:
+        # on damaged files Pillow's decoders raise whatever they stumble over: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 

@@ -190,6 +190,26 @@ def test_unusable_file_is_named_in_one_line(
     assert "\n" not in message and ";" in message  # one line, with a remedy after the semicolon
 
 
+@pytest.mark.parametrize(
+    ("raised", "words"),
+    [
+        (KeyError("RGB imago"), "is damaged or incomplete"),  # what Pillow raises on a torn IM file
+        (RuntimeError("no image item"), "is damaged or incomplete"),  # and on AVIF
+        (MemoryError(), "does not fit in memory; resize it"),
+    ],
+)
+def test_whatever_a_decoder_stumbles_over_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception, words: str
+) -> None:
+    def stumble(picture: Image.Image) -> None:
+        raise raised
+
+    path = saved(tmp_path / "a.png", RGB8)
+    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", stumble)
+    with pytest.raises(ImageError, match=words):
+        read_image(path)
+
+
 def test_unreadable_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def denied(path: Path) -> bytes:  # chmod would not stop root
         raise PermissionError(13, "Permission denied")
