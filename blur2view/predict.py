@@ -98,7 +98,7 @@ class SmearNetwork:
         ValueError
             If the image has another shape, or values that are not finite.
         ModelError
-            If the network's output is not what its format promises.
+            If the network cannot be run or its output is not what its format promises.
         """
         _check_image(image)
         grid = self._predict_grid(image, options or TileOptions())
@@ -128,7 +128,11 @@ class SmearNetwork:
     def _run(self, tile: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, 3)."""
         planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
-        output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
+        try:
+            output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
+        except _session_errors():
+            size = f"{tile.shape[1]}x{tile.shape[0]} pixels"
+            raise ModelError(f"{self.path}: cannot be run on {size}; {_REMEDY}") from None
         expected = (1, 3, tile.shape[0] // self.info.stride, tile.shape[1] // self.info.stride)
         if output.shape != expected:
             raise ModelError(
@@ -176,7 +180,6 @@ def _usable_cores() -> int:
 def _open_session(path: Path, threads: int) -> Any:
     """Open an ONNX Runtime session or raise ModelError."""
     import onnxruntime  # 0.2 s, so only when a network is used
-    from onnxruntime.capi import onnxruntime_pybind11_state as errors
 
     try:
         content = path.read_bytes()
@@ -190,8 +193,20 @@ def _open_session(path: Path, threads: int) -> Any:
     options.use_deterministic_compute = True
     options.log_severity_level = 4  # only what is fatal: the exception says the rest
     try:
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except (
+        # with its fallback ONNX Runtime would print to stdout and try once more
+        return onnxruntime.InferenceSession(
+            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except _session_errors():
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {_REMEDY}") from None
+
+
+def _session_errors() -> tuple[type[Exception], ...]:
+    """Return what ONNX Runtime raises; UnicodeDecodeError where a name in the file is damaged."""
+    from onnxruntime.capi import onnxruntime_pybind11_state as errors
+
+    return (
+        UnicodeDecodeError,
         errors.Fail,
         errors.InvalidArgument,
         errors.InvalidGraph,
@@ -199,8 +214,7 @@ def _open_session(path: Path, threads: int) -> Any:
         errors.NoModel,
         errors.NotImplemented,
         errors.RuntimeException,
-    ):
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {_REMEDY}") from None
+    )
 
 
 _REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
@@ -208,13 +222,16 @@ _REMEDY = "export one with tools/export_onnx.py or leave the model out to use th
 
 def _read_info(path: Path, session: Any) -> ModelInfo:
     """Return the metadata of a network of our format; refuse any other."""
-    metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    try:
+        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+        signature = [
+            (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
+            for node in (*session.get_inputs(), *session.get_outputs())
+        ]
+    except UnicodeDecodeError:
+        raise ModelError(f"{path}: has damaged metadata (names that are no text); {_REMEDY}") from None
     if metadata.get("blur2view_format") != FORMAT:
         raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {_REMEDY}")
-    signature = [
-        (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
-        for node in (*session.get_inputs(), *session.get_outputs())
-    ]
     if signature != [("image", "tensor(float)", 4, 3), ("smear", "tensor(float)", 4, 3)]:
         raise ModelError(f"{path}: has other inputs or outputs than image and smear (N, 3, H, W); {_REMEDY}")
     try:

@@ -204,6 +204,9 @@ def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
         (b"", "not an ONNX network"),
         (b"not a network", "not an ONNX network"),
         (colour_code_network().SerializeToString()[:200], "not an ONNX network"),
+        (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
+        (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "damaged metadata"),
+        (colour_code_network().SerializeToString().replace(b"smear", b"smea\xff"), "damaged metadata"),
         (colour_code_network(blur2view_format="2").SerializeToString(), "format 1"),
         (identity_network(("x", "smear"), 3).SerializeToString(), "other inputs or outputs"),
         (identity_network(("image", "smear"), 1).SerializeToString(), "other inputs or outputs"),
@@ -230,6 +233,14 @@ def test_network_that_breaks_its_promise_is_refused(tmp_path: Path) -> None:
     onnx.save(identity_network(("image", "smear"), 3), path)
     with pytest.raises(ModelError, match=r"gives shape \(1, 3, 64, 64\)"):
         predict(np.zeros((64, 64, 3), np.float32), path)
+
+
+def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
+    model = colour_code_network()
+    model.graph.node[0].attribute[0].ints[:] = [400, 400]  # a window larger than the picture
+    onnx.save(model, tmp_path / "wide.onnx")
+    with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
+        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")
 
 
 def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
