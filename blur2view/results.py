@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -77,8 +78,8 @@ def prepare_folder(folder: Path) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / ".blur2view-probe", lambda file: None)
-        (folder / ".blur2view-probe").unlink()
+        with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
+            pass
     except OSError as error:
         raise _unwritable(folder, error) from None
 
