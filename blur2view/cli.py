@@ -91,7 +91,8 @@ def _add_estimate(commands: Any) -> None:
         type=float,
         default=EstimatorOptions.max_error_px,
         metavar="PX",
-        help=f"largest error of an inlier, pixels (default: {EstimatorOptions.max_error_px:.4g})",
+        help="error in pixels below which a smear is an inlier, however certain it is "
+        f"(default: {EstimatorOptions.max_error_px:.4g})",
     )
     add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
     add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")
