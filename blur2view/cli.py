@@ -84,7 +84,8 @@ def _add_estimate(commands: Any) -> None:
         type=float,
         default=SelectOptions.beta,
         metavar="SHARE",
-        help="share of the smears to use, the most certain ones (default: %(default)s)",
+        help="share of the smears, the most certain ones, of which "
+        f"at most {SelectOptions.max_matches} are used (default: %(default)s)",
     )
     add(
         "--max-error",
