@@ -75,7 +75,7 @@ def estimate(
     Raises
     ------
     ValueError, ModelError
-        If the image is not finite float32 of shape (H, W, 3); if the network cannot be used.
+        If the image is not float32 of shape (H, W, 3) in [0, 1]; if the network cannot be used.
     """
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng

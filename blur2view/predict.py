@@ -96,7 +96,7 @@ class SmearNetwork:
         Raises
         ------
         ValueError
-            If the image has another shape, or values that are not finite.
+            If the image has another shape or type, or values that are not in [0, 1].
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
@@ -250,11 +250,12 @@ def _read_info(path: Path, session: Any) -> ModelInfo:
 
 
 def _check_image(image: NDArray[np.float32]) -> None:
-    """Raise ValueError unless the image is finite float32 of shape (H, W, 3)."""
+    """Raise ValueError unless the image is float32 of shape (H, W, 3) in [0, 1]."""
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
         raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
-    if not (np.isfinite(image.min()) and np.isfinite(image.max())):
-        raise ValueError("the image has values that are not finite")
+    low, high = image.min(), image.max()  # NaN if any value is
+    if not (low >= 0 and high <= 1):
+        raise ValueError(f"expected finite values in [0, 1], got {low:.4g} to {high:.4g}")
 
 
 def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:

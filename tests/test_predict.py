@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from conftest import colour_code, colour_code_network
+from conftest import CODE_RANGE_PX, colour_code, colour_code_network
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
@@ -95,9 +95,17 @@ def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest
         np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
 
 
-@pytest.mark.parametrize(("given", "expected"), [(0.25, 0.25), (-0.5, 0.0)])
-def test_sigma_is_kept_but_never_negative(tiny_model: Path, given: float, expected: float) -> None:
-    field = predict(colour_code(turning_field(64, 64), given), tiny_model)
+def biased_network(bias: list[float]) -> onnx.ModelProto:
+    """Return the tiny network with another bias of x, y and sigma."""
+    model = colour_code_network()
+    model.graph.initializer[1].CopyFrom(onnx.numpy_helper.from_array(np.array(bias, np.float32), "bias"))
+    return model
+
+
+@pytest.mark.parametrize(("offset", "expected"), [(0.0, 0.25), (-0.75, 0.0)])
+def test_sigma_is_kept_but_never_negative(tmp_path: Path, offset: float, expected: float) -> None:
+    onnx.save(biased_network([-CODE_RANGE_PX, -CODE_RANGE_PX, offset]), tmp_path / "biased.onnx")
+    field = predict(colour_code(turning_field(64, 64), 0.25), tmp_path / "biased.onnx")
     np.testing.assert_allclose(field.sigma_px, expected, atol=1e-4)
 
 
@@ -163,10 +171,11 @@ def test_arrays_that_are_no_image_are_refused(tiny_model: Path, image: NDArray[n
         predict(image, tiny_model)
 
 
-def test_image_that_is_not_finite_is_refused(tiny_model: Path) -> None:
+@pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
+def test_values_that_are_no_shares_of_white_are_refused(tiny_model: Path, value: float) -> None:
     image = np.zeros((64, 64, 3), np.float32)
-    image[3, 4, 1] = np.nan
-    with pytest.raises(ValueError, match="finite"):
+    image[3, 4, 1] = value
+    with pytest.raises(ValueError, match=r"finite values in \[0, 1\], got"):
         predict(image, tiny_model)
 
 
@@ -244,9 +253,6 @@ def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
 
 
 def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
-    model = colour_code_network()
-    bias = model.graph.initializer[1]
-    bias.CopyFrom(onnx.numpy_helper.from_array(np.full(3, np.nan, np.float32), "bias"))
-    onnx.save(model, tmp_path / "nan.onnx")
+    onnx.save(biased_network([np.nan] * 3), tmp_path / "nan.onnx")
     with pytest.raises(ModelError, match="not finite"):
         predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")
