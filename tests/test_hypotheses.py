@@ -47,7 +47,7 @@ def test_rotations_beyond_the_limit_are_dropped() -> None:
 
 def test_dependent_smears_give_no_hypothesis() -> None:
     same = np.broadcast_to(np.array([[0.1, 0.1], [0.12, 0.1]]), (1, 3, 2, 2))
-    assert np.isfinite(turning_hypotheses(same, half_sphere(10), np.ones(3))).all()
+    assert len(turning_hypotheses(same, half_sphere(10), np.ones(3))) == 0
 
 
 def test_smears_of_a_translation_meet_in_its_epipole() -> None:
