@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from blur2view.epipolar import Array, cross_matrix, fundamental_from_pose, homogeneous
+from blur2view.epipolar import Array, fundamental_from_pose, homogeneous
 
 IMAGE_SIZE = (640, 480)
 
@@ -184,19 +184,3 @@ def noise_field_ends(
     vector = np.stack([smooth_noise(rng, middle, correlation_px) for _ in range(2)], axis=-1)
     half = 0.5 * length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True)
     return np.stack([middle - half, middle + half], axis=1)
-
-
-__all__ = [
-    "Scene",
-    "camera",
-    "cross_matrix",
-    "disturb",
-    "layered_depth",
-    "make_scene",
-    "noise_field_ends",
-    "project_smears",
-    "rotation",
-    "smooth_noise",
-    "with_outliers",
-    "with_second_motion",
-]
