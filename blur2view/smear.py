@@ -69,6 +69,11 @@ def to_double_angle(displacement: ArrayLike) -> Floats:
     -------
     ndarray of shape (..., 2)
         Double-angle vectors of the same length and, for floats, the same dtype; zero stays zero.
+
+    Raises
+    ------
+    ValueError
+        If the last axis is not of size 2.
     """
     d = _vectors(displacement)
     length = np.hypot(d[..., 0], d[..., 1])
@@ -88,7 +93,12 @@ def from_double_angle(double_angle: ArrayLike) -> Floats:
     Returns
     -------
     ndarray of shape (..., 2)
-        Displacements whose x is not negative (and whose y is positive where x is zero).
+        Displacements in pixels whose x is not negative (and whose y is positive where x is zero).
+
+    Raises
+    ------
+    ValueError
+        If the last axis is not of size 2.
     """
     u = _vectors(double_angle)
     length = np.hypot(u[..., 0], u[..., 1])
@@ -139,6 +149,11 @@ def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]
     Returns
     -------
     ndarray of shape (h*stride, w*stride, C), float32
+
+    Raises
+    ------
+    ValueError
+        If the grid has another number of axes or the stride is less than 1.
     """
     if grid.ndim != 3 or stride < 1:
         raise ValueError(f"expected shape (h, w, C) and a positive stride, got {grid.shape}, {stride}")

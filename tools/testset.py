@@ -61,7 +61,11 @@ def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> Ren
 
 
 def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Array:
-    """Photograph an instant as a good camera would (uint8 RGB), exposed like the blurred picture."""
+    """Photograph an instant as a good camera would (uint8 RGB).
+
+    Exposure follows the blurred picture `like`, tone curve and compression are fixed: both ends of one
+    exposure come out alike, as two frames of one camera do. `rng` draws the noise.
+    """
     signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
     noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
     coded = tone(np.random.default_rng(2), np.clip(noisy, 0, 1).astype(np.float32))
