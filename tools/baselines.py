@@ -12,15 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import (
-    apply_similarity,
-    cross_matrix,
-    homogeneous,
-    serrmin,
-    shared_normalisation,
-    unit_norm,
-)
-
 Array = NDArray[Any]
 Solver = Callable[[Array, Array], "Array | None"]
 
@@ -81,30 +72,3 @@ def solve(solver: Solver, ends: Array) -> Array | None:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
     return F if F is not None and np.isfinite(F).all() and np.abs(F).max() > 0 else None
-
-
-def two_parameter(ends: Array, rng: np.random.Generator, hypotheses: int = 400) -> Array:
-    """F = [e]x of two degrees of freedom: the point e in which the smears' lines (N, 2, 2) best meet.
-
-    Random pairs of lines propose e, truncated SErrMin chooses, reweighted least squares on the lines refine.
-    No order is needed, since F is antisymmetric.
-    """
-    T = shared_normalisation(ends)
-    points = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    unit = 1 / T[0, 0]  # pixels per normalised unit
-    lines = np.cross(homogeneous(points[:, 0]), homogeneous(points[:, 1]))
-    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True) + 1e-12
-
-    def errors(e: Array) -> Array:
-        squared: Array = serrmin(cross_matrix(e), points) * unit**2
-        return squared
-
-    pairs = rng.integers(0, len(lines), (hypotheses, 2))
-    meets = np.cross(lines[pairs[:, 0]], lines[pairs[:, 1]])
-    meets = meets[np.linalg.norm(meets, axis=1) > 1e-12]
-    best = min(meets, key=lambda e: float(np.minimum(errors(e), 1.0).sum()))
-    for _ in range(5):
-        weight = 1 / (1 + 4 * errors(best))
-        best = np.linalg.eigh((lines * weight[:, None]).T @ lines)[1][:, 0]
-    F: Array = unit_norm(T.T @ cross_matrix(best) @ T)
-    return F

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.matches import SmearMatches, select_matches
 from blur2view.metrics import direction_error_deg, epe_s, inlier_share, rho, share_under, sparsification_area
+from blur2view.search import two_parameter_fundamental
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import estimate_two_view
 from tools import baselines
@@ -76,11 +77,6 @@ def truth_at_matches(scene: TestScene, matches: SmearMatches) -> Array:
     return displacement
 
 
-def two_parameter(matches: SmearMatches) -> Array | None:
-    """Two-parameter F (all smears meet in one point), fitted robustly to the same matches."""
-    return baselines.two_parameter(matches.ends, np.random.default_rng(0)) if len(matches) >= 2 else None
-
-
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None]]:
     """Every method of the table, as a function of the matches."""
 
@@ -100,7 +96,7 @@ def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None
 
     return {
         "ours": ours,
-        "two-parameter F": two_parameter,
+        "two-parameter F": two_parameter_fundamental,
         "unordered, OpenCV MAGSAC": unordered,
         "u > 0 order, OpenCV MAGSAC": rightward,
         "true order, OpenCV MAGSAC": partial(told, baselines.opencv_magsac),
