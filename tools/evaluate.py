@@ -224,7 +224,11 @@ def main() -> None:
     text = markdown(smears, fundamentals, network.info.model_id)
     print(text)
     if arguments.out:
-        document = {"smears": asdict(smears), "fundamentals": [asdict(f) for f in fundamentals]}
+        document = {
+            "model_id": network.info.model_id,
+            "smears": asdict(smears),
+            "fundamentals": [asdict(row) for row in fundamentals],
+        }
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.with_suffix(".md").write_text(text)
         arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")

@@ -1,0 +1,93 @@
+"""The evaluation: what perfect and absent answers score, and that the command writes both tables."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blur2view.epipolar import sampson
+from blur2view.matches import select_matches
+from blur2view.smear import SmearField
+from tools import evaluate, testset
+from tools.render import RenderOptions, render
+from tools.testset import TestScene
+
+SIZE = (160, 128)
+OPTIONS = RenderOptions(
+    size=SIZE, split="test", smear_px=(8.0, 12.0), sharp_share=0.0, mover_share=0.0, straight=True
+)
+
+
+@pytest.fixture(scope="module")
+def scene() -> TestScene:
+    """Render a scene whose camera translates and turns."""
+    truth = render(4, OPTIONS)
+    assert truth.F is not None and not np.array_equal(truth.R, np.eye(3))
+    fields = {
+        name: getattr(truth, name) for name in ("displacement", "valid", "static", "K", "R", "t", "F", "kind")
+    }
+    return TestScene(name="0000", image_path=Path("0000.png"), **fields)
+
+
+def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
+    """Give the true field at every pixel, stretched, with a sigma that grows to the right."""
+    displacement = factor * scene.displacement.repeat(4, 0).repeat(4, 1)
+    sigma = np.broadcast_to(np.linspace(0.5, 1.5, SIZE[0]), SIZE[::-1])
+    return SmearField(displacement=displacement, sigma_px=sigma.astype(np.float32))
+
+
+def test_true_ends_fit_the_true_F_in_this_order(scene: TestScene) -> None:
+    ends = evaluate.true_ends(scene)
+    assert len(ends) == (scene.valid & scene.static).sum()
+    assert scene.F is not None
+    assert np.median(sampson(scene.F, ends[:, 0], ends[:, 1])) < 0.05**2
+
+
+def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
+    matches = select_matches(field_of(scene))
+    np.testing.assert_allclose(evaluate.truth_at_matches(scene, matches), matches.displacement, atol=1e-4)
+
+
+def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestScene) -> None:
+    perfect, longer = (evaluate.evaluate_smears([(scene, field_of(scene, factor))]) for factor in (1.0, 1.5))
+    assert perfect.images == 1 and perfect.epe_s == 0 and perfect.direction_deg == 0
+    assert longer.epe_s_over_length == pytest.approx(0.5, rel=1e-3)
+    assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
+    assert longer.length_ratio == pytest.approx(1.5, rel=0.02) and longer.direction_deg < 0.01
+
+
+def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:
+    ends = evaluate.true_ends(scene)
+    none, true = evaluate.judge(None, ends), evaluate.judge(scene.F, ends)
+    assert (none.rho, none.under_05, none.under_10, none.inliers) == (1, 0, 0, 0)
+    assert true.rho < 0.01 and true.under_05 == true.under_10 == true.inliers == 1
+    row = evaluate.summarise("half", [none, true], [true, true], missing=1)
+    assert (row.images, row.without_F, row.inliers, row.inliers_of_true) == (2, 1, 0.5, 0.5)
+
+
+def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScene) -> None:
+    pairs = [(scene, field_of(scene)), (replace(scene, F=None), field_of(scene))]
+    rows = {row.method: row for row in evaluate.evaluate_fundamentals(pairs)}
+    assert len(rows) == 8 and {row.images for row in rows.values()} == {1}
+    assert rows["true F"].inliers_of_true == 1 and rows["true F"].rho < 0.01
+    assert rows["ours"].without_F == 0 and rows["ours"].rho < rows["two-parameter F"].rho
+    for told in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
+        assert rows[f"true order, {told}"].rho < 0.05
+
+
+def test_command_writes_both_tables(
+    tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    testset.write_scene(3, tmp_path, testset.test_options(None, SIZE))  # scenes 0 to 2 only rotate
+    words = f"evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result".split()
+    monkeypatch.setattr("sys.argv", words)
+    evaluate.main()
+    text = (tmp_path / "tables" / "result.md").read_text()
+    assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
+    stored = json.loads((tmp_path / "tables" / "result.json").read_text())
+    assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
+    monkeypatch.setattr("sys.argv", ["evaluate", str(tmp_path / "tables")])
+    with pytest.raises(SystemExit, match="no scenes"):
+        evaluate.main()
