@@ -60,8 +60,11 @@ def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestS
 
 def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:
     ends = evaluate.true_ends(scene)
-    none, true = evaluate.judge(None, ends), evaluate.judge(scene.F, ends)
+    none, true = (evaluate.judge(F, scene, ends) for F in (None, scene.F))
     assert (none.rho, none.under_05, none.under_10, none.inliers) == (1, 0, 0, 0)
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert none.serrmin_px2 == pytest.approx(np.median(length**2)) and none.epipole_deg == 90
+    assert true.serrmin_px2 < 0.05**2 and true.epipole_deg < 1e-3
     assert true.rho < 0.01 and true.under_05 == true.under_10 == true.inliers == 1
     row = evaluate.summarise("half", [none, true], [true, true], missing=1)
     assert (row.images, row.without_F, row.inliers, row.inliers_of_true) == (2, 1, 0.5, 0.5)

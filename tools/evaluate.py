@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,16 @@ from numpy.typing import NDArray
 
 import blur2view
 from blur2view.matches import SmearMatches, select_matches
-from blur2view.metrics import direction_error_deg, epe_s, inlier_share, rho, share_under, sparsification_area
+from blur2view.metrics import (
+    direction_error_deg,
+    epe_s,
+    epipole_angle_deg,
+    inlier_share,
+    rho,
+    serrmin,
+    share_under,
+    sparsification_area,
+)
 from blur2view.search import two_parameter_fundamental
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import estimate_two_view
@@ -52,7 +61,11 @@ class SmearFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FundamentalFigures:
-    """Quality of one method's F over the images whose camera translates; no F counts as the worst."""
+    """Quality of one method's F over the images whose camera translates; no F counts as the worst.
+
+    Medians over images of ``rho`` and ``serrmin_px2`` (themselves medians over smears) and ``epipole_deg``;
+    means of the shares of smears.
+    """
 
     method: str
     images: int
@@ -62,6 +75,8 @@ class FundamentalFigures:
     rho_under_10: float
     inliers: float
     inliers_of_true: float
+    serrmin_px2: float
+    epipole_deg: float
 
 
 def true_ends(scene: TestScene) -> Array:
@@ -108,45 +123,53 @@ def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """One F on one image's true smears."""
+    """One F on one image's true smears; the epipole's angle is that of rays, up to the flip of time."""
 
     rho: float
     under_05: float
     under_10: float
     inliers: float
+    serrmin_px2: float
+    epipole_deg: float
 
 
-NOTHING = Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0)
+def judge(F: Array | None, scene: TestScene, ends: Array) -> Judged:
+    """Judge F on the true ends (N, 2, 2) of a scene whose camera translates.
 
-
-def judge(F: Array | None, ends: Array) -> Judged:
-    """Judge F on true ends (N, 2, 2); None is the worst answer."""
-    if F is None:
-        return NOTHING
+    None is the worst answer: errors as long as the smears, and an epipole at right angles.
+    """
+    if F is None or scene.F is None:
+        squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
+        return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
     relative = rho(F, ends)
     return Judged(
         rho=float(np.median(relative)),
         under_05=share_under(relative, 0.05),
         under_10=share_under(relative, 0.10),
         inliers=inlier_share(F, ends),
+        serrmin_px2=float(np.median(serrmin(F, ends))),
+        epipole_deg=epipole_angle_deg(F, scene.F, scene.K),
     )
 
 
 def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
-    """Medians of rho, means of the shares, and inliers as a fraction of what the true F reaches."""
-    mean = {
-        name: float(np.mean([getattr(j, name) for j in judged]))
-        for name in ("under_05", "under_10", "inliers")
-    }
+    """Medians of the errors, means of the shares, and inliers as a fraction of what the true F reaches."""
+    names = [field.name for field in fields(Judged)]
+    mean, middle = (
+        {name: float(statistic([getattr(j, name) for j in judged])) for name in names}
+        for statistic in (np.mean, np.median)
+    )
     return FundamentalFigures(
         method=method,
         images=len(judged),
         without_F=missing,
-        rho=float(np.median([j.rho for j in judged])),
+        rho=middle["rho"],
         rho_under_05=mean["under_05"],
         rho_under_10=mean["under_10"],
         inliers=mean["inliers"],
         inliers_of_true=mean["inliers"] / float(np.mean([r.inliers for r in reference])),
+        serrmin_px2=middle["serrmin_px2"],
+        epipole_deg=middle["epipole_deg"],
     )
 
 
@@ -160,7 +183,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> lis
         matches, ends = select_matches(field), true_ends(scene)
         for name, method in methods(scene).items():
             F = method(matches)
-            table.setdefault(name, []).append(judge(F, ends))
+            table.setdefault(name, []).append(judge(F, scene, ends))
             missing[name] = missing.get(name, 0) + (F is None)
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 
@@ -197,11 +220,17 @@ def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model
     """Both tables."""
     rows = [f"Model {model_id}, {smears.images} rendered images.", "", "| smears | |", "|---|---|"]
     rows += [f"| {name} | {value:.4g} |" for name, value in asdict(smears).items()]
-    head = "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's |"
-    rows += ["", head, "|---|---|---|---|---|---|---|---|"]
+    head = (
+        "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
+        "| median SErrMin, px^2 | epipole, deg |"
+    )
+    rows += ["", head, "|---|---|---|---|---|---|---|---|---|---|"]
     for f in fundamentals:
         shares = f"{f.rho_under_05:.3f} | {f.rho_under_10:.3f} | {f.inliers:.3f} | {f.inliers_of_true:.3f}"
-        rows.append(f"| {f.method} | {f.images} | {f.without_F} | {f.rho:.4f} | {shares} |")
+        rows.append(
+            f"| {f.method} | {f.images} | {f.without_F} | {f.rho:.4f} | {shares} "
+            f"| {f.serrmin_px2:.3g} | {f.epipole_deg:.1f} |"
+        )
     return "\n".join(rows) + "\n"
 
 
