@@ -29,6 +29,7 @@ import numpy as np
 import blur2view
 from blur2view.matches import select_matches
 from blur2view.pipeline import estimate
+from blur2view.results import OutputFiles, write_results
 from blur2view.two_view import estimate_two_view
 from tools.testset import test_options, write_scene
 
@@ -68,14 +69,16 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
 
     network = blur2view.SmearNetwork()
     image = blur2view.read_image(photo)
-    field = network.predict(image)
-    matches = select_matches(field)
+    found = estimate(image, network=network)
+    field, matches = found.field, found.matches
+    files = OutputFiles(folder=folder, stem="stages")
     write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
     return {
         "decode": timed(lambda: blur2view.read_image(photo), repeats),
         "network": timed(lambda: network.predict(image), repeats),
         "matches": timed(lambda: select_matches(field), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
+        "draw and write": timed(lambda: write_results(files, {}, image, found), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }
