@@ -21,6 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
+from blur2view.predict import FORMAT
 from tools.checkpoint import load_average, save_average
 from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, SmearUNet
 from tools.render import RenderOptions, render
@@ -48,7 +49,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
         "figures": {name: round(value, 4) for name, value in state["figures"].items()},
     }
     return {
-        "blur2view_format": "1",
+        "blur2view_format": FORMAT,
         "model_id": f"smear-{digest[:12]}",
         "stride": str(STRIDE),
         "multiple_of": str(MULTIPLE_OF),
