@@ -1,6 +1,6 @@
 """Formulas of two views: F, its symmetric and skew parts, Sampson distances, ambiguous residuals.
 
-Conventions (DESIGN section 2): points are (x, y) in pixels; ``points2^T F points1 = 0``; the ends of a
+Conventions, as in the whole package: points are (x, y) in pixels; ``points2^T F points1 = 0``; the ends of a
 smear are ``ends[:, 0]`` and ``ends[:, 1]`` and their order means nothing.
 
 With midpoint p and half displacement s (ends p - s and p + s) and F = S + [a]x, S symmetric,

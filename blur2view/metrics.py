@@ -1,4 +1,4 @@
-"""Measures of smears, of F and of poses (DESIGN section 8): arrays in, arrays out."""
+"""Measures of smears, of F and of poses: arrays in, arrays out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results on disk and on the terminal: JSON, arrays, overlay and a readable summary (DESIGN, section 7)."""
+"""Results on disk and on the terminal: JSON, arrays, overlay and a readable summary."""
 
 import json
 import os

@@ -1,10 +1,10 @@
 """Exact minimal solver: F from seven smears whose ends have no order.
 
-With signs sigma (one per smear, the unknown orders) the seven equations are Q vec(S) = -diag(sigma) L a. Q
-(7x6) does not contain the signs, so all sign patterns share one factorisation. With n the left null vector
-of Q, (n o sigma)^T L a = 0 leaves a plane of vectors a, S follows by the pseudo-inverse of Q, and det F = 0
-is one cubic: one or three real F per pattern (DESIGN section 3). Flipping every sign transposes F, so
-sigma_1 = +1 is enough.
+With F = S + [a]x and its features Q (7x6) and L (7x3), as in `epipolar`, and signs sigma (one per smear, the
+unknown orders), the seven equations are Q vec(S) = -diag(sigma) L a. Q does not contain the signs, so all
+sign patterns share one factorisation. With n the left null vector of Q, (n o sigma)^T L a = 0 leaves a plane
+of vectors a, S follows by the pseudo-inverse of Q, and det F = 0 is one cubic: one or three real F per
+pattern. Flipping every sign transposes F, so sigma_1 = +1 is enough.
 """
 
 from __future__ import annotations

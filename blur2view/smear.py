@@ -58,7 +58,7 @@ class SmearField:
 
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
-    """Map d to |d| (cos 2phi, sin 2phi), where d and -d agree (DESIGN, section 2).
+    """Map d to |d| (cos 2phi, sin 2phi), where d and -d agree.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measure smears and F on the rendered test split (DESIGN, section 8).
+"""Measure smears and F on the rendered test split.
 
     python -m tools.testset render/test --scenes 60 --photos KODAK
     python -m tools.evaluate render/test --out tools/results/evaluation

@@ -15,7 +15,7 @@ from tools.model import SmearUNet, decode
 
 CROPS, SIDE, SEED = 128, 240, 12345
 LONG_PX = 4.0
-"""Directions and length ratios are judged on smears from here on (DESIGN, section 8)."""
+"""Directions and length ratios are judged on smears from here on."""
 
 
 @dataclass(frozen=True, kw_only=True)
