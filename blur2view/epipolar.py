@@ -166,13 +166,6 @@ def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
     return decided
 
 
-def nearest_rank_two(F: Array) -> Array:
-    """Project matrices (..., 3, 3) on rank 2 in the Frobenius norm (drop the least singular value)."""
-    U, singular, Vt = np.linalg.svd(F)
-    projected: Array = (U[..., :2] * singular[..., None, :2]) @ Vt[..., :2, :]
-    return projected
-
-
 def epipoles(F: Array) -> tuple[Array, Array]:
     """Give the unit homogeneous epipoles e1 (F e1 = 0) and e2 (F^T e2 = 0) of F (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(F)
