@@ -14,6 +14,7 @@ __all__ = [
     "translation_direction_error_deg", "true_inlier_fraction",
 ]  # fmt: skip
 
+DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.matches import SmearMatches, select_matches
 from blur2view.metrics import (
+    DIRECTION_MIN_PX,
     direction_error_deg,
     epe_s,
     epipole_angle_deg,
@@ -39,8 +40,6 @@ from tools import baselines
 from tools.testset import TestScene, read_test_set
 
 Array = NDArray[Any]
-
-DIRECTION_MIN_PX = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,14 +8,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from blur2view.metrics import DIRECTION_MIN_PX
 from tools.crops import CropStream
 from tools.dataset import load_shards
 from tools.loss import smear_error, target_parts
 from tools.model import SmearUNet, decode
 
 CROPS, SIDE, SEED = 128, 240, 12345
-LONG_PX = 4.0
-"""Directions and length ratios are judged on smears from here on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +62,7 @@ def figures_of(decoded: Tensor, truth: Tensor) -> Figures:
     target = target_parts(truth)
     seen = target.valid > 0
     error, sigma, true = smear_error(decoded, target)[seen], decoded[:, 2:][seen], target.length[seen]
-    certain, long = sigma <= sigma.median(), true >= LONG_PX
+    certain, long = sigma <= sigma.median(), true >= DIRECTION_MIN_PX
     mine = torch.linalg.norm(decoded[:, :2], dim=1, keepdim=True)
     cosine = ((decoded[:, :2] * target.unit).sum(1, keepdim=True) / (mine + 1e-6)).clamp(-1, 1)[seen]
     angle_deg = torch.rad2deg(torch.acos(cosine)) / 2
