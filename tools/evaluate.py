@@ -153,22 +153,19 @@ def judge(F: Array | None, scene: TestScene, ends: Array) -> Judged:
 
 def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
     """Medians of the errors, means of the shares, and inliers as a fraction of what the true F reaches."""
-    names = [field.name for field in fields(Judged)]
-    mean, middle = (
-        {name: float(statistic([getattr(j, name) for j in judged])) for name in names}
-        for statistic in (np.mean, np.median)
-    )
+    values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
+    inliers = float(values["inliers"].mean())
     return FundamentalFigures(
         method=method,
         images=len(judged),
         without_F=missing,
-        rho=middle["rho"],
-        rho_under_05=mean["under_05"],
-        rho_under_10=mean["under_10"],
-        inliers=mean["inliers"],
-        inliers_of_true=mean["inliers"] / float(np.mean([r.inliers for r in reference])),
-        serrmin_px2=middle["serrmin_px2"],
-        epipole_deg=middle["epipole_deg"],
+        rho=float(np.median(values["rho"])),
+        rho_under_05=float(values["under_05"].mean()),
+        rho_under_10=float(values["under_10"].mean()),
+        inliers=inliers,
+        inliers_of_true=inliers / float(np.mean([r.inliers for r in reference])),
+        serrmin_px2=float(np.median(values["serrmin_px2"])),
+        epipole_deg=float(np.median(values["epipole_deg"])),
     )
 
 
