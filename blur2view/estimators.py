@@ -187,7 +187,7 @@ class SmearEstimator:
 
     @cached_property
     def quality(self) -> Array:
-        """Sampling weights (N,): squared length over standard deviation."""
+        """Sampling weights (N,): length over standard deviation, squared."""
         weights: Array = (self.problem.length_px / self.problem.sigma_px) ** 2
         return weights
 

@@ -120,7 +120,7 @@ class SelectOptions:
         """Refuse options out of range."""
         if not 0 < self.beta <= 1:
             raise ValueError(f"beta must be in (0, 1], got {self.beta}")
-        if self.max_matches < 1 or self.cells < 1 or self.min_length_px < 0:
+        if self.max_matches < 1 or self.cells < 1 or not 0 <= self.min_length_px < np.inf:
             raise ValueError(f"max_matches, cells must be positive, min_length_px not negative, got {self}")
         if self.rank not in ("relative", "absolute"):
             raise ValueError(f"rank must be 'relative' or 'absolute', got {self.rank!r}")

@@ -20,11 +20,12 @@ class EstimatorOptions:
     Errors: ``max_error_px`` a match with SErrMin below its square is an inlier (the paper: 3 squared
     pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
-    and in pixels; ``block_px`` the side of the blocks in which coverage is counted. Search: see
-    `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop on ``stop_inlier_share``.
+    and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
+    on ``stop_inlier_share``.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
-    image; ``min_coverage`` the least share of the image's blocks with matches; ``min_agreement`` the least
-    share of smears that agree with F beyond chance, ``sure_agreement`` the share that needs no second test,
+    image; ``min_coverage`` the least share of the image's square blocks with matches, ``coverage_blocks`` of
+    which lie along its longer side; ``min_agreement`` the least share of smears that agree with F beyond
+    chance, ``sure_agreement`` the share that needs no second test,
     ``min_held_out`` the least share of one half of the image that the other half predicts.
     """
 
@@ -32,7 +33,7 @@ class EstimatorOptions:
     cutoff: float = 3.0
     relative_sigma: float = 0.03
     min_sigma_px: float = 0.1
-    block_px: float = 40.0
+    coverage_blocks: int = 24
     max_iterations: int = 1000
     confidence: float = 0.999
     stop_inlier_share: float = 0.9
@@ -47,20 +48,19 @@ class EstimatorOptions:
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
-        positive = (self.max_error_px, self.cutoff, self.min_sigma_px, self.block_px, self.fit_error_px)
-        if not min(positive) > 0 or self.relative_sigma < 0 or self.min_length_px < 0:
-            raise ValueError(f"errors, sigmas and distances must be positive, got {self}")
+        for name in ("max_error_px", "cutoff", "min_sigma_px", "fit_error_px"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
+        for name in ("relative_sigma", "min_length_px"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         if self.min_matches < 8:
             raise ValueError(f"min_matches must be at least 8, got {self.min_matches}")
-        shares = (
-            self.max_still_share,
-            self.min_coverage,
-            self.min_agreement,
-            self.sure_agreement,
-            self.min_held_out,
-        )
-        if min(shares) < 0 or max(shares) > 1:
-            raise ValueError(f"shares must be in [0, 1], got {self}")
+        if self.coverage_blocks < 1:
+            raise ValueError(f"coverage_blocks must be at least 1, got {self.coverage_blocks}")
+        for name in ("max_still_share", "min_coverage", "min_agreement", "sure_agreement", "min_held_out"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         self.search()
 
     def search(self) -> RansacOptions:

@@ -37,8 +37,9 @@ def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     """Reason if the smears cover so little of the image that they may be one moving object."""
     if matches.image_size is None:
         return None
-    blocks = np.ceil(np.array(matches.image_size) / options.block_px).prod()
-    coverage = occupied_blocks(matches.midpoint, options.block_px) / blocks
+    block_px = max(matches.image_size) / options.coverage_blocks
+    blocks = min(np.ceil(np.array(matches.image_size) / block_px).prod(), len(matches))
+    coverage = occupied_blocks(matches.midpoint, block_px) / blocks
     if coverage >= options.min_coverage:
         return None
     return (

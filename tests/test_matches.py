@@ -108,7 +108,10 @@ def test_tiny_images_and_repeats() -> None:
     assert np.array_equal(one.ends, two.ends)
 
 
-@pytest.mark.parametrize("wrong", [{"beta": 0.0}, {"beta": 1.1}, {"max_matches": 0}, {"rank": "best"}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"beta": 0.0}, {"beta": np.nan}, {"max_matches": 0}, {"rank": "best"}, {"min_length_px": np.nan}],
+)
 def test_options_out_of_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="must be"):
         SelectOptions(**wrong)  # type: ignore[arg-type]

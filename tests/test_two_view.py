@@ -189,6 +189,17 @@ def test_a_still_background_with_a_small_moving_person_gives_no_F() -> None:
     assert_refused(solve(replace(walker, still_share=0.9)), Configuration.DEGENERATE, "no camera motion: 90%")
 
 
+@pytest.mark.parametrize(("scale", "count"), [(20, 2000), (3, 60)])
+def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int) -> None:
+    scene = make_scene(np.random.default_rng(5))
+    few = SmearMatches(
+        ends=scene.ends[:count] * scale,
+        sigma_px=np.full(len(scene.ends[:count]), 0.1 * scale),
+        image_size=(IMAGE_SIZE[0] * scale, IMAGE_SIZE[1] * scale),
+    )
+    assert solve(few).F is not None
+
+
 @pytest.mark.parametrize("correlation_px", [0.0, 20.0])
 def test_random_smears_give_no_F(correlation_px: float) -> None:
     for seed in range(4):
@@ -211,6 +222,10 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
     "wrong",
     [
         {"max_error_px": 0.0},
+        {"max_error_px": np.inf},
+        {"fit_error_px": np.nan},
+        {"relative_sigma": np.nan},
+        {"coverage_blocks": 0},
         {"min_matches": 7},
         {"min_agreement": 1.5},
         {"max_iterations": 0},
