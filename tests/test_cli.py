@@ -12,7 +12,7 @@ import pytest
 from conftest import colour_code, write_picture
 from numpy.typing import NDArray
 
-from blur2view import cli
+from blur2view import cli, results
 from blur2view.epipolar import serrmin
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions
@@ -181,6 +181,19 @@ def test_nothing_is_overwritten_without_being_asked(
     assert (out / "moving.png").read_text() == "mine"
     assert run(moving, "-o", out, "--overwrite") == 0
     assert (out / "moving.json").exists()
+
+
+def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
+    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(moving, "-o", tmp_path / "out") == 0
+
+    def killed(path: Path, write: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(results, "write_atomically", killed)
+    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 1
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["moving.png", "moving.smear.npz"]
 
 
 def test_refusal_comes_before_the_work(

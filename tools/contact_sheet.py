@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.errors import OutputError
 from tools.dataset import add_scene_arguments, scene_arguments
 from tools.render import Rendering, RenderOptions, render
 
@@ -66,7 +65,7 @@ def main() -> None:
     add_scene_arguments(parser)
     arguments = parser.parse_args()
     if not cv2.imwrite(str(arguments.out), contact_sheet(*scene_arguments(arguments))):
-        raise OutputError(f"cannot write {arguments.out}: does its folder exist?")
+        raise SystemExit(f"cannot write {arguments.out}: does its folder exist?")
 
 
 if __name__ == "__main__":

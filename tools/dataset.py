@@ -88,9 +88,7 @@ def training_record(seed: int, options: RenderOptions) -> Scenes:
 
 def load_shards(folder: Path) -> Scenes:
     """Load all scenes of a folder; Blur2ViewError if it holds none."""
-    paths = sorted(p for p in folder.glob("*.npz") if not p.name.endswith(".tmp.npz"))
-    if not paths:
-        raise Blur2ViewError(f"no rendered scenes in {folder}: run python -m tools.dataset --out {folder}")
+    paths = require_shards(folder)
     merged: dict[str, Array] = {}
     counts = [stored_count(path) for path in paths]
     end = 0
@@ -103,6 +101,14 @@ def load_shards(folder: Path) -> Scenes:
                     merged[key] = np.empty((sum(counts), *array.shape[1:]), array.dtype)
                 merged[key][end - count : end] = array
     return Scenes(**merged)
+
+
+def require_shards(folder: Path) -> list[Path]:
+    """List the finished shards of a folder; Blur2ViewError if there are none."""
+    paths = sorted(p for p in folder.glob("*.npz") if not p.name.endswith(".tmp.npz"))
+    if not paths:
+        raise Blur2ViewError(f"no rendered scenes in {folder}: run python -m tools.dataset --out {folder}")
+    return paths
 
 
 def stored_count(path: Path) -> int:

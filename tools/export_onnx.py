@@ -125,7 +125,10 @@ def main() -> None:
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("target", type=Path)
     arguments = parser.parse_args()
-    export(arguments.checkpoint, arguments.target)
+    try:
+        export(arguments.checkpoint, arguments.target)
+    except ModelError as error:
+        raise SystemExit(str(error)) from None
 
 
 if __name__ == "__main__":

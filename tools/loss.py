@@ -1,4 +1,4 @@
-"""Training loss and the errors it is made of (DESIGN, section 4), in torch.
+"""Training loss and the errors it is made of, in torch.
 
 Three parts: orientation as a chord on the double-angle circle, weighted down for tiny smears; log length;
 and the uncertainty, by the negative log likelihood of the end-point error with the paper's cross-check term,

@@ -1,6 +1,6 @@
 """The smear network: a structure-tensor stem, a U-Net at stride 4 and factored heads (torch).
 
-DESIGN section 4: a plain U-Net on RGB does not start to learn; gradients' double-angle products as input,
+A plain U-Net on RGB does not start to learn; gradients' double-angle products as input,
 and orientation, log length and uncertainty as separate outputs do, within minutes.
 """
 

@@ -28,9 +28,10 @@ import torch.multiprocessing
 from torch import Tensor, distributed
 from torch.utils.data import DataLoader
 
+from blur2view.errors import Blur2ViewError
 from tools.checkpoint import Run, follow, start_run
 from tools.crops import CropStream
-from tools.dataset import Scenes, load_shards
+from tools.dataset import Scenes, load_shards, require_shards
 from tools.loss import Loss, loss_of
 from tools.model import MULTIPLE_OF, SmearUNet
 from tools.validation import figures_of, predict, validation_crops
@@ -223,6 +224,11 @@ def parse() -> TrainOptions:
 def main() -> None:
     """Train in one process or in several."""
     options = parse()
+    try:
+        for folder in (options.train, options.val):
+            require_shards(folder)
+    except Blur2ViewError as error:
+        raise SystemExit(str(error)) from None
     if options.processes > 1:
         train_in_parallel(options)
     else:
