@@ -109,11 +109,6 @@ def test_size_is_dynamic_and_names_are_those_of_the_contract(exported: Path) -> 
         assert channels.dim_value == 3 and batch.dim_param and all(side.dim_param for side in sides)
 
 
-def test_first_checkpoints_without_a_count_of_scenes_still_export() -> None:
-    state = {"options": {"seed": 0, "batch": 2}, "step": 3, "figures": {}}
-    assert json.loads(metadata(state, "0" * 64)["training"])["scenes"] is None
-
-
 def test_file_that_differs_from_torch_is_not_shipped(
     checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,10 +125,10 @@ def test_file_that_differs_from_torch_is_not_shipped(
 def test_weights_beside_the_file_start_another_training(exported: Path, network: SmearUNet) -> None:
     kept = exported.with_suffix(".pt")
     state = torch.load(kept, weights_only=True)
-    assert set(state) == {"average", "model_options", "step", "figures", "scenes", "options"}
+    assert set(state) == {"average", "model_options", "step", "steps_before", "figures", "scenes", "options"}
     assert state["options"] == {"seed": 5, "batch": 24, "processes": 2}
     run = start_run(3, 1e-3, torch.device("cpu"), weights=kept)
-    assert run.step == 0
+    assert (run.step, run.steps_before) == (0, 40)
     for mine, theirs, average in zip(
         run.network.parameters(), network.parameters(), run.average.parameters(), strict=True
     ):

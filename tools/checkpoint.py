@@ -27,6 +27,8 @@ class Run:
         Over the parameters of `network`.
     step : int
         Optimiser steps done.
+    steps_before : int
+        Steps of the earlier runs whose weights this one started from.
     figures : dict of float
         Those of the last validation.
     """
@@ -35,6 +37,7 @@ class Run:
     average: SmearUNet
     optimiser: torch.optim.Optimizer
     step: int = 0
+    steps_before: int = 0
     figures: dict[str, float] = field(default_factory=dict)
 
     def save(self, path: Path, options: Mapping[str, Any], scenes: int) -> None:
@@ -47,6 +50,7 @@ class Run:
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
+            "steps_before": self.steps_before,
             "model_options": self.network.options.as_dict(),
             "options": {k: str(v) if isinstance(v, Path) else v for k, v in options.items()},
             "figures": self.figures,
@@ -62,7 +66,7 @@ class Run:
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
-        self.step = int(state["step"])
+        self.step, self.steps_before = int(state["step"]), int(state["steps_before"])
         self.figures = dict(state["figures"])
 
 
@@ -78,14 +82,17 @@ def start_run(
     A fresh run's weights are the averaged ones of the checkpoint `weights`, or follow from the seed.
     """
     torch.manual_seed(seed)
-    network = load_average(weights)[0] if weights else SmearUNet()
+    network, before = SmearUNet(), 0
+    if weights:
+        network, state = load_average(weights)
+        before = int(state["step"]) + int(state["steps_before"])
     average = SmearUNet(network.options)
     average.load_state_dict(network.state_dict())
     for part in (network, average):
         part.to(device)
         part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # the stubs lack it
     optimiser = torch.optim.AdamW(network.parameters(), lr=learning_rate, weight_decay=1e-4)
-    run = Run(network=network, average=average, optimiser=optimiser)
+    run = Run(network=network, average=average, optimiser=optimiser, steps_before=before)
     if last is not None and last.exists():
         run.load(last)
     return run
@@ -113,7 +120,9 @@ def load_average(path: Path) -> tuple[SmearUNet, dict[str, Any]]:
 def save_average(checkpoint: Path, target: Path) -> None:
     """Keep of a checkpoint what inference and a later training need: averaged weights, history, no paths."""
     state = torch.load(checkpoint, map_location="cpu", weights_only=True)
-    kept = {key: state[key] for key in ("average", "model_options", "step", "figures", "scenes")}
+    kept = {
+        key: state[key] for key in ("average", "model_options", "step", "steps_before", "figures", "scenes")
+    }
     kept["options"] = {k: v for k, v in state["options"].items() if k not in PATHS}
     temporary = target.with_suffix(".tmp")
     torch.save(kept, temporary)

@@ -40,12 +40,12 @@ CONVENTION = (
 
 def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
     """Describe the file: format, geometry, licence and how it was trained."""
-    options = state["options"]
+    options, steps = state["options"], state["step"] + state["steps_before"]
     training = {
         "seed": options["seed"],
-        "steps": state["step"],
-        "crops": state["step"] * options["batch"] * options.get("processes", 1),
-        "scenes": state.get("scenes"),  # absent from checkpoints of the first version
+        "steps": steps,
+        "crops": steps * options["batch"] * options.get("processes", 1),
+        "scenes": state["scenes"],
         "figures": {name: round(value, 4) for name, value in state["figures"].items()},
     }
     return {
