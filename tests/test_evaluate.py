@@ -33,7 +33,7 @@ def scene() -> TestScene:
 
 def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
     """Give the true field at every pixel, stretched, with a sigma that grows to the right."""
-    displacement = factor * scene.displacement.repeat(4, 0).repeat(4, 1)
+    displacement = np.asarray(factor * scene.displacement.repeat(4, 0).repeat(4, 1), np.float32)
     sigma = np.broadcast_to(np.linspace(0.5, 1.5, SIZE[0]), SIZE[::-1])
     return SmearField(displacement=displacement, sigma_px=sigma.astype(np.float32))
 

@@ -8,13 +8,14 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from skimage import data
+from skimage import data_dir
 
 from blur2view.errors import ModelError
+from blur2view.image import read_image
 from blur2view.predict import SmearNetwork
 from tools import export_onnx
 from tools.checkpoint import Run, load_average, start_run
-from tools.export_onnx import Images, difference_px, export, metadata, sample_image
+from tools.export_onnx import Images, difference_px, export, sample_image
 from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, ModelOptions, SmearUNet
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
@@ -137,5 +138,5 @@ def test_weights_beside_the_file_start_another_training(exported: Path, network:
 
 def test_shipped_network_is_its_shipped_weights_on_a_real_photograph() -> None:
     network, _ = load_average(SHIPPED.with_suffix(".pt"))
-    photo: Images = (data.coffee()[:256, :320] / 255).astype(np.float32)
+    photo: Images = read_image(Path(data_dir) / "coffee.png")[:256, :320]
     assert difference_px(SHIPPED, network, np.ascontiguousarray(photo.transpose(2, 0, 1)[None])) < 1e-3

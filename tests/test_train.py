@@ -113,13 +113,10 @@ def test_checkpoint_gives_its_averaged_network(tmp_path: Path) -> None:
     assert not network.training and network.options == NARROW
     assert torch.equal(network.head.weight, run.average.head.weight)
     assert not torch.equal(network.head.weight, run.network.head.weight)
-    assert (
-        state["step", "steps_before"] == 7
-        and state["scenes"] == 12
-        and state["options"] == {"seed": 1, "out": "there"}
-    )
+    assert state["step"] == 7 and state["scenes"] == 12 and state["options"] == {"seed": 1, "out": "there"}
     assert set(state) == {
-        "network", "average", "optimiser", "step", "model_options", "options", "figures", "scenes",
+        "network", "average", "optimiser", "step", "steps_before",
+        "model_options", "options", "figures", "scenes",
     }  # fmt: skip
     assert [path.name for path in tmp_path.iterdir()] == ["last.pt"]
 

@@ -2,12 +2,13 @@
 
 From nothing to a checkpoint::
 
-    python -m tools.dataset --out render/train --scenes 6000 --photos KODAK
-    python -m tools.dataset --out render/val --scenes 100 --split test --photos KODAK
-    python -m tools.train --train render/train --val render/val --out runs/smear --steps 30000
+    python -m tools.dataset --out render/train --scenes 5250 --photos KODAK
+    python -m tools.dataset --out render/val --scenes 100 --first-seed 900000 --split test --photos KODAK
+    python -m tools.train --train render/train --val render/val --out runs/smear --steps 6500 --processes 2
 
-Run the last line again to go on from ``runs/smear/last.pt``. The loss is in :mod:`tools.loss`, the figures
-that are printed on the way in :mod:`tools.validation`.
+``models/README.md`` has the whole recipe of the shipped network. Run the last line again to go on from
+``runs/smear/last.pt``. The loss is in :mod:`tools.loss`, the figures that are printed on the way in
+:mod:`tools.validation`.
 """
 
 from __future__ import annotations
