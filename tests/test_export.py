@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import onnx
 import pytest
+import skimage
 import torch
-from skimage import data_dir
 
 from blur2view.errors import ModelError
 from blur2view.image import read_image
@@ -138,5 +138,5 @@ def test_weights_beside_the_file_start_another_training(exported: Path, network:
 
 def test_shipped_network_is_its_shipped_weights_on_a_real_photograph() -> None:
     network, _ = load_average(SHIPPED.with_suffix(".pt"))
-    photo: Images = read_image(Path(data_dir) / "coffee.png")[:256, :320]
+    photo: Images = read_image(Path(skimage.__file__).parent / "data" / "coffee.png")[:256, :320]
     assert difference_px(SHIPPED, network, np.ascontiguousarray(photo.transpose(2, 0, 1)[None])) < 1e-3
