@@ -22,7 +22,10 @@ ODDS_AGAINST_GENERAL = 100.0
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fitted family: its name, its point, its penalised cost (twice a negative log-posterior, plus BIC)."""
+    """A fitted family: its name, its point, its penalised cost.
+
+    The score is twice a negative log-posterior plus Akaike's penalty, see :func:`fit_best`.
+    """
 
     name: str
     point: Manifold
