@@ -30,6 +30,7 @@ import blur2view
 from blur2view.matches import select_matches
 from blur2view.pipeline import estimate
 from blur2view.results import OutputFiles, write_results
+from blur2view.seven_smears import solve_seven_smears
 from blur2view.two_view import estimate_two_view
 from tools.testset import test_options, write_scene
 
@@ -83,6 +84,12 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }
+
+
+def solver_seconds(repeats: int, samples: int = 1000) -> float:
+    """Median seconds of the minimal solver per sample of seven smears, all 64 sign patterns, batched."""
+    ends = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 7, 2, 2))
+    return timed(lambda: solve_seven_smears(ends), repeats) / samples
 
 
 def quietly(command: Callable[[list[str]], int], arguments: list[str]) -> None:
@@ -150,6 +157,8 @@ def main() -> None:
         large = whole_process(enlarged(photo, folder / "large.jpg"), folder / "out")
     wall = median(seconds for seconds, _ in process)
     text = table(times, (wall, process[-1][1]), rival, arguments.repeats)
+    solver_ms = 1e3 * solver_seconds(arguments.repeats)
+    text += f"\nMinimal solver, batched: {solver_ms:.2f} ms a sample of seven smears.\n"
     text += f"\nA photograph of {LARGE[0]}x{LARGE[1]}: {large[0]:.1f} s, {large[1]:.0f} MiB, whole process.\n"
     print(text)
     if arguments.out:
