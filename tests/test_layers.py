@@ -18,7 +18,7 @@ LAYERS = [
     {"errors", "ransac", "drawing"},
     {"image", "smear", "tiles", "epipolar"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring"},
-    {"manifold"},
+    {"manifold", "components"},
     {"refine"},
     {"estimators"},
     {"families"},
