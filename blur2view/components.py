@@ -10,6 +10,7 @@ components are only as large as the field is smooth.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,6 +143,56 @@ def sign_components(matches: SmearMatches, options: ComponentOptions | None = No
     joins = _joins(label, sign, near, edges, options)
     joined, flip = _balanced([joins], int(label.max()) + 1)
     return _relabelled(joined[label], sign * flip[label])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SamplePatterns:
+    """Sign patterns of samples that touch equally many components.
+
+    ``index`` (b,) says which samples these are; ``signs`` (b, P, m) are their patterns as
+    `seven_smears.solve_seven_smears` takes them, P = 2^(touched - 1), the first sign of each +1.
+    """
+
+    index: Labels
+    signs: Array
+
+
+def sample_patterns(components: SignComponents, drawn: Labels) -> list[SamplePatterns]:
+    """Give the sign patterns that components leave for every sample, grouped by their number.
+
+    Parameters
+    ----------
+    components : SignComponents
+        `no_components` leaves all 2^(m - 1) patterns.
+    drawn : ndarray of int, shape (B, m)
+        Index sets.
+
+    Returns
+    -------
+    list of SamplePatterns
+        By growing number of patterns; every sample is in exactly one.
+
+    Examples
+    --------
+    >>> for group in sample_patterns(components, drawn):
+    ...     F, sample = solve_seven_smears(ends[drawn[group.index]], group.signs)
+    ...     sample = group.index[sample]
+    """
+    label = components.label[drawn]  # (B, m)
+    order = np.argsort(label, axis=1, kind="stable")
+    ordered = np.take_along_axis(label, order, axis=1)
+    step = np.concatenate([np.zeros((len(drawn), 1), int), np.diff(ordered, axis=1) != 0], axis=1)
+    place = np.empty_like(label)  # which of the touched components, 0, 1, ...
+    np.put_along_axis(place, order, np.cumsum(step, axis=1), axis=1)
+    touched = place.max(axis=1, initial=0) + 1
+    groups = []
+    for number in np.unique(touched):
+        index = np.flatnonzero(touched == number)
+        free = np.array(list(itertools.product([1.0, -1.0], repeat=int(number) - 1)))  # (P, number - 1)
+        table = np.concatenate([np.ones((len(free), 1)), free], axis=1)
+        signs = np.swapaxes(table[:, place[index]], 0, 1) * components.sign[drawn[index]][:, None]
+        groups.append(SamplePatterns(index=index, signs=signs * signs[:, :, :1]))
+    return groups
 
 
 def near_pairs(points: Array, neighbours: int) -> tuple[Labels, float]:

@@ -17,8 +17,7 @@ from blur2view.epipolar import (
     TINY,
     Array,
     apply_similarity,
-    denormalise,
-    join_symmetric_skew,
+    cross_matrix,
     quadratic_features,
     shared_normalisation,
     symmetric_from_vector,
@@ -27,7 +26,14 @@ from blur2view.epipolar import (
 SAMPLE_SIZE = 7
 ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
 DOUBLE_ROOT_SLACK = 1e-9  # a double root, rounded, must not count as a complex pair
-CHUNK = 32  # samples at once; 0.11 ms a sample on one core (0.55 one by one, 0.14 all 1000)
+CHUNK = 2048  # samples times patterns at once; 0.06 ms a sample of 64 patterns on one core
+# The nine entries of S + [a]x, row by row, from (S11, S12, S13, S22, S23, S33, a1, a2, a3).
+ENTRIES: Array = np.concatenate(
+    [
+        symmetric_from_vector(np.eye(6)).reshape(6, 9),
+        cross_matrix(np.eye(3)).reshape(3, 9),
+    ]
+).T  # (9, 9)
 
 
 def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, np.ndarray]:
@@ -37,14 +43,15 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
     ----------
     ends : ndarray of shape (B, 7, 2, 2)
         B samples of seven smears, pixels.
-    signs : ndarray of shape (P, 7), optional
-        The sign patterns to try, +1 where ends[:, 0] is the open end; default all 64 with the first +1.
-        Fewer when orders are known to agree within components.
+    signs : ndarray of shape (P, 7) or (B, P, 7), optional
+        The sign patterns to try, of all samples or of each, +1 where ends[:, 0] is the open end; default all
+        64 with the first +1. Fewer when orders are known to agree within components
+        (`components.sample_patterns`).
 
     Returns
     -------
     F : ndarray of shape (M, 3, 3)
-        Candidates of unit norm and rank 2, about 155 a sample; the transposes are left out.
+        Candidates of unit norm and rank 2, about 155 a sample of 64 patterns; the transposes are left out.
     sample : ndarray of int, shape (M,)
         The sample each candidate came from. A degenerate sample (coincident points, midpoints on a conic)
         gives none, or meaningless ones.
@@ -58,39 +65,56 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
     signs = ALL_SIGNS if signs is None else np.asarray(signs, float)
     if ends.ndim != 4 or ends.shape[1:] != (SAMPLE_SIZE, 2, 2):
         raise ValueError(f"ends must have shape (B, 7, 2, 2), got {ends.shape}")
-    if signs.ndim != 2 or signs.shape[1] != SAMPLE_SIZE:
-        raise ValueError(f"signs must have shape (P, 7), got {signs.shape}")
-    parts = [_solve_chunk(ends[i : i + CHUNK], signs) for i in range(0, len(ends), CHUNK)]
+    if signs.ndim not in (2, 3) or signs.shape[-1] != SAMPLE_SIZE:
+        raise ValueError(f"signs must have shape (P, 7) or (B, P, 7), got {signs.shape}")
+    if signs.ndim == 3 and len(signs) != len(ends):
+        raise ValueError(f"{len(ends)} samples but signs of {len(signs)}, shape {signs.shape}")
+    step = max(CHUNK // max(signs.shape[-2], 1), 1)
+    starts = range(0, len(ends) if signs.shape[-2] else 0, step)
+    parts = [
+        _solve_chunk(ends[i : i + step], signs[i : i + step] if signs.ndim == 3 else signs) for i in starts
+    ]
     if not parts:
         return np.zeros((0, 3, 3)), np.zeros(0, int)
-    sample = np.concatenate([part[1] + CHUNK * i for i, part in enumerate(parts)])
+    sample = np.concatenate([part[1] + start for part, start in zip(parts, starts, strict=True)])
     return np.concatenate([part[0] for part in parts]), sample
 
 
 def _solve_chunk(ends: Array, signs: Array) -> tuple[Array, np.ndarray]:
     T = shared_normalisation(ends)  # (B, 3, 3)
-    normalised = apply_similarity(T[:, None], ends)
-    S, a = _pencils(normalised, signs)  # (2, B, P, 6), (2, B, P, 3)
-    alpha, beta = homogeneous_cubic_roots(_determinant_cubic(S, a))  # (3, B, P)
-    root, sample, pattern = np.nonzero(np.isfinite(alpha))
-    alpha, beta = alpha[root, sample, pattern, None], beta[root, sample, pattern, None]
-    vector = alpha * S[0, sample, pattern] + beta * S[1, sample, pattern]
-    axis = alpha * a[0, sample, pattern] + beta * a[1, sample, pattern]
-    F = denormalise(join_symmetric_skew(symmetric_from_vector(vector), axis), T[sample])
-    return F, sample
+    pencil = _pencils(apply_similarity(T[:, None], ends), np.swapaxes(signs, -1, -2))  # (B, 9, 2, P)
+    batch, _, _, patterns = pencil.shape
+    separate = np.ascontiguousarray(pencil.transpose(2, 1, 0, 3)).reshape(2, 9, batch * patterns)
+    alpha, beta = homogeneous_cubic_roots(_determinant_cubic(separate))  # (3, B P)
+    # T^T F T is linear in F: it is done once for the two ends of a pencil, not for every root
+    carry = np.swapaxes(T, 1, 2)[:, :, None, :, None] * np.swapaxes(T, 1, 2)[:, None, :, None, :]
+    pixels = np.swapaxes(pencil.reshape(batch, 9, -1), 1, 2) @ np.swapaxes(
+        carry.reshape(batch, 9, 9) @ ENTRIES, 1, 2
+    )
+    ends_of_pencil = np.ascontiguousarray(np.swapaxes(pixels.reshape(batch, 2, patterns, 9), 0, 1)).reshape(
+        2, -1, 9
+    )
+    root, index = np.nonzero(np.isfinite(alpha))
+    one, other = (part.take(index, axis=0) for part in ends_of_pencil)
+    F = alpha[root, index, None] * one + beta[root, index, None] * other
+    F /= np.maximum(np.sqrt(np.einsum("mk,mk->m", F, F)), TINY)[:, None]
+    return F.reshape(-1, 3, 3), index // patterns
 
 
-def _pencils(ends: Array, signs: Array) -> tuple[Array, Array]:
-    """Give, per sample and pattern, two (S, a) that span all solutions of the linear equations."""
+def _pencils(ends: Array, signs: Array) -> Array:
+    """Give two (S, a) that span all solutions, (B, 9, 2, P), for each sample and pattern (..., 7, P)."""
     q, skew = quadratic_features(ends)  # (B, 7, 6), (B, 7, 3)
     orthogonal, triangle = np.linalg.qr(q, mode="complete")
     diagonal = np.abs(np.diagonal(triangle[:, : SAMPLE_SIZE - 1], axis1=1, axis2=2))
     triangle[diagonal.min(axis=1) < 1e-13 * diagonal.max(axis=1)] = np.eye(7, 6)  # rank-deficient: no meaning
     inverse = np.linalg.solve(triangle[:, :6], np.swapaxes(orthogonal[:, :, :6], 1, 2))  # (B, 6, 7)
-    normal = signs @ (orthogonal[:, :, 6, None] * skew)  # (B, P, 3)
-    basis = plane_basis(normal)  # (2, B, P, 3)
-    right = signs * (basis @ np.swapaxes(skew, 1, 2))  # (2, B, P, 7)
-    return -(right @ np.swapaxes(inverse, 1, 2)), basis
+    normal = np.swapaxes(orthogonal[:, :, 6, None] * skew, 1, 2) @ signs  # (B, 3, P)
+    basis = _perpendicular(*np.moveaxis(normal, 1, 0))  # two times three of (B, P)
+    axes = np.stack([np.stack(vector, axis=1) for vector in basis], axis=2)  # (B, 3, 2, P)
+    batch, _, _, patterns = axes.shape
+    along = (skew @ axes.reshape(batch, 3, -1)).reshape(batch, 7, 2, patterns) * signs[..., None, :]
+    S = -(inverse @ along.reshape(batch, 7, -1)).reshape(batch, 6, 2, patterns)
+    return np.concatenate([S, axes], axis=1)
 
 
 def plane_basis(normal: Array) -> Array:
@@ -100,30 +124,33 @@ def plane_basis(normal: Array) -> Array:
     ----------
     Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
     """
-    x, y, z = np.moveaxis(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), TINY), -1, 0)
+    first, second = _perpendicular(*np.moveaxis(np.asarray(normal, float), -1, 0))
+    return np.stack([np.stack(first, axis=-1), np.stack(second, axis=-1)])
+
+
+def _perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """`plane_basis` by coordinates."""
+    norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
+    x, y, z = x / norm, y / norm, z / norm
     sign = np.copysign(1.0, z)
     scale = -1.0 / (sign + z)
     product = x * y * scale
-    first = np.stack([1.0 + sign * x * x * scale, sign * product, -sign * x], axis=-1)
-    second = np.stack([product, sign + y * y * scale, -y], axis=-1)
-    return np.stack([first, second])
+    first = 1.0 + sign * x * x * scale, sign * product, -sign * x
+    return first, (product, sign + y * y * scale, -y)
 
 
-def _determinant_cubic(S: Array, a: Array) -> Array:
-    """Coefficients (4, ...) of det F(alpha, beta) = det S + a^T S a in alpha^3 ... beta^3."""
-    value = np.moveaxis(S, -1, 1), np.moveaxis(a, -1, 1)  # (2, 6, ...), (2, 3, ...)
-    at = [
-        _determinant(alpha * value[0][0] + beta * value[0][1], alpha * value[1][0] + beta * value[1][1])
-        for alpha, beta in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0))
-    ]
+def _determinant_cubic(pencil: Array) -> Array:
+    """Coefficients (4, n) of det F(alpha, beta) in alpha^3 ... beta^3, for two (S, a) of shape (2, 9, n)."""
+    one, other = pencil
+    at = [_determinant(*value) for value in (one, other, one + other, one - other)]
     even, odd = 0.5 * (at[2] + at[3]), 0.5 * (at[2] - at[3])  # c0 + c2, c1 + c3
     return np.stack([at[0], odd - at[1], even - at[0], at[1]])
 
 
-def _determinant(S: Array, a: Array) -> Array:
-    """Evaluate det(S + [a]x) = det S + a^T S a for S (6, ...) and a (3, ...)."""
-    s11, s12, s13, s22, s23, s33 = S
-    x, y, z = a
+def _determinant(
+    s11: Array, s12: Array, s13: Array, s22: Array, s23: Array, s33: Array, x: Array, y: Array, z: Array
+) -> Array:
+    """Evaluate det(S + [a]x) = det S + a^T S a."""
     det = s11 * (s22 * s33 - s23 * s23) - s12 * (s12 * s33 - s23 * s13) + s13 * (s12 * s23 - s22 * s13)
     row1, row2, row3 = s11 * x + s12 * y + s13 * z, s12 * x + s22 * y + s23 * z, s13 * x + s23 * y + s33 * z
     total: Array = det + x * row1 + y * row2 + z * row3

@@ -12,10 +12,12 @@ from blur2view.components import (
     SignComponents,
     near_pairs,
     no_components,
+    sample_patterns,
     sign_components,
 )
 from blur2view.epipolar import Array
 from blur2view.matches import SmearMatches
+from blur2view.seven_smears import ALL_SIGNS, solve_seven_smears
 
 SEEDS = range(10)
 
@@ -185,6 +187,43 @@ def test_touched_counts_and_subset_relabels() -> None:
     part = components.subset(np.array([3, 4, 5]))
     assert part.label.tolist() == [0, 0, 1]
     assert no_components(3).count == 3
+
+
+def test_samples_get_the_patterns_that_their_components_leave() -> None:
+    components = SignComponents(
+        label=np.array([0, 0, 0, 0, 0, 0, 0, 1, 1, 2]), sign=np.array([1.0, -1, 1, 1, 1, -1, 1, 1, -1, 1])
+    )
+    drawn = np.array([[0, 1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 7, 8], [9, 1, 2, 3, 8, 7, 6]])
+    one, two, four = sample_patterns(components, drawn)
+    assert [group.index.tolist() for group in (one, two, four)] == [[0], [1], [2]]
+    assert one.signs.tolist() == [[[1.0, -1, 1, 1, 1, -1, 1]]]
+    assert two.signs.tolist() == [[[1.0, -1, -1, -1, 1, -1, 1], [1.0, -1, -1, -1, 1, 1, -1]]]
+    assert four.signs.shape == (1, 4, 7)
+    assert (four.signs[0, :, 1] == -four.signs[0, :, 2]).all()
+    assert (four.signs[0, :, 4] == -four.signs[0, :, 5]).all()
+    assert len(np.unique(four.signs[0], axis=0)) == 4
+
+
+def test_without_components_all_patterns_are_left() -> None:
+    (group,) = sample_patterns(no_components(20), np.arange(14).reshape(2, 7))
+    for signs in group.signs:
+        assert (np.unique(signs, axis=0) == np.unique(ALL_SIGNS, axis=0)).all()
+    assert sample_patterns(no_components(7), np.zeros((0, 7), int)) == []
+
+
+def test_patterns_left_hold_the_true_F_of_exact_samples() -> None:
+    rng = np.random.default_rng(3)
+    scene = noisy(3)
+    components = sign_components(matches_of(scene.ends))
+    drawn = np.stack([rng.choice(2000, 7, replace=False) for _ in range(50)])
+    found, tried = np.full(50, np.inf), 0
+    for group in sample_patterns(components, drawn):
+        F, sample = solve_seven_smears(scene.ends[drawn[group.index]], group.signs)
+        either = [np.linalg.norm(F - sign * f, axis=(1, 2)) for sign in (1, -1) for f in (scene.F, scene.F.T)]
+        np.minimum.at(found, group.index[sample], np.min(either, axis=0))
+        tried += group.signs.shape[0] * group.signs.shape[1]
+    assert (found < 1e-4).mean() >= 0.96
+    assert tried < 50 * 8
 
 
 @pytest.mark.parametrize(
