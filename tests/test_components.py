@@ -10,7 +10,6 @@ from scenes import IMAGE_SIZE, Scene, disturb, make_scene, project_smears, with_
 from blur2view.components import (
     ComponentOptions,
     SignComponents,
-    near_pairs,
     no_components,
     sample_patterns,
     sign_components,
@@ -18,6 +17,7 @@ from blur2view.components import (
 from blur2view.epipolar import Array
 from blur2view.matches import SmearMatches
 from blur2view.seven_smears import ALL_SIGNS, solve_seven_smears
+from blur2view.sign_graph import near_pairs
 
 SEEDS = range(10)
 

@@ -17,7 +17,7 @@ PACKAGE = ROOT / "blur2view"
 LAYERS = [
     {"errors", "ransac", "drawing"},
     {"image", "smear", "tiles", "epipolar"},
-    {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring"},
+    {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"},
     {"manifold", "components"},
     {"refine"},
     {"estimators"},
