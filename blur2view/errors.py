@@ -15,3 +15,7 @@ class ModelError(Blur2ViewError):
 
 class OutputError(Blur2ViewError):
     """A result cannot be written."""
+
+
+class CameraError(Blur2ViewError):
+    """A camera's intrinsics cannot be used."""

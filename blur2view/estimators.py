@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.cameras import Camera
 from blur2view.epipolar import (
     TINY,
     Array,
-    apply_similarity,
     cross_matrix,
     denormalise,
     homogeneous,
@@ -48,6 +48,9 @@ class SmearProblem:
         Whether T is that of an assumed camera.
     independent : float
         Effective number of independent smears: network errors are alike over tens of pixels.
+    lens : (float, float)
+        Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
+        the intrinsics are known.
     """
 
     ends: Array
@@ -55,11 +58,17 @@ class SmearProblem:
     T: Array
     camera_known: bool
     independent: float
+    lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
 
     @property
     def unit_px(self) -> float:
         """Pixels per normalised unit."""
-        return float(1 / self.T[0, 0])
+        return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the intrinsics are known."""
+        return self.lens == (0.0, 0.0)
 
     @property
     def data_weight(self) -> float:
@@ -81,7 +90,7 @@ class SmearProblem:
     def prior(self) -> CameraPrior:
         """What an ordinary camera does while smears of this length arise."""
         x, y, z = TURN_SPREAD * float(np.median(self.length_px)) / self.unit_px
-        return CameraPrior(rotation=(x, y, z))
+        return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
 
     def rescaled(self, factor: float) -> SmearProblem:
         """Give the problem with all standard deviations multiplied by a factor."""
@@ -110,17 +119,28 @@ def occupied_blocks(points: Array, block_px: float) -> int:
     return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
 
 
-def build_problem(ends: Array, sigma_px: Array, image_size: tuple[int, int] | None) -> SmearProblem:
+def build_problem(
+    ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, camera: Camera | None = None
+) -> SmearProblem:
     """Normalise smears (N, 2, 2); sigma_px (N,) is that of the Sampson distance, pixels.
 
-    Without an image size no camera is assumed. Every smear counts as independent until `independent_count`.
+    Coordinates are those of the camera, for whose undistorted pixels the ends are given, else of an assumed
+    one; without an image size none is assumed. Every smear counts as independent until `independent_count`.
     """
-    known = image_size is not None
-    T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
-    normalised = apply_similarity(T, ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    return SmearProblem(
-        ends=normalised, sigma_px=sigma_px, T=T, camera_known=known, independent=float(len(ends))
+    if camera is not None:
+        T: Array = np.asarray(np.linalg.inv(camera.K), float)
+    else:
+        T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
+    problem = SmearProblem(
+        ends=ends * np.diag(T)[:2] + T[:2, 2],
+        sigma_px=sigma_px,
+        T=T,
+        camera_known=camera is not None or image_size is not None,
+        independent=float(len(ends)),
     )
+    if camera is None:
+        return problem
+    return replace(problem, lens=(camera.log_focal_sigma, 0.0 if camera.known else CameraPrior.principal))
 
 
 def coherent_residuals(problem: SmearProblem, F: Array) -> Array:

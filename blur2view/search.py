@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
+from blur2view.cameras import Camera
 from blur2view.epipolar import Array
 from blur2view.estimators import SmearEstimator, SmearProblem, build_problem
 from blur2view.families import Fit, fit_families, fit_translation
 from blur2view.matches import SmearMatches
 from blur2view.ransac import RansacOptions, ransac
+
+Solver = Literal["seven", "scipy"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +25,8 @@ class EstimatorOptions:
     pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
-    on ``stop_inlier_share``.
+    on ``stop_inlier_share``; ``solver`` "seven" is ours, "scipy" the paper's estimator (`paper`), for
+    comparison: hundreds of times slower, no families, no trust in numbers beyond the refusals.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
     image; ``min_coverage`` the least share of the image's square blocks with matches, ``coverage_blocks`` of
     which lie along its longer side; ``min_agreement`` the least share of smears that agree with F beyond
@@ -38,6 +43,7 @@ class EstimatorOptions:
     confidence: float = 0.999
     stop_inlier_share: float = 0.9
     fit_error_px: float = 1.0
+    solver: Solver = "seven"
     min_matches: int = 30
     min_length_px: float = 1.0
     max_still_share: float = 0.6
@@ -56,6 +62,8 @@ class EstimatorOptions:
                 raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         if self.min_matches < 8:
             raise ValueError(f"min_matches must be at least 8, got {self.min_matches}")
+        if self.solver not in get_args(Solver):
+            raise ValueError(f"solver must be one of {get_args(Solver)}, got {self.solver!r}")
         if self.coverage_blocks < 1:
             raise ValueError(f"coverage_blocks must be at least 1, got {self.coverage_blocks}")
         for name in ("max_still_share", "min_coverage", "min_agreement", "sure_agreement", "min_held_out"):
@@ -71,10 +79,16 @@ class EstimatorOptions:
 
 
 def search_and_fit(
-    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+    camera: Camera | None = None,
 ) -> tuple[SmearProblem, list[Fit], int]:
-    """Robust search, then every family fitted: (problem with rescaled sigmas, fits, samples drawn)."""
-    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size)
+    """Robust search, then every family fitted: (problem with rescaled sigmas, fits, samples drawn).
+
+    With a camera the ends are its undistorted pixels.
+    """
+    problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size, camera)
     estimator = SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
     found = ransac(estimator, options.search(), rng)
     return *fit_families(estimator, found, rng), found.iterations

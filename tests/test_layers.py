@@ -16,8 +16,9 @@ PACKAGE = ROOT / "blur2view"
 # From the bottom up: a module imports only from layers below its own, so there are no cycles.
 LAYERS = [
     {"errors", "ransac", "drawing"},
-    {"image", "smear", "tiles", "epipolar"},
-    {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"},
+    {"image", "smear", "tiles", "epipolar", "exif", "colmap"},
+    {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
+    | {"cameras"},
     {"manifold", "components"},
     {"refine"},
     {"estimators"},
@@ -25,7 +26,7 @@ LAYERS = [
     {"search"},
     {"trust"},
     {"two_view"},
-    {"pipeline", "panel"},
+    {"pipeline", "panel", "intrinsics"},
     {"viz"},
     {"results"},
     {"__init__"},
@@ -37,7 +38,7 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 
 # What the geometry may use besides the standard library and this package.
 NUMERIC = {"numpy", "scipy", "cv2"}
-GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - {"image", "predict"}
+GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - {"image", "predict", "exif", "colmap"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"}
 
