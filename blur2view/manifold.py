@@ -39,6 +39,9 @@ class Manifold(Protocol):
     def prior(self) -> tuple[Array, Array]:
         """Residuals (m,) in standard deviations and their Jacobian (m, dimension); m may be 0."""
 
+    def motion(self) -> tuple[Array, Array]:
+        """Rotation vector and translation (3,) of a camera with K near the identity, for `depth`."""
+
 
 def rotation_matrix(vector: Array) -> Array:
     """Rotation matrix of a rotation vector in radians."""
@@ -89,6 +92,10 @@ class TranslationF:
         """Give no prior."""
         return no_prior(2)
 
+    def motion(self) -> tuple[Array, Array]:
+        """No rotation, and the epipole."""
+        return np.zeros(3), self.epipole
+
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralF:
@@ -137,6 +144,11 @@ class GeneralF:
     def prior(self) -> tuple[Array, Array]:
         """Give no prior."""
         return no_prior(7)
+
+    def motion(self) -> tuple[Array, Array]:
+        """Motion of the nearest essential matrix, of its two rotations the smaller."""
+        R, t = nearest_motion(self.matrix())
+        return rotation_vector(R), t
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,14 +236,24 @@ class CameraF:
         value = np.concatenate([rotation_vector(self.R), [self.log_focal], self.principal])
         return value * weight, np.eye(6, 8, 2) * weight[:, None]
 
+    def motion(self) -> tuple[Array, Array]:
+        """Its rotation vector and translation; the offset of K from the identity is left out."""
+        return rotation_vector(self.R), self.t
+
 
 def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
     """Start at the pose of least rotation that F has for the assumed camera (K = identity).
 
     F need not be an essential matrix: it is brought to the nearest one.
     """
+    R, t = nearest_motion(F)
+    return CameraF(t=t, R=R, spread=spread)
+
+
+def nearest_motion(F: Array) -> tuple[Array, Array]:
+    """R (3, 3) and unit t (3,) of the essential matrix nearest to F; the smaller rotation, t up to sign."""
     U, _, Vt = np.linalg.svd(unit_norm(F))
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     R = max((U @ W @ Vt, U @ W.T @ Vt), key=np.trace)
-    return CameraF(t=U[:, 2] / max(float(np.linalg.norm(U[:, 2])), TINY), R=R, spread=spread)
+    return R, U[:, 2] / max(float(np.linalg.norm(U[:, 2])), TINY)
