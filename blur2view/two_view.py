@@ -12,6 +12,7 @@ from blur2view.epipolar import Array, serrmin, swapped_order
 from blur2view.estimators import SmearProblem
 from blur2view.families import Fit
 from blur2view.matches import SmearMatches
+from blur2view.paper import PaperOptions, paper_fundamental
 from blur2view.search import EstimatorOptions, search_and_fit, two_parameter_fundamental
 from blur2view.trust import consensus, refuse
 
@@ -57,7 +58,7 @@ class TwoViewGeometry:
         Samples drawn.
     model : str
         The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7); "none" without F.
+        a prior), "general" (7), "paper" (7, by the paper's estimator); "none" without F.
     scores : tuple of (str, float)
         Name and penalised cost of every family that was fitted, best first.
     """
@@ -100,8 +101,34 @@ def estimate_two_view(
     refusal = refuse(matches, options)
     if refusal is not None:
         return without_F(matches, Configuration.DEGENERATE, refusal)
+    if options.solver == "scipy":
+        return paper_two_view(matches, options, rng)
     problem, fits, iterations = search_and_fit(matches, options, rng)
     return judge(matches, problem, fits, iterations, options, rng)
+
+
+def paper_two_view(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> TwoViewGeometry:
+    """Estimate F as the paper does; believed as it is, or UNDEFINED where no sample gave any."""
+    settings = PaperOptions(
+        max_iterations=options.max_iterations,
+        stop_share=options.stop_inlier_share,
+        fit_error_px=options.fit_error_px,
+    )
+    F, iterations = paper_fundamental(matches.ends, settings, rng)
+    if F is None:
+        return without_F(matches, Configuration.UNDEFINED, "the optimiser found no F", iterations)
+    inlier_mask = serrmin(F, matches.ends) < options.max_error_px**2
+    return TwoViewGeometry(
+        F=F,
+        config=Configuration.UNCALIBRATED,
+        reason=f"the paper's estimator, not tested: {inlier_mask.mean():.0%} of the smears are inliers",
+        inlier_mask=inlier_mask,
+        swapped=swapped_order(F, matches.ends),
+        iterations=iterations,
+        model="paper",
+    )
 
 
 def judge(
