@@ -26,7 +26,7 @@ class EstimatorOptions:
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
     on ``stop_inlier_share``; ``solver`` "seven" is ours, "scipy" the paper's estimator (`paper`), for
-    comparison: hundreds of times slower, no families, no trust in numbers beyond the refusals.
+    comparison: slow, one family, the same refusals but no test against chance.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
     image; ``min_coverage`` the least share of the image's square blocks with matches, ``coverage_blocks`` of
     which lie along its longer side; ``min_agreement`` the least share of smears that agree with F beyond
