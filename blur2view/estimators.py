@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.cameras import Camera
+from blur2view.components import SignComponents, sample_patterns
 from blur2view.epipolar import (
     TINY,
     Array,
     cross_matrix,
     denormalise,
     homogeneous,
-    shared_normalisation,
 )
 from blur2view.hypotheses import half_sphere, meeting_points, turning_hypotheses, weighted_samples
 from blur2view.manifold import CameraPrior, GeneralF, TranslationF
@@ -28,7 +28,9 @@ ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degr
 TURN_SPREAD = np.array(
     [1.0, 1.0, 3.0]
 )  # prior of the rotation: smear length over focal length; roll moves less
+LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
 BLOCKS = 5  # blocks along the longer side in which residuals are compared
+COMPANY = 6  # smears in a component of this size are sampled fully, single ones a sixth as often
 SEARCH_STEPS = 8  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 
 
@@ -78,7 +80,10 @@ class SmearProblem:
     @cached_property
     def weighted(self) -> WeightedEnds:
         """The smears as `refine` wants them."""
-        return WeightedEnds(ends=self.ends, sigma=self.sigma_px / self.unit_px)
+        along_px = np.hypot(2**0.5 * self.sigma_px, LENGTH_ERROR * self.length_px)
+        return WeightedEnds(
+            ends=self.ends, sigma=self.sigma_px / self.unit_px, along=along_px / self.unit_px
+        )
 
     @cached_property
     def length_px(self) -> Array:
@@ -96,22 +101,37 @@ class SmearProblem:
         """Give the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor)
 
+    def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
+        """Give the problem of some smears; the share of independent ones stays."""
+        ends = self.ends[index]
+        independent = self.independent * len(ends) / len(self.ends)
+        return replace(self, ends=ends, sigma_px=self.sigma_px[index], independent=independent)
+
     def thinned(self, step: int) -> SmearProblem:
         """Give the problem with every step-th smear only."""
-        return replace(self, ends=self.ends[::step], sigma_px=self.sigma_px[::step])
+        return self.subset(slice(None, None, step))
 
     def pixels(self, F: Array) -> Array:
         """F of pixel coordinates, unit norm, from F of normalised ones."""
         return denormalise(F, self.T)
 
 
-def assumed_camera(image_size: tuple[int, int]) -> Array:
+def assumed_camera(image_size: tuple[float, float]) -> Array:
     """K^-1 (3, 3) of the assumed camera: principal point at the centre, focal 1.2 times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
     return np.array(
         [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
     )
+
+
+def assumed_camera_of(ends: Array) -> Array:
+    """K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
+    points = ends.reshape(-1, 2)
+    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), TINY)
+    T = assumed_camera((size[0] + 1, size[1] + 1))
+    T[:2, 2] -= T[0, 0] * low
+    return T
 
 
 def occupied_blocks(points: Array, block_px: float) -> int:
@@ -130,7 +150,7 @@ def build_problem(
     if camera is not None:
         T: Array = np.asarray(np.linalg.inv(camera.K), float)
     else:
-        T = assumed_camera(image_size) if image_size is not None else shared_normalisation(ends)
+        T = assumed_camera(image_size) if image_size is not None else assumed_camera_of(ends)
     problem = SmearProblem(
         ends=ends * np.diag(T)[:2] + T[:2, 2],
         sigma_px=sigma_px,
@@ -188,12 +208,13 @@ class SmearEstimator:
     problem: SmearProblem
     cutoff: float
     fit_error_px: float
+    components: SignComponents
     directions: int = 150
 
     @property
     def sample_size(self) -> int:
-        """Three where a camera may be assumed, else seven."""
-        return 3 if self.problem.camera_known else SAMPLE_SIZE
+        """Three: a roughly known camera lets three smears and a direction stand for seven."""
+        return 3
 
     @property
     def count(self) -> int:
@@ -207,8 +228,9 @@ class SmearEstimator:
 
     @cached_property
     def quality(self) -> Array:
-        """Sampling weights (N,): length over standard deviation, squared."""
-        weights: Array = (self.problem.length_px / self.problem.sigma_px) ** 2
+        """Sampling weights (N,): length over standard deviation, squared; less where no neighbour agrees."""
+        company = np.minimum(self.components.sizes, COMPANY)[self.components.label] / COMPANY
+        weights: Array = company * (self.problem.length_px / self.problem.sigma_px) ** 2
         return weights
 
     @cached_property
@@ -217,15 +239,19 @@ class SmearEstimator:
         return np.asarray(1 / self.problem.sigma_px**2, np.float32)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 3, 3) of ``samples`` samples of seven and, given a camera, as many of three."""
-        ends = self.problem.ends
-        drawn = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
-        seven, _ = solve_seven_smears(ends[drawn])
-        if not self.problem.camera_known:
-            return seven
+        """Candidates (M, 3, 3) of ``samples`` samples of three and, where no camera is known, of seven."""
+        ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
+        directions = half_sphere(self.directions)
         three = weighted_samples(self.quality, 3, samples, rng)
-        limit = 3 * np.array(self.problem.prior.rotation)
-        return np.concatenate([turning_hypotheses(ends[three], half_sphere(self.directions), limit), seven])
+        models = [
+            turning_hypotheses(ends[three[group.index]], directions, limit, group.signs)
+            for group in sample_patterns(self.components, three)
+        ]
+        if not self.problem.camera_known:
+            seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
+            for group in sample_patterns(self.components, seven):
+                models.append(solve_seven_smears(ends[seven[group.index]], group.signs)[0])
+        return np.concatenate(models)
 
     def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
         """SErrMin in squared standard deviations, (M, n)."""
@@ -243,11 +269,16 @@ class SmearEstimator:
         return refine(GeneralF.from_matrix(model), self.problem.weighted, options)[0].matrix()
 
     def shares(self, model: Array) -> tuple[float, float]:
-        """Share under the paper's threshold, share under the cutoff in standard deviations."""
+        """Share under the paper's threshold; share of inliers beyond those that fit by chance.
+
+        A smear of length L turned at random passes a bound on its Sampson distance with probability
+        2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
+        """
         squared = self.sampson(model[None])[0]
-        return float((squared < self.fit_error_px**2).mean()), float(
-            (squared * self.precision < self.cutoff**2).mean()
-        )
+        bound = 2**0.5 * self.cutoff * self.problem.sigma_px / np.maximum(self.problem.length_px, TINY)
+        chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
+        inside = float((squared * self.precision < self.cutoff**2).mean())
+        return float((squared < self.fit_error_px**2).mean()), (inside - chance) / max(1 - chance, TINY)
 
 
 def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:

@@ -12,7 +12,9 @@ from blur2view.manifold import GeneralF, Manifold, TranslationF, camera_from_mat
 from blur2view.ransac import RansacResult
 from blur2view.refine import RefineOptions, WeightedEnds, refine
 
-ROUGH_STEP = 3  # every third smear is enough to measure the scale of the noise
+ROUGH_COUNT = 400  # smears, at least, that the rough fit and the scale of the noise are taken from
+ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 4  # Levenberg-Marquardt steps; fits start near their end
+SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
 PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
@@ -45,14 +47,18 @@ def fit_families(
     fits : list of Fit
         The two-parameter F always; the camera where one may be assumed; the general F.
     """
-    problem, cutoff = estimator.problem, estimator.cutoff
-    simple = fit_translation(estimator, rng)
-    best = simple.matrix() if found.model is None else found.model
-    problem = calibrated(problem, best, cutoff)  # the scale of the noise, as the search's F has it
-    name, starts = family_starts(problem, best, simple)[1]
-    best = fit_best(name, starts, problem.thinned(ROUGH_STEP), cutoff).point.matrix()
-    problem = calibrated(estimator.problem, best, cutoff)  # and as the fitted F has it
-    return problem, [fit_best(*family, problem, cutoff) for family in family_starts(problem, best, simple)]
+    cutoff, simple = estimator.cutoff, fit_translation(estimator, rng)
+    start = simple.matrix() if found.model is None else found.model
+    rough = estimator.problem.thinned(max(1, estimator.count // ROUGH_COUNT))
+    rough = calibrated(rough, start, cutoff)  # the scale of the noise, as the search's F has it
+    name, points = richer_starts(rough, [start, simple.matrix()])
+    point = fit_best(name, points, rough, cutoff, ROUGH_STEPS).point
+    problem = calibrated(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
+    fits = [fit_best("translation", [simple], problem, cutoff), fit_best(name, [point], problem, cutoff)]
+    if name != "general":
+        last = GeneralF.from_matrix(fits[1].point.matrix())
+        fits.append(fit_best("general", [last], problem, cutoff, GENERAL_STEPS))
+    return problem, fits
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
@@ -61,21 +67,22 @@ def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> Tran
     return refine(start, estimator.problem.weighted, RefineOptions(cutoff=estimator.cutoff))[0]
 
 
-def family_starts(problem: SmearProblem, F: Array, simple: TranslationF) -> list[tuple[str, list[Manifold]]]:
-    """Give the starting points of every family: the F found, and no rotation."""
-    starts: list[tuple[str, list[Manifold]]] = [("translation", [simple])]
+def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[str, list[Manifold]]:
+    """Name the richest family that is plausible here, and give its points nearest to the matrices."""
     if problem.camera_known:
-        starts.append(("camera", [camera_from_matrix(f, problem.prior) for f in (F, simple.matrix())]))
-    return [*starts, ("general", [GeneralF.from_matrix(F)])]
+        return "camera", [camera_from_matrix(F, problem.prior) for F in matrices]
+    return "general", [GeneralF.from_matrix(F) for F in matrices]
 
 
-def fit_best(name: str, starts: list[Manifold], problem: SmearProblem, cutoff: float) -> Fit:
+def fit_best(
+    name: str, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
+) -> Fit:
     """Refine from every start; the least cost wins. The score is Akaike's criterion.
 
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     """
-    options = RefineOptions(cutoff=cutoff, data_weight=problem.data_weight)
+    options = RefineOptions(cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps)
     point, cost = min(
         (refine(start, problem.weighted, options) for start in starts), key=lambda found: found[1]
     )
@@ -92,7 +99,20 @@ def calibrated(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
 
 
 def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
-    """Robust standard deviation of the residuals over the assumed one, from inliers, in [0.1, 4]."""
+    """Robust standard deviation of the residuals over the assumed one, in [0.1, 4].
+
+    Residuals of the better order below ``cutoff`` are a mixture of a half normal distribution and of a
+    uniform one, the outliers; expectation-maximisation tells them apart.
+    """
     residual = np.abs(matches.residuals(F).least)
-    inside = residual[residual < cutoff]
-    return float(np.clip(1.4826 * np.median(inside), 0.1, 4.0)) if len(inside) else 1.0
+    squared = residual[residual < cutoff] ** 2
+    if not len(squared):
+        return 1.0
+    variance, inliers = 1.4826**2 * float(np.median(squared)), 0.5
+    for _ in range(SCALE_STEPS):
+        normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
+        share = normal / (normal + (1 - inliers) / cutoff)
+        total = float(share.sum())
+        inliers = min(total / len(squared), 0.999)
+        variance = max(float(share @ squared) / max(total, 1e-9), 1e-6)
+    return float(np.clip(variance**0.5, 0.1, 4.0))

@@ -47,7 +47,7 @@ def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Gen
     return drawn
 
 
-def turning_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
+def turning_hypotheses(ends: Array, directions: Array, limit: Array, signs: Array | None = None) -> Array:
     """F = [t]x (I + [w]x) for every sample of three smears, direction t and sign pattern.
 
     The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
@@ -60,10 +60,12 @@ def turning_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
         Unit directions of translation to try.
     limit : ndarray of shape (3,)
         Rotations w with |w / limit| > 1 are dropped.
+    signs : ndarray of shape (B, P, 3), optional
+        The sign patterns of every sample, as of `components.sample_patterns`; default all four.
 
     Returns
     -------
-    ndarray of shape (M, 3, 3), M at most 4 B T
+    ndarray of shape (M, 3, 3), M at most P B T
         Rank 2. Smears whose equations are dependent give no hypothesis.
     """
     x, y = homogeneous(ends[:, :, 0]), homogeneous(ends[:, :, 1])
@@ -71,7 +73,8 @@ def turning_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
     along = np.einsum("bic,tc->bti", p, directions)[..., None]  # t . p
     rows = along * p[:, None] - directions[:, None] * (p * p).sum(-1)[:, None, :, None]  # (B, T, 3, 3)
     right = np.einsum("bic,tc->bti", np.cross(x, y), directions)  # (B, T, 3)
-    turn = _solve_three(rows, right[..., None, :] * THREE_SIGNS)  # (B, T, 4, 3)
+    patterns = THREE_SIGNS if signs is None else signs[:, None]
+    turn = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
     _, direction, _ = kept = np.nonzero((turn / limit) ** 2 @ np.ones(3) <= 1)
     found: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(turn[kept]))
     return found

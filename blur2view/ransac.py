@@ -56,7 +56,7 @@ class RansacOptions:
     """
 
     max_iterations: int = 1000
-    min_iterations: int = 32
+    min_iterations: int = 16
     stop_share: float = 0.9
     confidence: float = 0.999
     batch: int = 16

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from blur2view.epipolar import Array, serrmin
-from blur2view.estimators import occupied_blocks
+from blur2view.estimators import SmearProblem, occupied_blocks
+from blur2view.families import Fit
 from blur2view.matches import SmearMatches
-from blur2view.search import EstimatorOptions, search_and_fit
+from blur2view.refine import RefineOptions, refine
+from blur2view.search import EstimatorOptions
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
-HELD_OUT_ITERATIONS = 16  # samples per half of the image, and matches used of it: a test, not an estimate
-HELD_OUT_MATCHES = 400
+HELD_OUT_STEPS = 8  # of refinement to half of the image, and matches used of it: a test, not an estimate
+HELD_OUT_MATCHES = 300
 
 
 def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
@@ -57,38 +57,42 @@ def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
 
 
 def consensus(
-    F: Array, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+    fit: Fit, problem: SmearProblem, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
 ) -> tuple[bool, str]:
-    """Whether to doubt F, and the figures that say so.
+    """Whether to doubt the F of a fit, and the figures that say so.
 
     F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry.
     """
-    beyond, share, chance = agreement(F, matches, rng)
+    beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng)
     figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
     if beyond < options.min_agreement:
         return True, figures
     if beyond >= options.sure_agreement:
         return False, figures
-    held_out = halves_agreement(matches, options, rng)
+    held_out = halves_agreement(fit, problem, matches, options, rng)
     figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
     return held_out < options.min_held_out, figures
 
 
-def halves_agreement(matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator) -> float:
-    """Fit each half of the image and test it on the other: mean agreement beyond chance, at most 1."""
+def halves_agreement(
+    fit: Fit, problem: SmearProblem, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> float:
+    """Refine a fit to each half of the image and test it on the other: mean agreement beyond chance."""
     middle = matches.midpoint
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
-    search = replace(options, max_iterations=HELD_OUT_ITERATIONS)
+    refinement = RefineOptions(
+        cutoff=options.cutoff, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS
+    )
     beyond = []
     for fitted in (side, ~side):
         train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]
         if len(train) < options.min_matches:
             return 0.0
-        problem, fits, _ = search_and_fit(matches.subset(train), search, rng)
-        test = matches.subset(np.flatnonzero(~fitted))
-        beyond.append(max(agreement(problem.pixels(fit.point.matrix()), test, rng)[0] for fit in fits[:2]))
+        point, _ = refine(fit.point, problem.subset(train).weighted, refinement)
+        F = problem.pixels(point.matrix())
+        beyond.append(agreement(F, matches.subset(np.flatnonzero(~fitted)), rng)[0])
     return float(np.mean(beyond))
 
 

@@ -143,7 +143,7 @@ def judge(
     ranked = sorted(fits, key=lambda fit: fit.score)
     best, scores = ranked[0], tuple((fit.name, fit.score) for fit in ranked)
     F = problem.pixels(best.point.matrix())
-    doubt, figures = consensus(F, matches, options, rng)
+    doubt, figures = consensus(best, problem, matches, options, rng)
     if doubt:
         return without_F(matches, Configuration.UNDEFINED, f"no consensus: {figures}", iterations, scores)
     tolerance = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
