@@ -19,7 +19,7 @@ LAYERS = [
     {"image", "smear", "tiles", "epipolar", "exif", "colmap"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
     | {"cameras"},
-    {"manifold", "components", "paper"},
+    {"manifold", "components", "paper", "sign_free"},
     {"refine"},
     {"estimators"},
     {"families"},
