@@ -7,9 +7,21 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from blur2view.epipolar import Array, fundamental_from_pose, homogeneous
+from blur2view.epipolar import Array, fundamental_from_pose
+from blur2view.manifold import rotation_matrix as rotation
+from tools.synthetic_matches import (
+    IMAGE_SIZE,
+    camera,
+    layered_depth,
+    project_smears,
+    random_smears,
+    scaled_motion,
+)
 
-IMAGE_SIZE = (640, 480)
+__all__ = [
+    "IMAGE_SIZE", "Scene", "disturb", "make_scene", "noise_field_ends", "project_smears", "rotation",
+    "smooth_noise", "with_outliers", "with_second_motion",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,43 +55,6 @@ class Scene:
         return self.ends[index], self.ends[index[0], 1 - index[1]]
 
 
-def layered_depth(rng: np.random.Generator, points: Array) -> Array:
-    """Depth (N,) of pixels: a tilted background with relief, cards of other depths in front."""
-    width, height = IMAGE_SIZE
-    x, y = points[:, 0] / width - 0.5, points[:, 1] / height - 0.5
-    depth = rng.uniform(3, 6) * np.exp(rng.normal(0, 0.4) * x + rng.normal(0, 0.6) * y)
-    depth = depth * np.exp(0.1 * np.sin(9 * x + rng.uniform(0, 6)) * np.cos(7 * y + rng.uniform(0, 6)))
-    for _ in range(rng.integers(2, 6)):
-        centre, half = rng.uniform(-0.5, 0.5, 2), rng.uniform(0.08, 0.25, 2)
-        inside = (np.abs(x - centre[0]) < half[0]) & (np.abs(y - centre[1]) < half[1])
-        depth[inside] = rng.uniform(1, 3) * (1 + rng.normal(0, 0.3) * x[inside])
-    return depth
-
-
-def rotation(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (radians)."""
-    return np.asarray(cv2.Rodrigues(np.asarray(vector, float))[0], float)
-
-
-def camera(rng: np.random.Generator) -> Array:
-    """K of a 640x480 camera: focal 0.8 to 1.5 widths, principal point within 2 % of the centre."""
-    focal = IMAGE_SIZE[0] * rng.uniform(0.8, 1.5)
-    centre = (np.array(IMAGE_SIZE) - 1) / 2 + rng.normal(0, 0.01, 2) * np.array(IMAGE_SIZE)
-    return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
-
-
-def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:
-    """Give the ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
-    rays = homogeneous(points) @ np.linalg.inv(K).T * depth[:, None]
-    close = (rays @ R.T + t) @ K.T
-    return np.stack([points, close[:, :2] / close[:, 2:]], axis=1)
-
-
-def median_length(ends: Array) -> float:
-    """Median smear length in pixels."""
-    return float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)))
-
-
 def make_scene(
     rng: np.random.Generator,
     *,
@@ -96,14 +71,7 @@ def make_scene(
     share = rng.uniform(0.2, 1.0) if rotation_share is None else rotation_share
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     depth, axis, heading = layered_depth(rng, points), rng.normal(size=3), rng.normal(size=3)
-    identity, none, small = np.eye(3), np.zeros(3), 1e-3
-    turn = small * axis / median_length(project_smears(K, rotation(small * axis), none, points, depth))
-    move = small * heading / median_length(project_smears(K, identity, small * heading, points, depth))
-    weights = (1.0, 0.0) if np.isinf(share) else (share, 1.0)
-    for _ in range(4):  # scale both together to the asked median length
-        R, t = rotation(weights[0] * turn), weights[1] * move
-        factor = length_px / median_length(project_smears(K, R, t, points, depth))
-        turn, move = turn * factor, move * factor
+    R, t = scaled_motion(K, points, depth, axis, heading, share, length_px)
     ends = project_smears(K, R, t, points, depth)
     F = fundamental_from_pose(K, R, t) if np.any(t) else np.full((3, 3), np.nan)
     swapped = rng.random(count) < 0.5
@@ -155,11 +123,7 @@ def disturb(
 def with_outliers(scene: Scene, rng: np.random.Generator, share: float) -> Scene:
     """Replace a share of the smears by ones of random direction and a length of 0.3 to 2 of the median."""
     outlier = rng.random(len(scene.ends)) < share
-    angle = rng.uniform(0, 2 * np.pi, len(scene.ends))
-    length = rng.uniform(0.3, 2.0, len(scene.ends)) * median_length(scene.ends)
-    half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    middle = scene.ends.mean(axis=1)
-    random_ends = np.stack([middle - half, middle + half], axis=1)
+    random_ends = random_smears(rng, scene.ends)
     return replace(
         scene, ends=np.where(outlier[:, None, None], random_ends, scene.ends), outlier=scene.outlier | outlier
     )

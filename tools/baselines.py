@@ -20,30 +20,48 @@ CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
 
 
-def opencv_magsac(points1: Array, points2: Array) -> Array | None:
+def opencv_magsac(points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX) -> Array | None:
     """Solve with OpenCV's USAC_MAGSAC; None where it finds nothing."""
-    F, _ = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, MAX_ERROR_PX, CONFIDENCE, MAX_ITERATIONS)
+    return _opencv(cv2.USAC_MAGSAC, points1, points2, max_error_px)
+
+
+def opencv_accurate(points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX) -> Array | None:
+    """Solve with OpenCV's USAC_ACCURATE; None where it finds nothing."""
+    return _opencv(cv2.USAC_ACCURATE, points1, points2, max_error_px)
+
+
+def _opencv(method: int, points1: Array, points2: Array, max_error_px: float) -> Array | None:
+    F, _ = cv2.findFundamentalMat(points1, points2, method, max_error_px, CONFIDENCE, MAX_ITERATIONS)
     return None if F is None else np.asarray(F[:3], np.float64)
 
 
-def pycolmap_ransac(points1: Array, points2: Array) -> Array | None:
-    """Solve with pycolmap's LO-RANSAC at the same threshold."""
+def pycolmap_ransac(
+    points1: Array,
+    points2: Array,
+    max_error_px: float = MAX_ERROR_PX,
+    trials: tuple[int, int] = (1000, MAX_ITERATIONS),
+    confidence: float = CONFIDENCE,
+) -> Array | None:
+    """Solve with pycolmap's LO-RANSAC, at least and at most so many trials."""
     import pycolmap
 
     options = pycolmap.RANSACOptions()
-    options.max_error, options.confidence, options.max_num_trials = MAX_ERROR_PX, CONFIDENCE, MAX_ITERATIONS
+    options.max_error, options.confidence, options.random_seed = max_error_px, confidence, 0
+    options.min_num_trials, options.max_num_trials = trials
     found = pycolmap.estimate_fundamental_matrix(points1, points2, estimation_options=options)
     return None if found is None else np.asarray(found["F"], np.float64)
 
 
-def poselib_ransac(points1: Array, points2: Array) -> Array | None:
-    """Solve with PoseLib's LO-RANSAC at the same threshold."""
+def poselib_ransac(
+    points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX, max_iterations: int = MAX_ITERATIONS
+) -> Array | None:
+    """Solve with PoseLib's LO-RANSAC."""
     import poselib
 
     options = {
-        "max_epipolar_error": MAX_ERROR_PX,
+        "max_epipolar_error": max_error_px,
         "success_prob": CONFIDENCE,
-        "max_iterations": MAX_ITERATIONS,
+        "max_iterations": max_iterations,
     }
     F, _ = poselib.estimate_fundamental(points1, points2, options, {})
     return np.asarray(F, np.float64)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +132,19 @@ class Judged:
     epipole_deg: float
 
 
-def judge(F: Array | None, scene: TestScene, ends: Array) -> Judged:
+class Truth(Protocol):
+    """What F is judged against."""
+
+    @property
+    def F(self) -> Array | None:
+        """The true F; None where the camera does not translate."""
+
+    @property
+    def K(self) -> Array:
+        """Intrinsics."""
+
+
+def judge(F: Array | None, scene: Truth, ends: Array) -> Judged:
     """Judge F on the true ends (N, 2, 2) of a scene whose camera translates.
 
     None is the worst answer: errors as long as the smears, and an epipole at right angles.

@@ -7,6 +7,7 @@ import numpy as np
 from blur2view.epipolar import TINY, Array, homogeneous, swapped_order
 from blur2view.metrics import rotation_error
 
+NO_POSE_DEG = 180.0  # the error of no answer
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 

@@ -25,6 +25,8 @@ def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
     try:
         with multiprocessing.get_context("spawn").Pool(processes, start_worker) as pool:
             yield pool
+            pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
+            pool.join()
     finally:
         for name, value in before.items():
             if value is None:

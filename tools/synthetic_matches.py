@@ -204,14 +204,13 @@ def motion(
         heading = heading * [1.0, 1.0, 0.1]
     elif options.motion == "rotating":
         share = 3.0
-    turn, move = scaled_motion(K, points, depth, axis, heading, share, options.length_px)
-    return rotation_matrix(turn), move
+    return scaled_motion(K, points, depth, axis, heading, share, options.length_px)
 
 
 def scaled_motion(
     K: Array, points: Array, depth: Array, axis: Array, heading: Array, share: float, length_px: float
 ) -> tuple[Array, Array]:
-    """Scale a rotation vector and a translation (3,) to a median smear length.
+    """Scale a rotation vector and a translation (3,) to a median smear length: R (3, 3) and t (3,).
 
     ``share`` is the median length of the smears of the rotation alone over that of the translation alone;
     0: pure translation, inf: pure rotation.
@@ -220,11 +219,12 @@ def scaled_motion(
     turn = small * axis / median_length(project_smears(K, rotation_matrix(small * axis), none, points, depth))
     move = small * heading / median_length(project_smears(K, identity, small * heading, points, depth))
     weights = (1.0, 0.0) if np.isinf(share) else (share, 1.0)
+    factor = 1.0
     for _ in range(4):  # scale both together to the asked median length
+        turn, move = turn * factor, move * factor
         R, t = rotation_matrix(weights[0] * turn), weights[1] * move
         factor = length_px / median_length(project_smears(K, R, t, points, depth))
-        turn, move = turn * factor, move * factor
-    return weights[0] * turn, weights[1] * move
+    return R, t
 
 
 def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:

@@ -1,0 +1,144 @@
+"""The estimators' comparison: what is run, that a killed run goes on, and what the tables say."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools import benchmark_estimators as benchmark
+from tools import estimator_methods, estimator_report
+from tools.estimator_cells import CELLS, HARD, HARD_SEEDS, SEEDS, Instance, instances, synthetic_problem
+from tools.estimator_log import Log, Measured, Record
+from tools.estimator_methods import METHODS, OURS, PAPER, PAPER_SEEDS, PYCOLMAP_NAME, wanted
+
+EASY = Instance(seed=0, cell="noise 0.25 px", kind="scattered")
+PERFECT = Measured(
+    rho=0.0, under_05=1.0, under_10=1.0, inliers=1.0, serrmin_px2=0.0, epipole_deg=0.0, pose_deg=0.0,
+    ms=10.0, found=1.0,
+)  # fmt: skip
+ABSENT = replace(PERFECT, rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, pose_deg=180.0, found=0.0)
+
+
+def record(cell: str, seed: int, kind: str = "smooth") -> Record:
+    rows = {OURS: PERFECT, PYCOLMAP_NAME: replace(PERFECT, ms=20.0)}
+    return Record(instance=Instance(seed=seed, cell=cell, kind=kind), measured=rows)
+
+
+def test_every_cell_has_its_seeds_in_both_kinds() -> None:
+    counts: dict[tuple[str, str], int] = {}
+    for instance in instances():
+        counts[instance.cell, instance.kind] = counts.get((instance.cell, instance.kind), 0) + 1
+    assert counts == {
+        (cell, kind): HARD_SEEDS if cell == HARD else SEEDS
+        for cell in CELLS for kind in ("smooth", "scattered")
+    }  # fmt: skip
+    assert SEEDS >= 40 and len(list(instances(quick=True))) <= 40
+
+
+def test_cells_that_misreport_are_not_truthful() -> None:
+    told = {cell for cell in CELLS if Instance(seed=0, cell=cell, kind="smooth").truthful}
+    wrong = {"noise 0.25 px, told as 1", "noise 0.5 px, told as 1", "noise 2 px, told as 1"}
+    assert set(CELLS) - told == wrong | {"noise varied, constant", "noise varied, wrong"}
+
+
+@pytest.mark.parametrize("name", [name for name in METHODS if name != PAPER])
+def test_method_runs_and_is_judged(name: str) -> None:
+    problem = synthetic_problem(EASY)
+    measured = benchmark.measure(METHODS[name], problem)
+    assert measured.ms > 0 and 0 <= measured.rho <= 1 and 0 <= measured.pose_deg <= 180
+    if name == OURS or name in estimator_methods.TOLD:
+        assert measured.found and measured.rho < 0.01 and measured.pose_deg < 10
+
+
+def test_no_answer_is_the_worst() -> None:
+    measured = benchmark.measure(lambda _: None, synthetic_problem(EASY))
+    assert not measured.found and measured.rho == 1 and measured.pose_deg == 180
+
+
+def test_slow_method_runs_on_the_first_seeds_alone() -> None:
+    assert wanted(PAPER, PAPER_SEEDS - 1) and not wanted(PAPER, PAPER_SEEDS) and wanted(OURS, 99)
+
+
+def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> None:
+    log, rows = Log(path=tmp_path / "a" / "log.jsonl"), [record("base", 0), record("base", 1)]
+    assert log.read() == [] and log.head() == {}
+    log.begin({"code": "one"})
+    for row in rows:
+        log.append(row)
+    log.path.write_text(log.path.read_text()[:-20])
+    assert log.read() == rows[:1]
+    log.begin({"code": "one"})
+    log.append(rows[1])
+    assert log.read() == rows and log.head() == {"code": "one"}
+    with pytest.raises(ValueError, match="other code"):
+        log.begin({"code": "two"})
+
+
+def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[Instance] = []
+    monkeypatch.setattr(benchmark, "sweep", lambda pending, *_: ran.extend(pending))
+    log, all_of_it = Log(path=tmp_path / "log.jsonl"), list(instances(quick=True))
+    log.begin({"code": benchmark.code_digest()})
+    log.append(replace(record("base", 0), instance=all_of_it[3]))
+    benchmark.run(log, True, 1, None)
+    assert ran == [*all_of_it[:3], *all_of_it[4:]]
+
+
+def test_sweep_logs_every_instance(tmp_path: Path) -> None:
+    log = Log(path=tmp_path / "log.jsonl")
+    log.begin({"code": "one"})
+    benchmark.sweep([EASY], log, 1, None, paper_seeds=0)
+    (only,) = log.read()
+    assert only.instance == EASY and set(only.measured) == set(METHODS) - {PAPER}
+
+
+def test_figures_are_those_of_the_answers() -> None:
+    f = estimator_report.figures([PERFECT, replace(PERFECT, ms=30.0), ABSENT, ABSENT])
+    assert (f.instances, f.success, f.posed, f.auc10, f.inliers_of_true) == (4, 0.5, 0.5, 0.5, 0.5)
+    assert f.rho == 0.5 and f.ms == 10
+
+
+def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
+    records = [record("base", seed, kind) for seed in range(2) for kind in estimator_report.KINDS]
+    hard = record(HARD, 0)
+    hard.measured[PAPER] = replace(ABSENT, ms=5000.0)
+    records += [hard, record("network", 0, "network")]
+    text = estimator_report.write(records, {"code": "one", "machine": "here"}, tmp_path / "out")
+    assert "whole sweep: AUC@10 ours 1.000, best told 1.000 (true order, pycolmap), +0.000" in text
+    assert "smooth, base: time over that of true order, pycolmap: median 0.50, p95 0.50" in text
+    assert "500 times faster in the median; success 1.000 against 0.000" in text
+    assert f"smooth, {HARD}, 1 px, 20 px: ours succeeds in 100.0% of 1 seeds" in text
+    assert "## Network smears: 1 rendered photographs" in text and "| ours | 3 | 1.000 |" in text
+    stored = json.loads((tmp_path / "out.json").read_text())
+    row = next(c for c in stored["cells"] if (c["cell"], c["kind"], c["method"]) == ("base", "smooth", OURS))
+    assert row["instances"] == 2 and row["auc10"] == 1 and stored["code"] == "one"
+    assert (tmp_path / "out.png").stat().st_size > 1000 and (tmp_path / "out.md").read_text() == text
+
+
+def test_only_photographs_need_a_folder() -> None:
+    with pytest.raises(ValueError, match="folder"):
+        benchmark.network_instance(Instance(seed=0, cell="network", kind="network"), None)
+    assert benchmark.wanted_instances(True, None) == list(instances(quick=True))
+
+
+def test_digest_follows_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = benchmark.code_digest()
+    assert before == benchmark.code_digest() and len(before) == 12
+    monkeypatch.setattr(benchmark, "MEASURED_CODE", benchmark.MEASURED_CODE[:-1])
+    assert benchmark.code_digest() != before
+
+
+def test_unordered_ends_do_not_come_in_true_order() -> None:
+    problem = synthetic_problem(EASY)
+    seen: list[np.ndarray] = []
+
+    def solver(points1: np.ndarray, points2: np.ndarray) -> None:
+        seen.append(np.stack([points1, points2], axis=1))
+
+    for way in (estimator_methods.told, estimator_methods.unordered, estimator_methods.rightward):
+        assert way(solver, problem) is None
+    np.testing.assert_array_equal(seen[0], problem.ordered)
+    assert 0.4 < (seen[1] == problem.ordered).all(axis=(1, 2)).mean() < 0.6
+    assert (seen[2][:, 1, 0] >= seen[2][:, 0, 0]).all()

@@ -1,0 +1,97 @@
+"""Synthetic smears: exact truth, and noise, outliers and motions that are what the options say."""
+
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from blur2view.epipolar import sampson
+from tools import synthetic_matches as synthetic
+from tools.synthetic_matches import Kind, Motion, SyntheticOptions, synthetic_smears
+
+CLEAN: dict[str, Any] = {"outliers": 0.0, "noise_px": 0.0}
+
+
+@pytest.mark.parametrize("motion", get_args(Motion))
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_exact_smears_fit_the_true_F_in_their_true_order(kind: Kind, motion: Motion) -> None:
+    smears = synthetic_smears(0, SyntheticOptions(kind=kind, motion=motion, count=300, **CLEAN))
+    assert sampson(smears.F, *np.moveaxis(smears.true_ends, 1, 0)).max() < 1e-9
+    np.testing.assert_allclose(smears.ordered, smears.true_ends, atol=1e-9)
+    assert synthetic.median_length(smears.ends) == pytest.approx(20, rel=0.01)
+    assert 0.3 < smears.swapped.mean() < 0.7 and not smears.outlier.any()
+
+
+def test_same_seed_same_smears_and_cells_differ_in_their_factor_alone() -> None:
+    one, again, noisier = (synthetic_smears(3, SyntheticOptions(noise_px=px)) for px in (1.0, 1.0, 2.0))
+    np.testing.assert_array_equal(one.ends, again.ends)
+    np.testing.assert_array_equal(one.true_ends, noisier.true_ends)
+    np.testing.assert_array_equal(one.outlier, noisier.outlier)
+
+
+def test_neighbours_share_their_order_in_smooth_depth_alone() -> None:
+    agreement = {}
+    for kind in get_args(Kind):
+        smears = synthetic_smears(1, SyntheticOptions(kind=kind, motion="rotating", **CLEAN))
+        d = smears.true_ends[:, 1] - smears.true_ends[:, 0]
+        middle = smears.true_ends.mean(axis=1)
+        distance = np.linalg.norm(middle[:, None] - middle, axis=-1) + 1e9 * np.eye(len(d))
+        difference = np.linalg.norm(d - d[distance.argmin(axis=1)], axis=1)
+        agreement[kind] = np.median(difference / np.linalg.norm(d, axis=1))
+    assert agreement["smooth"] < 0.1 < agreement["scattered"]
+
+
+def test_noise_is_that_of_every_coordinate_and_sigma_that_of_the_displacement() -> None:
+    smears = synthetic_smears(2, SyntheticOptions(noise_px=0.5, outliers=0.0, count=4000))
+    error = smears.ordered - smears.true_ends
+    assert error.std() == pytest.approx(0.5, rel=0.05)
+    displaced = np.linalg.norm(error[:, 1] - error[:, 0], axis=1)
+    assert np.sqrt((displaced**2).mean()) == pytest.approx(smears.sigma_px[0], rel=0.05)
+
+
+def scaled_errors(report: synthetic.Report, **options: Any) -> tuple[float, float]:
+    """Root mean square and 99 % quantile over the median of the errors over what is told."""
+    smears = synthetic_smears(4, SyntheticOptions(report=report, outliers=0.0, count=4000, **options))
+    error = smears.ordered - smears.true_ends
+    ratio = np.linalg.norm(error[:, 1] - error[:, 0], axis=1) / smears.sigma_px
+    return float(np.sqrt((ratio**2).mean())), float(np.quantile(ratio, 0.99) / np.median(ratio))
+
+
+def test_reports_are_true_wrong_on_the_whole_or_wrong_one_by_one() -> None:
+    assert scaled_errors("equal", noise_px=2.0)[0] == pytest.approx(1, rel=0.05)
+    assert scaled_errors("constant", noise_px=2.0)[0] == pytest.approx(2, rel=0.05)
+    rms, tail = scaled_errors("varied")
+    assert rms == pytest.approx(1, rel=0.05) and tail < 3
+    rms, tail = scaled_errors("varied, constant")
+    assert rms == pytest.approx(1, rel=0.1) and tail > 4
+    assert scaled_errors("varied, wrong")[1] > 6
+
+
+def test_random_outliers_and_a_second_motion_have_their_share() -> None:
+    random = synthetic_smears(5, SyntheticOptions(outliers=0.4, noise_px=0.0))
+    residual = sampson(random.F, *np.moveaxis(random.ordered, 1, 0))
+    assert 0.35 < random.outlier.mean() < 0.45
+    assert residual[~random.outlier].max() < 1e-9 < 0.1 < np.median(residual[random.outlier])
+    moving = synthetic_smears(5, SyntheticOptions(second_motion=0.3, **CLEAN))
+    assert moving.outlier.mean() == pytest.approx(0.3, abs=1e-3)
+    inside = moving.true_ends[moving.outlier].mean(axis=1)
+    middle = inside.mean(axis=0)
+    assert np.linalg.norm(inside - middle, axis=1).max() < 300
+    assert np.median(sampson(moving.F, *np.moveaxis(moving.ordered, 1, 0))[moving.outlier]) > 0.1
+
+
+def test_truthful_means_that_sigma_is_the_noise() -> None:
+    reports = get_args(synthetic.Report)
+    truthful = {r: SyntheticOptions(report=r, noise_px=2.0).truthful for r in reports}
+    assert [report for report, told in truthful.items() if told] == ["equal", "varied"]
+    assert SyntheticOptions(report="constant", noise_px=1.0).truthful
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"kind": "rough"}, {"motion": "none"}, {"report": "so"}, {"count": 0}, {"length_px": 0.0},
+     {"noise_px": -1.0}, {"outliers": 1.5}, {"second_motion": -0.1}],
+)  # fmt: skip
+def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be|need|shares"):
+        SyntheticOptions(**wrong)

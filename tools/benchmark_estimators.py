@@ -1,0 +1,167 @@
+"""Compare estimators of F, ours and those that are told the order, on synthetic and on network smears.
+
+    python -m tools.testset render/test --scenes 60 --photos KODAK
+    python -m tools.benchmark_estimators --scenes render/test
+
+sweeps one factor at a time (:mod:`tools.estimator_cells`), appends one JSON line per finished instance to
+``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``, ``.json`` and ``.png``. A run that was
+stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables.
+Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
+times of single calls.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cache, partial
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import blur2view
+from tools import estimator_report
+from tools.benchmark import machine
+from tools.estimator_cells import (
+    BASE,
+    NETWORK,
+    QUICK_SEEDS,
+    Instance,
+    instances,
+    moving_scenes,
+    network_problem,
+    synthetic_problem,
+)
+from tools.estimator_log import Log, Measured, Record
+from tools.estimator_methods import METHODS, PAPER_SEEDS, QUICK_PAPER_SEEDS, Method, Problem, wanted
+from tools.evaluate import judge
+from tools.pose_error import NO_POSE_DEG, pose_error_deg
+from tools.processes import single_threaded_pool
+
+ROOT = Path(__file__).resolve().parents[1]
+MEASURED_CODE = ("baselines", "estimator_methods", "estimator_cells", "synthetic_matches", "pose_error")
+"""Modules of tools on which the figures depend, besides the whole package."""
+
+
+def measure(method: Method, problem: Problem) -> Measured:
+    """Run a method once and judge its F."""
+    start = time.process_time()
+    F = method(problem)
+    seconds = time.process_time() - start
+    judged = judge(F, problem, problem.true_ends)
+    ends = problem.matches.ends
+    pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
+    return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
+
+
+def run_instance(instance: Instance, scenes: Path | None = None, paper_seeds: int = PAPER_SEEDS) -> Record:
+    """Run every method that wants the instance; ``scenes`` is where those of NETWORK lie."""
+    warm_up()
+    problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
+    methods = {name: method for name, method in METHODS.items() if wanted(name, instance.seed, paper_seeds)}
+    return Record(
+        instance=instance, measured={name: measure(method, problem) for name, method in methods.items()}
+    )
+
+
+def network_instance(instance: Instance, folder: Path | None) -> Problem:
+    """Give the matches of a rendered photograph."""
+    if folder is None:
+        raise ValueError("network smears need a folder of rendered scenes")
+    scene = _scenes(folder)[instance.seed]
+    return network_problem(scene, _network().predict(blur2view.read_image(scene.image_path)))
+
+
+@cache
+def _scenes(folder: Path) -> list[Any]:
+    return moving_scenes(folder)
+
+
+@cache
+def _network() -> blur2view.SmearNetwork:
+    return blur2view.SmearNetwork()
+
+
+@cache
+def warm_up() -> None:
+    """Let every library load and allocate before it is timed."""
+    instance = Instance(seed=10_000, cell=BASE, kind="smooth")
+    problem = synthetic_problem(instance)
+    for name, method in METHODS.items():
+        if wanted(name, instance.seed):
+            measure(method, problem)
+
+
+def code_digest() -> str:
+    """Short digest of the sources that the figures depend on."""
+    sources = sorted((ROOT / "blur2view").glob("*.py"))
+    sources += [ROOT / "tools" / f"{name}.py" for name in MEASURED_CODE]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+
+
+def sweep(
+    pending: list[Instance], log: Log, processes: int, scenes: Path | None, paper_seeds: int = PAPER_SEEDS
+) -> None:
+    """Run instances in parallel and log each when it is finished."""
+    if not pending:
+        return
+    with single_threaded_pool(processes) as pool:
+        work = partial(run_instance, scenes=scenes, paper_seeds=paper_seeds)
+        results: Iterator[Record] = pool.imap_unordered(work, pending)
+        start = time.perf_counter()
+        for count, record in enumerate(results, 1):
+            log.append(record)
+            if count % 100 == 0:
+                left = (time.perf_counter() - start) / count * (len(pending) - count) / 60
+                print(f"{count} of {len(pending)} instances, {left:.0f} min left", flush=True)
+
+
+def run(log: Log, quick: bool, processes: int, scenes: Path | None) -> None:
+    """Run what the log does not hold yet."""
+    try:
+        log.begin({"code": code_digest(), "machine": machine(), **versions()})
+    except ValueError as error:
+        raise SystemExit(str(error)) from None
+    done = {record.instance for record in log.read()}
+    pending = [instance for instance in wanted_instances(quick, scenes) if instance not in done]
+    sweep(pending, log, processes, scenes, QUICK_PAPER_SEEDS if quick else PAPER_SEEDS)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries that are compared."""
+    distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
+    return {name: metadata.version(name) for name in distributions}
+
+
+def wanted_instances(quick: bool, scenes: Path | None) -> list[Instance]:
+    """List the synthetic instances, then those of the rendered photographs, if a folder is given."""
+    count = len(_scenes(scenes)[: QUICK_SEEDS if quick else None]) if scenes else 0
+    photographs = [Instance(seed=k, cell=NETWORK, kind=NETWORK) for k in range(count)]
+    return [*instances(quick), *photographs]
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a few cells and seeds, to their own files")
+    parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
+    parser.add_argument("--scenes", type=Path, help="folder written by tools.testset, for network smears")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--log", type=Path, help="default runs/estimators.jsonl, or estimators_quick.jsonl")
+    parser.add_argument("--out", type=Path, help="default tools/results/estimators, or beside a quick log")
+    arguments = parser.parse_args()
+    name = "estimators_quick" if arguments.quick else "estimators"
+    log = Log(path=arguments.log or Path(f"runs/{name}.jsonl"))
+    if not arguments.report:
+        run(log, arguments.quick, arguments.processes, arguments.scenes)
+    out = arguments.out or Path("runs" if arguments.quick else "tools/results") / name
+    print(estimator_report.write(log.read(), log.head(), out))
+
+
+if __name__ == "__main__":
+    main()
