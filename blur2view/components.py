@@ -182,7 +182,9 @@ class SamplePatterns:
     signs: Array
 
 
-def sample_patterns(components: SignComponents, drawn: Labels) -> list[SamplePatterns]:
+def sample_patterns(
+    components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
+) -> list[SamplePatterns]:
     """Give the sign patterns that components leave for every sample, grouped by their number.
 
     Parameters
@@ -191,6 +193,8 @@ def sample_patterns(components: SignComponents, drawn: Labels) -> list[SamplePat
         `no_components` leaves all 2^(m - 1) patterns.
     drawn : ndarray of int, shape (B, m)
         Index sets.
+    doubted : ndarray of bool, shape (B,), optional
+        Samples that get all patterns, so that a search survives a wrong grouping; default none.
 
     Returns
     -------
@@ -204,6 +208,8 @@ def sample_patterns(components: SignComponents, drawn: Labels) -> list[SamplePat
     ...     sample = group.index[sample]
     """
     label = components.label[drawn]  # (B, m)
+    if doubted is not None:
+        label[doubted] = np.arange(label.shape[1])
     order = np.argsort(label, axis=1, kind="stable")
     ordered = np.take_along_axis(label, order, axis=1)
     step = np.concatenate([np.zeros((len(drawn), 1), int), np.diff(ordered, axis=1) != 0], axis=1)

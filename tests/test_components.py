@@ -211,6 +211,15 @@ def test_without_components_all_patterns_are_left() -> None:
     assert sample_patterns(no_components(7), np.zeros((0, 7), int)) == []
 
 
+def test_doubted_samples_get_all_patterns() -> None:
+    together = SignComponents(label=np.zeros(20, int), sign=np.ones(20))
+    drawn = np.arange(14).reshape(2, 7)
+    one, all_patterns = sample_patterns(together, drawn, np.array([True, False]))
+    assert (one.index.tolist(), one.signs.shape) == ([1], (1, 1, 7))
+    assert all_patterns.index.tolist() == [0]
+    assert (np.unique(all_patterns.signs[0], axis=0) == np.unique(ALL_SIGNS, axis=0)).all()
+
+
 def test_patterns_left_hold_the_true_F_of_exact_samples() -> None:
     rng = np.random.default_rng(3)
     scene = noisy(3)
