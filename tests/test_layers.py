@@ -21,6 +21,8 @@ LAYERS = [
     | {"cameras"},
     {"manifold", "components", "paper", "sign_free"},
     {"refine"},
+    {"homography"},
+    {"homography_search", "parallax"},
     {"estimators"},
     {"families"},
     {"search"},
