@@ -9,9 +9,9 @@ import pytest
 
 from tools import benchmark_estimators as benchmark
 from tools import estimator_methods, estimator_report
-from tools.estimator_cells import CELLS, HARD, HARD_SEEDS, SEEDS, Instance, instances, synthetic_problem
+from tools.estimator_cells import CELLS, FULL, HARD, QUICK, Instance, Plan, synthetic_problem
 from tools.estimator_log import Log, Measured, Record
-from tools.estimator_methods import METHODS, OURS, PAPER, PAPER_SEEDS, PYCOLMAP_NAME, wanted
+from tools.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
 
 EASY = Instance(seed=0, cell="noise 0.25 px", kind="scattered")
 PERFECT = Measured(
@@ -28,13 +28,13 @@ def record(cell: str, seed: int, kind: str = "smooth") -> Record:
 
 def test_every_cell_has_its_seeds_in_both_kinds() -> None:
     counts: dict[tuple[str, str], int] = {}
-    for instance in instances():
+    for instance in FULL.instances():
         counts[instance.cell, instance.kind] = counts.get((instance.cell, instance.kind), 0) + 1
     assert counts == {
-        (cell, kind): HARD_SEEDS if cell == HARD else SEEDS
+        (cell, kind): 100 if cell == HARD else 40
         for cell in CELLS for kind in ("smooth", "scattered")
     }  # fmt: skip
-    assert SEEDS >= 40 and len(list(instances(quick=True))) <= 40
+    assert len(list(QUICK.instances())) <= 40
 
 
 def test_cells_that_misreport_are_not_truthful() -> None:
@@ -58,7 +58,18 @@ def test_no_answer_is_the_worst() -> None:
 
 
 def test_slow_method_runs_on_the_first_seeds_alone() -> None:
-    assert wanted(PAPER, PAPER_SEEDS - 1) and not wanted(PAPER, PAPER_SEEDS) and wanted(OURS, 99)
+    plan = Plan(paper_seeds=2, first_seed=7)
+    ran = [k for k in range(7, 12) if plan.wants(PAPER, replace(EASY, seed=k))]
+    assert ran == [7, 8] and plan.wants(OURS, replace(EASY, seed=99))
+    assert plan.photographs(3)[0].seed == 0 and plan.wants(PAPER, plan.photographs(3)[0])
+    assert not Plan(methods=(OURS,)).wants(PAPER, EASY)
+
+
+def test_plan_of_unknown_names_is_refused() -> None:
+    with pytest.raises(ValueError, match="not among"):
+        Plan(cells=("nowhere",))
+    with pytest.raises(ValueError, match="not among"):
+        Plan(methods=("none",))
 
 
 def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> None:
@@ -79,17 +90,17 @@ def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> N
 def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[Instance] = []
     monkeypatch.setattr(benchmark, "sweep", lambda pending, *_: ran.extend(pending))
-    log, all_of_it = Log(path=tmp_path / "log.jsonl"), list(instances(quick=True))
+    log, all_of_it = Log(path=tmp_path / "log.jsonl"), list(QUICK.instances())
     log.begin({"code": benchmark.code_digest()})
     log.append(replace(record("base", 0), instance=all_of_it[3]))
-    benchmark.run(log, True, 1, None)
+    benchmark.run(log, QUICK, 1, None)
     assert ran == [*all_of_it[:3], *all_of_it[4:]]
 
 
 def test_sweep_logs_every_instance(tmp_path: Path) -> None:
     log = Log(path=tmp_path / "log.jsonl")
     log.begin({"code": "one"})
-    benchmark.sweep([EASY], log, 1, None, paper_seeds=0)
+    benchmark.sweep([EASY], log, Plan(paper_seeds=0), 1, None)
     (only,) = log.read()
     assert only.instance == EASY and set(only.measured) == set(METHODS) - {PAPER}
 
@@ -120,7 +131,6 @@ def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
 def test_only_photographs_need_a_folder() -> None:
     with pytest.raises(ValueError, match="folder"):
         benchmark.network_instance(Instance(seed=0, cell="network", kind="network"), None)
-    assert benchmark.wanted_instances(True, None) == list(instances(quick=True))
 
 
 def test_digest_follows_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,8 @@
 
 sweeps one factor at a time (:mod:`tools.estimator_cells`), appends one JSON line per finished instance to
 ``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``, ``.json`` and ``.png``. A run that was
-stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables.
+stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables;
+``--development`` takes other seeds, to tune on, and writes beside its log.
 Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
 times of single calls.
 """
@@ -16,7 +17,7 @@ import argparse
 import hashlib
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -27,16 +28,18 @@ from tools import estimator_report
 from tools.benchmark import machine
 from tools.estimator_cells import (
     BASE,
+    DEVELOPMENT_SEED,
+    FULL,
     NETWORK,
-    QUICK_SEEDS,
+    QUICK,
     Instance,
-    instances,
+    Plan,
     moving_scenes,
     network_problem,
     synthetic_problem,
 )
 from tools.estimator_log import Log, Measured, Record
-from tools.estimator_methods import METHODS, PAPER_SEEDS, QUICK_PAPER_SEEDS, Method, Problem, wanted
+from tools.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluate import judge
 from tools.pose_error import NO_POSE_DEG, pose_error_deg
 from tools.processes import single_threaded_pool
@@ -57,11 +60,11 @@ def measure(method: Method, problem: Problem) -> Measured:
     return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
 
 
-def run_instance(instance: Instance, scenes: Path | None = None, paper_seeds: int = PAPER_SEEDS) -> Record:
-    """Run every method that wants the instance; ``scenes`` is where those of NETWORK lie."""
+def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = None) -> Record:
+    """Run every method that the plan wants; ``scenes`` is where the photographs of NETWORK lie."""
     warm_up()
     problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
-    methods = {name: method for name, method in METHODS.items() if wanted(name, instance.seed, paper_seeds)}
+    methods = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
     return Record(
         instance=instance, measured={name: measure(method, problem) for name, method in methods.items()}
     )
@@ -88,10 +91,9 @@ def _network() -> blur2view.SmearNetwork:
 @cache
 def warm_up() -> None:
     """Let every library load and allocate before it is timed."""
-    instance = Instance(seed=10_000, cell=BASE, kind="smooth")
-    problem = synthetic_problem(instance)
+    problem = synthetic_problem(Instance(seed=DEVELOPMENT_SEED, cell=BASE, kind="smooth"))
     for name, method in METHODS.items():
-        if wanted(name, instance.seed):
+        if name != PAPER:
             measure(method, problem)
 
 
@@ -102,14 +104,12 @@ def code_digest() -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
 
 
-def sweep(
-    pending: list[Instance], log: Log, processes: int, scenes: Path | None, paper_seeds: int = PAPER_SEEDS
-) -> None:
+def sweep(pending: list[Instance], log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run instances in parallel and log each when it is finished."""
     if not pending:
         return
     with single_threaded_pool(processes) as pool:
-        work = partial(run_instance, scenes=scenes, paper_seeds=paper_seeds)
+        work = partial(run_instance, plan=plan, scenes=scenes)
         results: Iterator[Record] = pool.imap_unordered(work, pending)
         start = time.perf_counter()
         for count, record in enumerate(results, 1):
@@ -119,15 +119,15 @@ def sweep(
                 print(f"{count} of {len(pending)} instances, {left:.0f} min left", flush=True)
 
 
-def run(log: Log, quick: bool, processes: int, scenes: Path | None) -> None:
+def run(log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run what the log does not hold yet."""
     try:
         log.begin({"code": code_digest(), "machine": machine(), **versions()})
     except ValueError as error:
         raise SystemExit(str(error)) from None
     done = {record.instance for record in log.read()}
-    pending = [instance for instance in wanted_instances(quick, scenes) if instance not in done]
-    sweep(pending, log, processes, scenes, QUICK_PAPER_SEEDS if quick else PAPER_SEEDS)
+    wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
+    sweep([instance for instance in wanted if instance not in done], log, plan, processes, scenes)
 
 
 def versions() -> dict[str, str]:
@@ -136,11 +136,16 @@ def versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in distributions}
 
 
-def wanted_instances(quick: bool, scenes: Path | None) -> list[Instance]:
-    """List the synthetic instances, then those of the rendered photographs, if a folder is given."""
-    count = len(_scenes(scenes)[: QUICK_SEEDS if quick else None]) if scenes else 0
-    photographs = [Instance(seed=k, cell=NETWORK, kind=NETWORK) for k in range(count)]
-    return [*instances(quick), *photographs]
+def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
+    """Give the plan that the arguments ask for and the name of its files."""
+    plan, name = (QUICK, "estimators_quick") if arguments.quick else (FULL, "estimators")
+    if arguments.development:
+        plan, name = replace(plan, first_seed=DEVELOPMENT_SEED), f"{name}_development"
+    if arguments.seeds:
+        plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
+    if arguments.methods:
+        plan = replace(plan, methods=tuple(arguments.methods))
+    return plan, name
 
 
 def main() -> None:
@@ -149,17 +154,20 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a few cells and seeds, to their own files")
+    parser.add_argument("--development", action="store_true", help="seeds to tune on, to their own files")
+    parser.add_argument("--seeds", type=int, help="instances of every cell and kind")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="only these methods")
     parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
     parser.add_argument("--scenes", type=Path, help="folder written by tools.testset, for network smears")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--log", type=Path, help="default runs/estimators.jsonl, or estimators_quick.jsonl")
-    parser.add_argument("--out", type=Path, help="default tools/results/estimators, or beside a quick log")
+    parser.add_argument("--log", type=Path, help="default: runs/ and the name of the plan")
+    parser.add_argument("--out", type=Path, help="default: tools/results/estimators; runs/ for other plans")
     arguments = parser.parse_args()
-    name = "estimators_quick" if arguments.quick else "estimators"
+    plan, name = planned(arguments)
     log = Log(path=arguments.log or Path(f"runs/{name}.jsonl"))
     if not arguments.report:
-        run(log, arguments.quick, arguments.processes, arguments.scenes)
-    out = arguments.out or Path("runs" if arguments.quick else "tools/results") / name
+        run(log, plan, arguments.processes, arguments.scenes)
+    out = arguments.out or Path("tools/results" if name == "estimators" else "runs") / name
     print(estimator_report.write(log.read(), log.head(), out))
 
 

@@ -24,9 +24,6 @@ from tools import baselines
 
 Array = NDArray[Any]
 
-PAPER_SEEDS, QUICK_PAPER_SEEDS = 3, 1
-"""Instances of every cell that the paper's estimator gets: it takes 6 to 7 s for one."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
@@ -116,8 +113,3 @@ METHODS: dict[str, Method] = {
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
     **TOLD,
 }
-
-
-def wanted(method: str, seed: int, paper_seeds: int = PAPER_SEEDS) -> bool:
-    """Whether a method runs on an instance: the paper's on the first few of a cell only."""
-    return method != PAPER or seed < paper_seeds

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.estimator_cells import BASE, CELLS, HARD, NETWORK
+from tools.estimator_cells import BASE, CELLS, FULL, HARD, NETWORK
 from tools.estimator_log import Measured, Record
-from tools.estimator_methods import METHODS, OURS, PAPER, PAPER_SEEDS, PYCOLMAP_NAME, TOLD
+from tools.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TOLD
 from tools.pose_error import pose_auc
 
 SUCCESS_RHO = 0.05
@@ -152,7 +152,7 @@ one thread; ms is the CPU time of one call. "true order" methods are told what a
   cheirality, the better flip of time, for every method alike; AUC as usual, no F counts as 180 degrees.
 - rho, epipole, ms: medians over instances; shares and inliers: means. Inliers: SErrMin < 3 on exact smears,
   where the true F has all.
-- {PAPER}: the first {PAPER_SEEDS} seeds of every cell only; its rows are of those.
+- {PAPER}: the first {FULL.paper_seeds} seeds of every cell only; its rows are of those.
 """
 
 
