@@ -43,7 +43,22 @@ def parallax_along_lines(turn: Array, t: Array, middle: Array, displacement: Arr
     return moved - turned, -moved - turned
 
 
-def log_in_front(parallax: Array, sigma: Array) -> Array:
-    """Logarithm of the probability (N,) that parallax known to a standard deviation is positive."""
-    log_probability: Array = -np.logaddexp(0.0, -PROBIT_AS_LOGIT * parallax / sigma)
-    return log_probability
+def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array, Array]:
+    """Logarithms of what both orders are given by their parallax, known to a standard deviation.
+
+    An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
+    gains nothing by being vague; where none is, both are improbable.
+
+    Parameters
+    ----------
+    forward, backward, sigma : ndarray of shape (N,)
+        As of `parallax_along_lines`, and the standard deviation of both.
+
+    Returns
+    -------
+    forward_log, backward_log : ndarray of shape (N,)
+        Not positive.
+    """
+    ahead, behind = (-np.logaddexp(0.0, -PROBIT_AS_LOGIT * z / sigma) for z in (forward, backward))
+    shared = np.maximum(ahead, behind) - np.logaddexp(ahead, behind)
+    return ahead + shared, behind + shared

@@ -28,6 +28,7 @@ ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degr
 TURN_SPREAD = np.array(
     [1.0, 1.0, 3.0]
 )  # prior of the rotation: smear length over focal length; roll moves less
+OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
 BLOCKS = 5  # blocks along the longer side in which residuals are compared
 COMPANY = 6  # smears in a component of this size are sampled fully, single ones a sixth as often
@@ -82,7 +83,10 @@ class SmearProblem:
         """The smears as `refine` wants them."""
         along_px = np.hypot(2**0.5 * self.sigma_px, LENGTH_ERROR * self.length_px)
         return WeightedEnds(
-            ends=self.ends, sigma=self.sigma_px / self.unit_px, along=along_px / self.unit_px
+            ends=self.ends,
+            sigma=self.sigma_px / self.unit_px,
+            along=along_px / self.unit_px,
+            chance=OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / np.maximum(self.length_px, TINY), 1),
         )
 
     @cached_property
@@ -185,7 +189,8 @@ def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
     the ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that
     make one.
     """
-    value = np.clip(coherent_residuals(problem, F), -cutoff, cutoff)
+    value = coherent_residuals(problem, F)
+    value = np.where(np.abs(value) < cutoff, value, 0.0)
     middle = problem.ends.mean(axis=1)
     block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(
         int

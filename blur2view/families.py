@@ -16,7 +16,7 @@ ROUGH_COUNT = 400  # smears, at least, that the rough fit and the scale of the n
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 4  # Levenberg-Marquardt steps; fits start near their end
 SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
-PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
+PARAMETERS = {"translation": 2, "camera": 3, "general": 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686 instead of 0.706 over
 # 30 synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042 instead of 0.035).
