@@ -8,7 +8,12 @@ from blur2view.epipolar import Array
 from blur2view.metrics import rho
 from tools import baselines
 
-SOLVERS = [baselines.opencv_magsac, baselines.pycolmap_ransac, baselines.poselib_ransac]
+SOLVERS = [
+    baselines.opencv_magsac,
+    baselines.opencv_accurate,
+    baselines.pycolmap_ransac,
+    baselines.poselib_ransac,
+]
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: str(solver.__name__))
@@ -22,6 +27,14 @@ def test_solver_told_the_order_finds_F_and_its_direction_in_time(solver: baselin
     same, transposed = (abs((F / np.linalg.norm(F) * other / np.linalg.norm(other)).sum())
                         for other in (scene.F, backwards.T))  # fmt: skip
     assert same > 0.99 and transposed > 0.99
+
+
+def test_solver_told_order_and_camera_finds_F() -> None:
+    rng = np.random.default_rng(0)
+    scene = disturb(make_scene(rng, count=600, length_px=30, rotation_share=0.8), rng, noise_px=0.5)
+    points1, points2 = scene.ordered
+    F = baselines.poselib_calibrated(points1, points2, scene.K)
+    assert np.median(rho(F, scene.true_ends)) < 0.01 and abs((F * scene.F).sum()) > 0.99
 
 
 def test_true_order_is_that_of_the_displacement_wherever_it_began() -> None:

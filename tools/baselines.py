@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.epipolar import fundamental_from_pose
+
 Array = NDArray[Any]
 Solver = Callable[[Array, Array], "Array | None"]
 
@@ -65,6 +67,18 @@ def poselib_ransac(
     }
     F, _ = poselib.estimate_fundamental(points1, points2, options, {})
     return np.asarray(F, np.float64)
+
+
+def poselib_calibrated(points1: Array, points2: Array, K: Array, max_error_px: float = MAX_ERROR_PX) -> Array:
+    """Solve for the pose with PoseLib's LO-RANSAC, both views sharing K without skew; give its F."""
+    import poselib
+
+    middle, focal = K[:2, 2], np.diag(K)[:2]
+    width, height = np.ceil(2 * middle).astype(int)
+    camera = {"model": "PINHOLE", "width": width, "height": height, "params": [*focal, *middle]}
+    options = {"max_epipolar_error": max_error_px, "success_prob": CONFIDENCE}
+    pose, _ = poselib.estimate_relative_pose(points1, points2, camera, camera, options, {})
+    return fundamental_from_pose(K, pose.R, pose.t)
 
 
 def scrambled(ends: Array, rng: np.random.Generator) -> Array:

@@ -2,8 +2,8 @@
 
 Thresholds of the others were chosen on the base case's seeds 10000 to 10059 of both kinds, by pose AUC at 10
 degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1 (0.78; 0.5 gave 0.79 in three times the time), ACCURATE 1.5
-(0.75), pycolmap 2 (0.71), PoseLib 2 (0.79). Everything else is as their functions have it by default, or
-for OpenCV as in :mod:`tools.baselines`.
+(0.75), pycolmap 2 (0.71), PoseLib 2 (0.79) and, with K, 3 (0.90). Everything else is as their functions have
+it by default, or for OpenCV as in :mod:`tools.baselines`.
 """
 
 from __future__ import annotations
@@ -76,6 +76,11 @@ def told(solver: baselines.Solver, problem: Problem) -> Array | None:
     return baselines.solve(solver, problem.ordered)
 
 
+def told_with_camera(problem: Problem) -> Array | None:
+    """Give PoseLib the true order and intrinsics."""
+    return told(partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0), problem)
+
+
 def unordered(solver: baselines.Solver, problem: Problem) -> Array | None:
     """Give another's solver the ends as they come."""
     return baselines.solve(solver, baselines.scrambled(problem.matches.ends, np.random.default_rng(0)))
@@ -112,4 +117,5 @@ METHODS: dict[str, Method] = {
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
     **TOLD,
+    "true order and K, PoseLib": told_with_camera,
 }
