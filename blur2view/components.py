@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.matches import SmearMatches
-from blur2view.sign_graph import Edges, Labels, balanced, near_pairs, support
+from blur2view.sign_graph import Edges, Labels, balanced, connected, near_pairs, support
 
 BLOCK = 4  # side, in distances that count as near, of the blocks that a contradictory component falls into
 
@@ -34,7 +34,7 @@ class ComponentOptions:
     ends of a certain edge, and ``min_common_share`` their least share of those that agree with one;
     ``min_merge`` the least number of agreeing pairs across that merge two components, and
     ``min_merge_share`` their least share of all pairs across, near ones and those near among every
-    ``sparse``-th smear: fields of a network have gaps.
+    ``sparse``-th smear: fields of a network have gaps; ``valley`` and ``min_part`` see `_parted`.
     """
 
     neighbours: int = 16
@@ -46,6 +46,8 @@ class ComponentOptions:
     min_merge: int = 2
     min_merge_share: float = 0.5
     sparse: int = 4
+    valley: float = 0.6
+    min_part: float = 0.05
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
@@ -57,6 +59,8 @@ class ComponentOptions:
             raise ValueError(f"min_common_share must be in [0, 1], got {self.min_common_share}")
         if not 0 < self.min_merge_share <= 1:
             raise ValueError(f"min_merge_share must be in (0, 1], got {self.min_merge_share}")
+        if not (0 <= self.valley <= 1 and 0 <= self.min_part <= 1):
+            raise ValueError(f"valley and min_part must be in [0, 1], got {self}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,9 +141,10 @@ def sign_components(matches: SmearMatches, options: ComponentOptions | None = No
     certain = certain.only(certain.difference < limit)
     label, sign = balanced(_rungs(certain, points, radius, limit), count)
     touching = np.concatenate([near, _far_pairs(points, radius, options)], axis=1)
-    joins = _joins(label, sign, touching, Edges.between(matches.displacement, touching, limit), options)
-    joined, flip = balanced([joins], int(label.max()) + 1)
-    return _relabelled(joined[label], sign * flip[label])
+    edges = Edges.between(matches.displacement, touching, limit)
+    joined, flip = balanced([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
+    parted = _parted(joined[label], edges, matches.length_px, options)
+    return _relabelled(parted, sign * flip[label])
 
 
 def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Labels:
@@ -238,6 +243,26 @@ def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: Comp
     join = (np.abs(net) >= options.min_merge) & (np.abs(net) >= options.min_merge_share * total)
     one, other = np.divmod(key[join], count)
     return Edges(i=one, j=other, sign=np.sign(net[join]), difference=np.zeros(len(one)))
+
+
+def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
+    """Part components whose long smears hang together by short ones alone.
+
+    Where the motion passes through zero it turns round, but smears on both sides look alike. Long is a smear
+    of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
+    component do not count.
+    """
+    count = int(label.max()) + 1
+    order, sizes = np.lexsort((length_px, label)), np.bincount(label, minlength=count)
+    quartile = length_px[order][np.cumsum(sizes) - 1 - sizes // 4]
+    long = length_px >= options.valley * quartile[label]
+    alike = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
+    part = connected(edges.i[alike], edges.j[alike], len(label))
+    size = np.bincount(part, weights=long)
+    whole = np.zeros(len(size), int)
+    whole[part] = label
+    counts = np.bincount(whole[size >= np.maximum(options.min_part * sizes[whole], 1)], minlength=count)
+    return np.where(counts[label] > 1, count + part, label)
 
 
 def _pair_key(one: Labels, other: Labels, count: int) -> Labels:

@@ -117,20 +117,26 @@ def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
     return joined
 
 
+def connected(i: Labels, j: Labels, count: int) -> Labels:
+    """Label (count,) the connected components of the undirected graph of edges (i, j)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    pair = i.astype(np.int32), j.astype(np.int32)
+    graph = coo_array((np.ones(len(i)), pair), shape=(count, count))
+    graph.has_canonical_format = True  # nothing to sort and sum: an edge that is there twice does no harm
+    label: Labels = connected_components(graph.tocsr(), directed=False)[1]
+    return label
+
+
 def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
     """Give components of the double cover: labels (N,) of every node as it is, and of it flipped.
 
     The two are equal exactly where a cycle's signs contradict each other.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     flip = np.where(edges.sign > 0, 0, count)
-    rows = np.concatenate([edges.i, edges.i + count]).astype(np.int32)
-    cols = np.concatenate([edges.j + flip, edges.j + count - flip]).astype(np.int32)
-    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(2 * count, 2 * count))
-    graph.has_canonical_format = True  # no edge is there twice: nothing to sort and sum
-    label = connected_components(graph.tocsr(), directed=False)[1]
+    own, other = np.concatenate([edges.i, edges.i + count]), np.concatenate([flip, count - flip])
+    label = connected(own, np.tile(edges.j, 2) + other, 2 * count)
     return label[:count], label[count:]
 
 

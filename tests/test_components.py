@@ -115,6 +115,16 @@ def test_outliers_do_not_chain_layers_that_move_oppositely(outliers: float) -> N
         assert (np.minimum(near, far) <= 0.03 * (layer < 2).sum()).all()
 
 
+def test_sides_of_a_motion_that_passes_through_zero_are_parted() -> None:
+    """To the left all moves left, to the right right, and a network never says zero."""
+    middle = np.random.default_rng(0).uniform(0, 1, (2000, 2)) * np.array(IMAGE_SIZE)
+    across = middle[:, 0] - 320
+    d = np.stack([np.hypot(across / 16, 3.0), np.zeros(2000)], axis=1)
+    label = sign_components(matches_of(np.stack([middle - d / 2, middle + d / 2], axis=1))).label
+    assert set(label[across < -160]).isdisjoint(label[across > 160])
+    assert np.bincount(label[across < -160]).max() > 0.9 * (across < -160).sum()
+
+
 def test_swapping_the_ends_of_a_smear_flips_its_sign_alone() -> None:
     scene = noisy(0, outliers=0.2, noise_px=1.0)
     swap = np.random.default_rng(1).random(2000) < 0.5
