@@ -68,6 +68,11 @@ def test_tables_show_every_method_at_both_levels(tmp_path: Path, monkeypatch: py
     assert len(outcomes) == 8 * len(study.METHODS)
     text = study.markdown(outcomes, 1)
     assert all(text.count(f"| {name} |") == 2 for name in study.METHODS)
+    assert (
+        text.count("| ours over oracle, general F |")
+        == text.count("| oracle, E: rotation, translation |")
+        == 2
+    )
     monkeypatch.setattr("sys.argv", ["correlated_noise", str(tmp_path / "nothing")])
     with pytest.raises(SystemExit, match="no scenes"):
         study.main()

@@ -38,6 +38,7 @@ CORRELATION_PX = 40.0
 SMEARS = 2500
 SCENES = 22
 DRAWS = 3  # of the noise, per scene and level
+BOUNDS = {"ours": "oracle, general F", "ours, K given": "oracle, E"}  # what each is held against
 NO_PRIOR = (1e3, 1e3, 1e3)  # radians: as good as none
 
 
@@ -154,7 +155,7 @@ METHODS: dict[str, Callable[[Disturbed], tuple[Array | None, Array | None, Array
     "oracle, two-parameter F": partial(oracle, "two-parameter F"),
     "oracle, E": partial(oracle, "E"),
     "ours": ours,
-    "true F": lambda data: (data.scene.F, data.scene.R, data.scene.t),
+    "true F": lambda data: (data.scene.F, None, None),
 }
 
 
@@ -186,31 +187,36 @@ def study(scene: TestScene, methods: Iterable[str] = tuple(METHODS)) -> list[Out
 
 def table(outcomes: list[Outcome], length_share: float) -> list[str]:
     """Rows of Markdown at one level of the length's noise."""
-    names = list(dict.fromkeys(o.method for o in outcomes))
+    levels = [Level(direction_deg=degrees, length_share=length_share) for degrees in DIRECTION_DEG]
     of = {
-        (name, degrees): [o for o in outcomes if o.method == name and o.level == Level(
-            direction_deg=degrees, length_share=length_share)]
-        for name in names for degrees in DIRECTION_DEG
-    }  # fmt: skip
+        name: [[o for o in outcomes if o.method == name and o.level == level] for level in levels]
+        for name in dict.fromkeys(o.method for o in outcomes)
+    }
+    median_rho = {name: [float(np.median([o.rho for o in cell])) for cell in row] for name, row in of.items()}
     rows = [
         f"Median rho, length noise {length_share:.0%}:",
         "",
         "| direction noise, degrees | " + " | ".join(f"{degrees:g}" for degrees in DIRECTION_DEG) + " |",
         "|---|" + "---|" * len(DIRECTION_DEG),
+        *(
+            f"| {name} | " + " | ".join(f"{v:.4f}" for v in values) + " |"
+            for name, values in median_rho.items()
+        ),
     ]
-    for name in names:
-        cells = [f"{np.median([o.rho for o in of[name, degrees]]):.4f}" for degrees in DIRECTION_DEG]
-        rows.append(f"| {name} | " + " | ".join(cells) + " |")
-    for name in names:
-        if not any(np.isfinite(o.rotation) for degrees in DIRECTION_DEG for o in of[name, degrees]):
-            continue
-        cells = [
-            f"{np.nanmedian([o.rotation for o in of[name, degrees]]):.0%}, "
-            f"{np.nanmedian([o.translation_deg for o in of[name, degrees]]):.1f}"
-            for degrees in DIRECTION_DEG
-        ]
-        rows.append(f"| {name}: rotation, translation (deg) | " + " | ".join(cells) + " |")
+    for name, best in BOUNDS.items():
+        if name in of and best in of:
+            ratios = np.divide(median_rho[name], median_rho[best])
+            rows.append(f"| {name} over {best} | " + " | ".join(f"{r:.2f}" for r in ratios) + " |")
+    for name, row in of.items():
+        if any(np.isfinite(o.translation_deg) for cell in row for o in cell):
+            rows.append(f"| {name}: rotation, translation | " + " | ".join(map(_pose, row)) + " |")
     return [*rows, ""]
+
+
+def _pose(cell: list[Outcome]) -> str:
+    """Give the medians of the pose's errors."""
+    turn, move = (np.nanmedian([getattr(o, name) for o in cell]) for name in ("rotation", "translation_deg"))
+    return f"{turn:.0%}, {move:.1f} deg"
 
 
 def markdown(outcomes: list[Outcome], scenes: int) -> str:
