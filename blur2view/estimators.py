@@ -32,8 +32,8 @@ OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ it
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
 BLOCKS = 5  # blocks along the longer side in which residuals are compared
 COMPANY = 6  # smears in a component of this size are sampled fully, single ones a sixth as often
-SEARCH_STEPS = 8  # Levenberg-Marquardt steps inside the loop; the final fit takes more
-DOUBT = 2  # every second sample takes all sign patterns: a wrong grouping then costs nothing (else 30 % in rho)
+WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,7 +87,7 @@ class SmearProblem:
             ends=self.ends,
             sigma=self.sigma_px / self.unit_px,
             along=along_px / self.unit_px,
-            chance=OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / np.maximum(self.length_px, TINY), 1),
+            chance=OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1),
         )
 
     @cached_property
@@ -111,10 +111,6 @@ class SmearProblem:
         ends = self.ends[index]
         independent = self.independent * len(ends) / len(self.ends)
         return replace(self, ends=ends, sigma_px=self.sigma_px[index], independent=independent)
-
-    def thinned(self, step: int) -> SmearProblem:
-        """Give the problem with every step-th smear only."""
-        return self.subset(slice(None, None, step))
 
     def pixels(self, F: Array) -> Array:
         """F of pixel coordinates, unit norm, from F of normalised ones."""
@@ -270,9 +266,13 @@ class SmearEstimator:
         return total
 
     def refine(self, model: Array) -> Array:
-        """Few steps on the seven-parameter manifold."""
+        """Few steps on the seven-parameter manifold, first with wider standard deviations: models are coarse."""
         options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
-        return refine(GeneralF.from_matrix(model), self.problem.weighted, options)[0].matrix()
+        point = GeneralF.from_matrix(model)
+        for width in (WIDE, 1.0):
+            matches = replace(self.problem.weighted, sigma=width * self.problem.weighted.sigma)
+            point, _ = refine(point, matches, options)
+        return point.matrix()
 
     def shares(self, model: Array) -> tuple[float, float]:
         """Share under the paper's threshold; share of inliers beyond those that fit by chance.

@@ -6,20 +6,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blur2view.epipolar import Array
+from blur2view.epipolar import Array, unit_norm
 from blur2view.estimators import SmearEstimator, SmearProblem, independent_count, translation_start
 from blur2view.manifold import GeneralF, Manifold, TranslationF, camera_from_matrix
 from blur2view.ransac import RansacResult
 from blur2view.refine import RefineOptions, WeightedEnds, refine
 
-ROUGH_COUNT = 400  # smears, at least, that the rough fit and the scale of the noise are taken from
-ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 4  # Levenberg-Marquardt steps; fits start near their end
+ROUGH_COUNT = 800  # smears, at least, that the rough fit and the scale of the noise are taken from
+ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
+DISTINCT, STARTS = 0.05, 2  # starts differ by this in an entry of the unit-norm F; their number
+ROUGH_TOLERANCE = 3e-4
 SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
 PARAMETERS = {"translation": 2, "camera": 3, "general": 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
-# not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686 instead of 0.706 over
-# 30 synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042 instead of 0.035).
+# not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
+# synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
 ODDS_AGAINST_GENERAL = 1e12
 
 
@@ -49,9 +51,9 @@ def fit_families(
     """
     cutoff, simple = estimator.cutoff, fit_translation(estimator, rng)
     start = simple.matrix() if found.model is None else found.model
-    rough = estimator.problem.thinned(max(1, estimator.count // ROUGH_COUNT))
+    rough = thinned(estimator.problem)
     rough = calibrated(rough, start, cutoff)  # the scale of the noise, as the search's F has it
-    name, points = richer_starts(rough, [start, simple.matrix()])
+    name, points = richer_starts(rough, distinct([start, *found.contenders, simple.matrix()]))
     point = fit_best(name, points, rough, cutoff, ROUGH_STEPS).point
     problem = calibrated(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
     fits = [fit_best("translation", [simple], problem, cutoff), fit_best(name, [point], problem, cutoff)]
@@ -63,8 +65,23 @@ def fit_families(
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
     """Fit the two-parameter F robustly, on the standard deviations as given."""
-    start = translation_start(estimator, PAIRS, rng)
-    return refine(start, estimator.problem.weighted, RefineOptions(cutoff=estimator.cutoff))[0]
+    options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=ROUGH_TOLERANCE)
+    return refine(translation_start(estimator, PAIRS, rng), thinned(estimator.problem).weighted, options)[0]
+
+
+def thinned(problem: SmearProblem) -> SmearProblem:
+    """Leave ROUGH_COUNT smears or up to twice as many, evenly."""
+    return problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
+
+
+def distinct(matrices: list[Array]) -> list[Array]:
+    """Leave out matrices (3, 3) that nearly repeat an earlier one, up to scale and transposition."""
+    kept: list[Array] = []
+    for F in (unit_norm(matrix) for matrix in matrices):
+        twins = (min(np.abs(F - G).max(), np.abs(F + G).max()) for G in (H for K in kept for H in (K, K.T)))
+        if all(difference > DISTINCT for difference in twins):
+            kept.append(F)
+    return kept[:STARTS]
 
 
 def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[str, list[Manifold]]:
@@ -82,7 +99,10 @@ def fit_best(
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     """
-    options = RefineOptions(cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps)
+    tolerance = RefineOptions.tolerance if steps == FINAL_STEPS else ROUGH_TOLERANCE
+    options = RefineOptions(
+        cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance
+    )
     point, cost = min(
         (refine(start, problem.weighted, options) for start in starts), key=lambda found: found[1]
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from operator import itemgetter
 from typing import Any, Protocol
 
 import numpy as np
@@ -52,7 +53,8 @@ class RansacOptions:
     ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the
     probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
     ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
-    models left; ``refined`` the best models of a batch that are refined.
+    models left; ``survivors`` the models of a batch that are scored on all data, of which the best may be
+    refined; ``contenders`` the sampled models that are given back.
     """
 
     max_iterations: int = 1000
@@ -62,11 +64,12 @@ class RansacOptions:
     batch: int = 16
     first_block: int = 48
     growth: int = 4
-    refined: int = 1
+    survivors: int = 4
+    contenders: int = 8
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
-        counts = self.max_iterations, self.batch, self.first_block, self.refined
+        counts = self.max_iterations, self.batch, self.first_block, self.survivors
         if min(counts) < 1 or self.growth < 2 or self.min_iterations < 0:
             raise ValueError(f"counts must be positive and growth at least 2, got {self}")
         if not (0 < self.stop_share <= 1 and 0 < self.confidence < 1):
@@ -75,12 +78,16 @@ class RansacOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RansacResult:
-    """The best model (None if no sample gave any), its cost over all data, and how the loop ended."""
+    """The best model (None if no sample gave any), its cost over all data, and how the loop ended.
+
+    ``contenders`` are the best models as sampled, best first: starts for an optimisation that knows more.
+    """
 
     model: Models | None
     cost: float
     iterations: int
     stop: Stop
+    contenders: list[Models]
 
 
 def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
@@ -95,28 +102,30 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
     """
     order = rng.permutation(estimator.count)
     best: Models | None = None
+    sampled: list[tuple[float, Models]] = []
     cost, raw_cost, iterations, stop = np.inf, np.inf, 0, Stop.ITERATIONS
     while iterations < options.max_iterations:
         draw = min(options.batch, options.max_iterations - iterations)
         models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
         iterations += draw
-        for model in models:
-            sampled_cost = float(estimator.score(model[None], order)[0])
-            if sampled_cost >= raw_cost:
-                continue
-            raw_cost = sampled_cost
-            candidate, candidate_cost = _improve(estimator, model, sampled_cost, order)
+        sampled = sorted(
+            [*sampled, *zip(estimator.score(models, order).tolist(), models, strict=True)], key=itemgetter(0)
+        )[: options.contenders]
+        if sampled and sampled[0][0] < raw_cost:
+            raw_cost = sampled[0][0]
+            candidate, candidate_cost = _improve(estimator, sampled[0][1], raw_cost, order)
             if candidate_cost < cost:
                 best, cost = candidate, candidate_cost
         reason = None if best is None else stop_reason(estimator.shares(best), iterations, estimator, options)
         if reason is not None:
             stop = reason
             break
-    return RansacResult(model=best, cost=float(cost), iterations=iterations, stop=stop)
+    contenders = [model for _, model in sampled]
+    return RansacResult(model=best, cost=float(cost), iterations=iterations, stop=stop, contenders=contenders)
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
-    """Thin out models on growing blocks of the data until ``options.refined`` are left, best first.
+    """Thin out models on growing blocks of the data until ``options.survivors`` are left, best first.
 
     References
     ----------
@@ -124,13 +133,13 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], optio
     """
     start, size = 0, options.first_block
     total = np.zeros(len(models))
-    while len(models) > options.refined and start < len(order):
+    while len(models) > options.survivors and start < len(order):
         total = total + estimator.score(models, order[start : start + size])
-        keep = max(options.refined, len(models) // options.growth)
+        keep = max(options.survivors, len(models) // options.growth)
         kept = np.argsort(total, kind="stable")[:keep]
         models, total = models[kept], total[kept]
         start, size = start + size, size * options.growth
-    return models[: options.refined]
+    return models[: options.survivors]
 
 
 def _improve(

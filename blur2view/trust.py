@@ -12,7 +12,7 @@ from blur2view.refine import RefineOptions, refine
 from blur2view.search import EstimatorOptions
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
-HELD_OUT_STEPS = 8  # of refinement to half of the image, and matches used of it: a test, not an estimate
+HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
 HELD_OUT_MATCHES = 300
 
 
@@ -57,7 +57,11 @@ def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
 
 
 def consensus(
-    fit: Fit, problem: SmearProblem, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
 ) -> tuple[bool, str]:
     """Whether to doubt the F of a fit, and the figures that say so.
 
@@ -76,7 +80,11 @@ def consensus(
 
 
 def halves_agreement(
-    fit: Fit, problem: SmearProblem, matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
 ) -> float:
     """Refine a fit to each half of the image and test it on the other: mean agreement beyond chance."""
     middle = matches.midpoint

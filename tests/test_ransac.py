@@ -73,7 +73,7 @@ def test_paper_s_defaults() -> None:
 def test_stops_when_nine_in_ten_fit(fits: float, stop: Stop) -> None:
     found = ransac(problem(fits=fits), RansacOptions(max_iterations=200), np.random.default_rng(1))
     assert found.stop is stop
-    assert found.iterations == (32 if stop is Stop.FIT else 200)
+    assert found.iterations == (16 if stop is Stop.FIT else 200)
 
 
 def test_stops_when_a_better_sample_is_unlikely() -> None:
@@ -100,7 +100,7 @@ def test_same_seed_same_answer_and_another_seed_another_search() -> None:
 def test_preemption_scores_less_and_keeps_the_best() -> None:
     location = problem()
     models, order = np.linspace(-50, 50, 1001), np.random.default_rng(0).permutation(1000)
-    kept = preempt(location, models, order, RansacOptions(refined=2))
+    kept = preempt(location, models, order, RansacOptions(survivors=2))
     assert np.abs(kept - 5).max() < 0.3
     assert sum(location.scored) < 0.3 * 1001 * 1000
 

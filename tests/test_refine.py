@@ -102,7 +102,7 @@ def test_refinement_recovers_F_from_unordered_smears() -> None:
         ends, T = normalised(scene.ends), assumed_camera(IMAGE_SIZE)
         truth = unit_norm(np.linalg.inv(T).T @ scene.F @ np.linalg.inv(T))
         bent = GeneralF.from_matrix(truth).step(np.random.default_rng(seed).normal(0, 1e-3, 7))
-        matches = WeightedEnds(ends=ends, sigma=np.full(400, 0.1 * T[0, 0]))
+        matches = WeightedEnds(ends=ends, sigma=np.full(400, T[0, 0]))
         point, cost = refine(bent, matches, RefineOptions(max_iterations=50, decided=True, tolerance=1e-12))
         difference = min(np.abs(point.matrix() - truth).max(), np.abs(point.matrix() + truth).max())
         assert difference < 1e-6
