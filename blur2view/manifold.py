@@ -155,14 +155,15 @@ class GeneralF:
 class CameraPrior:
     """Standard deviations that hold `CameraF` near what photographs are like.
 
-    ``rotation`` in radians about x, y, z; ``log_focal`` natural log of the focal length over the assumed one;
-    ``principal`` the principal point's offset in units of the assumed focal length. Zero fixes a parameter of
-    the camera.
+    ``rotation`` in radians about x, y, z, around the rotation vector ``centre``; ``log_focal`` natural log of
+    the focal length over the assumed one; ``principal`` the principal point's offset in units of the assumed
+    focal length. Zero fixes a parameter of the camera.
     """
 
     rotation: tuple[float, float, float]
     log_focal: float = 0.3
     principal: float = 0.03
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse what is no standard deviation."""
@@ -233,7 +234,8 @@ class CameraF:
         """Residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        value = np.concatenate([rotation_vector(self.R), [self.log_focal], self.principal])
+        turn = rotation_vector(self.R) - self.spread.centre
+        value = np.concatenate([turn, [self.log_focal], self.principal])
         return value * weight, np.eye(6, 8, 2) * weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:
