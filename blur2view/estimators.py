@@ -266,7 +266,7 @@ class SmearEstimator:
         return total
 
     def refine(self, model: Array) -> Array:
-        """Few steps on the seven-parameter manifold, first with wider standard deviations: models are coarse."""
+        """Few steps on the seven-parameter manifold, wider standard deviations first: models are coarse."""
         options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
         point = GeneralF.from_matrix(model)
         for width in (WIDE, 1.0):

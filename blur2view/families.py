@@ -18,7 +18,7 @@ DISTINCT, STARTS = 0.05, 2  # starts differ by this in an entry of the unit-norm
 ROUGH_TOLERANCE = 3e-4
 SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
-PARAMETERS = {"translation": 2, "camera": 3, "general": 7}
+PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).

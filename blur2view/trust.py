@@ -68,7 +68,7 @@ def consensus(
     F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry.
     """
-    beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng)
+    beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng, problem.sigma_px)
     figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
     if beyond < options.min_agreement:
         return True, figures
@@ -100,21 +100,24 @@ def halves_agreement(
             return 0.0
         point, _ = refine(fit.point, problem.subset(train).weighted, refinement)
         F = problem.pixels(point.matrix())
-        beyond.append(agreement(F, matches.subset(np.flatnonzero(~fitted)), rng)[0])
+        held_out = np.flatnonzero(~fitted)
+        beyond.append(agreement(F, matches.subset(held_out), rng, problem.sigma_px[held_out])[0])
     return float(np.mean(beyond))
 
 
-def agreement(F: Array, matches: SmearMatches, rng: np.random.Generator) -> tuple[float, float, float]:
+def agreement(
+    F: Array, matches: SmearMatches, rng: np.random.Generator, sigma_px: Array | float = 0.0
+) -> tuple[float, float, float]:
     """Agreement beyond chance, share of smears that agree with F, share that would by chance.
 
-    A smear agrees when its residual is within CHANCE_RHO of its length; chance is measured on the same
-    smears, each turned at random. Beyond chance: (share - chance) / (1 - chance).
+    A smear agrees when its residual is within CHANCE_RHO of its length, or within a standard deviation
+    ``sigma_px``; chance is measured on the same smears, each turned at random. Beyond chance:
+    (share - chance) / (1 - chance).
     """
     length = np.maximum(matches.length_px, 1e-9)
+    tolerance = np.maximum(CHANCE_RHO * length, sigma_px)
     angle = rng.uniform(0, np.pi, len(matches))
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     turned = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
-    share, chance = (
-        float((np.sqrt(serrmin(F, ends)) < CHANCE_RHO * length).mean()) for ends in (matches.ends, turned)
-    )
+    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, turned))
     return (share - chance) / max(1 - chance, 1e-9), share, chance
