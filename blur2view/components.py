@@ -105,7 +105,7 @@ class SignComponents:
         touched: Labels = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1)
         return touched
 
-    def subset(self, index: NDArray[np.int_] | NDArray[np.bool_]) -> SignComponents:
+    def subset(self, index: NDArray[np.int_] | NDArray[np.bool_] | slice) -> SignComponents:
         """Only the smears of an index or mask, relabelled."""
         return _relabelled(self.label[index], self.sign[index])
 

@@ -63,6 +63,7 @@ class SmearProblem:
     camera_known: bool
     independent: float
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
+    components: SignComponents | None = None
 
     @property
     def unit_px(self) -> float:
@@ -87,6 +88,7 @@ class SmearProblem:
             ends=self.ends,
             sigma=self.sigma_px / self.unit_px,
             along=along_px / self.unit_px,
+            components=self.components,
             chance=OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1),
         )
 
@@ -110,7 +112,10 @@ class SmearProblem:
         """Give the problem of some smears; the share of independent ones stays."""
         ends = self.ends[index]
         independent = self.independent * len(ends) / len(self.ends)
-        return replace(self, ends=ends, sigma_px=self.sigma_px[index], independent=independent)
+        components = None if self.components is None else self.components.subset(index)
+        return replace(
+            self, ends=ends, sigma_px=self.sigma_px[index], independent=independent, components=components
+        )
 
     def pixels(self, F: Array) -> Array:
         """F of pixel coordinates, unit norm, from F of normalised ones."""

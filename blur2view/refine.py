@@ -8,12 +8,14 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from blur2view.components import SignComponents
 from blur2view.depth import order_log_odds, parallax_along_lines
 from blur2view.epipolar import TINY, Array, homogeneous
 from blur2view.manifold import Manifold
 
 M = TypeVar("M", bound=Manifold)
 LOG_2 = float(np.log(2.0))
+VOTE, MAJORITY = 3.0, 4.0  # most that one smear, and its whole component, say on an order: log-odds
 DEPTH_TRUST = 0.25  # share of independent smears at which what depth says counts half
 
 
@@ -144,6 +146,7 @@ class WeightedEnds:
     sigma: Array
     along: Array | None = None
     chance: Array | None = None
+    components: SignComponents | None = None
 
     @cached_property
     def points(self) -> tuple[Array, Array]:
@@ -170,7 +173,15 @@ class WeightedEnds:
         both = parallax_along_lines(turn, sign * t, 0.5 * (one + other)[:2], (other - one)[:2])
         odds = order_log_odds(*both, self.along)
         ahead, behind = (weight * log + (weight - 1) * LOG_2 for log in odds)
-        return replace(plain, forward_log=ahead, backward_log=behind)
+        alone = replace(plain, forward_log=ahead, backward_log=behind)
+        if self.components is None:
+            return alone
+        company = weight * company_log_odds(self.components, alone)
+        return replace(
+            alone,
+            forward_log=ahead - np.logaddexp(0.0, -company) + LOG_2 * (company != 0),
+            backward_log=behind - np.logaddexp(0.0, company) + LOG_2 * (company != 0),
+        )
 
     def costs(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
         """Twice the negative log-likelihood (N,), 0 for a perfect inlier, of inliers and outliers mixed."""
@@ -187,6 +198,21 @@ class WeightedEnds:
 
     def _chance(self, options: RefineOptions) -> Array | float:
         return float(np.exp(-0.5 * options.cutoff**2)) if self.chance is None else self.chance
+
+
+def company_log_odds(components: SignComponents, residuals: OrderedResiduals) -> Array:
+    """Log-odds (N,) that the other smears of its component give a smear's order ends[:, 0] first.
+
+    They vote with what each says by itself, bounded; a component whose votes contradict each other has no
+    say, so a wrong grouping does little harm.
+    """
+    label, sign = components.label, components.sign
+    ahead, behind = residuals.log_likelihoods
+    vote = np.clip(ahead - behind, -VOTE, VOTE) * sign
+    total, spoken = np.bincount(label, vote), np.bincount(label, np.abs(vote))
+    unity = np.maximum(2 * np.abs(total) / np.maximum(spoken, TINY) - 1, 0.0)
+    odds: Array = np.clip(total[label] - vote, -MAJORITY, MAJORITY) * unity[label] * sign
+    return odds
 
 
 def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, float]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, disturb, make_scene
 
+from blur2view.components import SignComponents
 from blur2view.epipolar import (
     Array,
     apply_similarity,
@@ -28,6 +29,7 @@ from blur2view.refine import (
     OrderedResiduals,
     RefineOptions,
     WeightedEnds,
+    company_log_odds,
     refine,
     sampson_jacobian,
     signed_sampson,
@@ -157,3 +159,20 @@ def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
 def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="need"):
         RefineOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_company_decides_what_a_smear_alone_cannot() -> None:
+    components = SignComponents(label=np.zeros(5, int), sign=np.array([1.0, 1, -1, 1, 1]))
+    clear = np.array([0.0, 0.0, 9.0, 0.0, 1.0])
+    residuals = OrderedResiduals(forward=clear, backward=np.array([9.0, 9.0, 0.0, 9.0, 1.0]))
+    odds = company_log_odds(components, residuals)
+    assert odds[4] > 3  # undecided itself; four others say forward, one of them turned round
+    assert odds[2] < -3
+    single = SignComponents(label=np.arange(5), sign=np.ones(5))
+    assert np.allclose(company_log_odds(single, residuals), 0)
+
+
+def test_a_component_that_contradicts_itself_has_no_say() -> None:
+    components = SignComponents(label=np.zeros(4, int), sign=np.array([1.0, -1, 1, -1]))
+    residuals = OrderedResiduals(forward=np.zeros(4), backward=np.full(4, 9.0))
+    assert np.allclose(company_log_odds(components, residuals), 0)
