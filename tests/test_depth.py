@@ -12,7 +12,8 @@ from blur2view.manifold import rotation_vector
 def parallax(seed: int, rotation_share: float) -> tuple[Array, Array, np.ndarray]:
     """Parallax of both orders of an exact scene's smears, and which smears are swapped."""
     scene = make_scene(np.random.default_rng(seed), rotation_share=rotation_share)
-    ends = apply_similarity(np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    inverse: Array = np.asarray(np.linalg.inv(scene.K), float)
+    ends = apply_similarity(inverse, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
     middle, displacement = ends.mean(axis=1).T, (ends[:, 1] - ends[:, 0]).T
     return *parallax_along_lines(rotation_vector(scene.R), scene.t, middle, displacement), scene.swapped
 
