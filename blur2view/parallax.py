@@ -18,9 +18,10 @@ from blur2view.epipolar import TINY, Array, homogeneous
 from blur2view.homography import PlanarEnds
 from blur2view.refine import signed_sampson
 
-SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)  # of the standard deviations: nobody vouches for sigma
+SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations: nobody vouches for sigma
 FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
-WIDTHS = (0.0, 1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations; 0: on the homography
+LARGEST = 1.4  # scale at which a smear off the homography may still count as on its epipolar line
+WIDTHS = (1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations
 REACHES = (0.25, 0.5, 1.0, 1.5)  # chance spreads displacements over discs of these times the longest
 LENGTH_ERRORS = (0.0, 0.1, 0.2)  # a network's lengths err by more than its directions
 ROUNDS = 25  # of expectation-maximisation
@@ -112,8 +113,7 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
         without, errors are as large in all directions.
     """
     scales, ratios = (SCALES, (0.0,)) if length_error_px is None else (FEW_SCALES, LENGTH_ERRORS)
-    chance = chance_densities(d.measured)
-    alone, joint = [], []
+    alone, on_line, beside = [], [], []
     for ratio in ratios:
         excess = (ratio * d.predicted) ** 2
         if length_error_px is not None:
@@ -123,16 +123,19 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
             white = (scale * d.sigma) ** 2
             along, across = white + excess * d.cosine**2, white + excess * d.sine**2
             alone.append(_gaussian(d.along, d.across, along, across, cov))
-            wider = [along + (width * d.sigma) ** 2 for width in WIDTHS]
-            joint += [_gaussian(d.along, d.off_line, var, across, cov) for var in wider]
-    weights, without = mixture(np.stack([*alone, *chance], axis=1))
-    planar, rest = weights[: len(alone)], weights[len(alone) :]
-    shares = np.array([0.7, *[0.3 / (len(WIDTHS) - 1)] * (len(WIDTHS) - 1)])
-    start = np.concatenate([np.outer(planar, shares).ravel(), rest])
-    found, together = mixture(np.stack([*joint, *chance], axis=1), start)
-    beside = found[: len(joint)].reshape(-1, len(WIDTHS))[:, 1:]
-    gain = 2 * float((together - without).sum())
-    return Evidence(gain=gain, on_plane=float(planar.sum()), parallax=float(beside.sum()))
+            on_line.append(_gaussian(d.along, d.off_line, along, across, cov))
+            wider = [along + (width * d.sigma) ** 2 for width in WIDTHS if scale <= LARGEST]
+            beside += [_gaussian(d.along, d.off_line, var, across, cov) for var in wider]
+    chance = chance_densities(d.measured)
+    simple = np.stack([*alone, *chance], axis=1)
+    weights, _ = mixture(simple)
+    _, without = mixture(simple, weights)  # as many rounds for the one as for the other
+    on_plane = float(weights[: len(alone)].sum())
+    start = np.insert(weights, len(alone), np.full(len(beside), 0.3 * on_plane / len(beside)))
+    start[: len(alone)] *= 0.7
+    found, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
+    parallax = float(found[len(alone) : len(alone) + len(beside)].sum())
+    return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
 
 def planar_log_likelihood(A: Array, matches: PlanarEnds, unit_px: float) -> float:

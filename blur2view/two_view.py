@@ -8,9 +8,11 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.degeneracy import Structure, Verdict, assess, collinear, planar_ends
 from blur2view.epipolar import Array, serrmin, swapped_order
 from blur2view.estimators import SmearProblem
 from blur2view.families import Fit
+from blur2view.homography import pixel_homography
 from blur2view.matches import SmearMatches
 from blur2view.paper import PaperOptions, paper_fundamental
 from blur2view.search import EstimatorOptions, search_and_fit, two_parameter_fundamental
@@ -39,6 +41,20 @@ class Configuration(StrEnum):
     MULTIPLE = "multiple"
 
 
+# An F goes with PARALLAX, ASSUMED and OPEN, and with SEVERAL that of the motion which most smears follow.
+CONFIGURATIONS = {
+    Structure.NOTHING: Configuration.UNDEFINED,
+    Structure.STILL: Configuration.DEGENERATE,
+    Structure.ROTATION: Configuration.PANORAMIC,
+    Structure.PLANE: Configuration.PLANAR,
+    Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.ASSUMED: Configuration.UNCALIBRATED,
+    Structure.PARALLAX: Configuration.UNCALIBRATED,
+    Structure.SEVERAL: Configuration.MULTIPLE,
+}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoViewGeometry:
     """Two-view geometry of the exposure: open (1) and close (2).
@@ -58,9 +74,13 @@ class TwoViewGeometry:
         Samples drawn.
     model : str
         The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7), "paper" (7, by the paper's estimator); "none" without F.
+        a prior), "general" (7), "paper" (7, by the paper's estimator). Without F what H is: "rotation" (3
+        parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
     scores : tuple of (str, float)
-        Name and penalised cost of every family that was fitted, best first.
+        Name and penalised cost of every family that was fitted, homographies too, best first.
+    H : ndarray of shape (3, 3) or None
+        ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
+        where a homography explains the smears; beside an F it says that parallax is not proven.
     """
 
     F: Array | None
@@ -71,6 +91,12 @@ class TwoViewGeometry:
     iterations: int = 0
     model: str = "none"
     scores: tuple[tuple[str, float], ...] = ()
+    H: Array | None = None
+
+    @property
+    def support(self) -> float:
+        """Share of the smears that agree with F, or without F with H."""
+        return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
 
     @property
     def runner_up(self) -> tuple[str, float] | None:
@@ -93,12 +119,15 @@ def estimate_two_view(
     Returns
     -------
     TwoViewGeometry
-        UNCALIBRATED with F; else DEGENERATE (too few or too short smears, a still or constant image) or
-        UNDEFINED (the best F explains hardly more smears than chance).
+        UNCALIBRATED with F; PANORAMIC (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with
+        F and H where it is open whether there is parallax, with H alone where rotation and plane cannot be
+        told apart; MULTIPLE with the F of the motion that most smears follow; DEGENERATE (too few, too
+        short or collinear smears, a still or constant image) or UNDEFINED (the best F explains hardly more
+        smears than chance) with neither.
     """
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
-    refusal = refuse(matches, options)
+    refusal = refuse(matches, options) or collinear(matches)
     if refusal is not None:
         return without_F(matches, Configuration.DEGENERATE, refusal)
     if options.solver == "scipy":
@@ -139,25 +168,46 @@ def judge(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> TwoViewGeometry:
-    """Choose the cheapest family and test it against chance."""
-    ranked = sorted(fits, key=lambda fit: fit.score)
-    best, scores = ranked[0], tuple((fit.name, fit.score) for fit in ranked)
-    F = problem.pixels(best.point.matrix())
+    """Choose the cheapest family, test it against chance, and against no parallax and several motions."""
+    best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
-    if doubt:
-        return without_F(matches, Configuration.UNDEFINED, f"no consensus: {figures}", iterations, scores)
-    tolerance = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
-    others = ", ".join(f"{fit.name} {fit.score - best.score:+.1f}" for fit in ranked[1:])
+    verdict = assess(matches, problem, best, options, rng, doubt)
+    costs = {fit.name: fit.score for fit in fits} | {verdict.fit.name: verdict.fit.score}
+    scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
+    config, F = CONFIGURATIONS[verdict.structure], verdict.F
+    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    if F is not None:
+        F = problem.pixels(F)
+        inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
+        reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
+    elif verdict.A is not None:
+        ordered = planar_ends(problem).ordered(verdict.A)
+        inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
+        swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
+        reason = f"{verdict.structure}: {verdict.sentence}"
+    else:
+        reason = f"{verdict.sentence}: {figures}"
+        return without_F(matches, config, reason, iterations, scores)
     return TwoViewGeometry(
         F=F,
-        config=Configuration.UNCALIBRATED,
-        inlier_mask=serrmin(F, matches.ends) < tolerance**2,
-        reason=f"{figures}; the {best.name} F has the least penalised cost (others: {others})",
-        swapped=swapped_order(F, matches.ends),
+        H=None if verdict.A is None else pixel_homography(verdict.A, problem.T),
+        config=config,
+        reason=reason,
+        inlier_mask=inlier_mask,
+        swapped=swapped,
         iterations=iterations,
-        model=best.name,
+        model=verdict.model,
         scores=scores,
     )
+
+
+def chosen(verdict: Verdict, scores: tuple[tuple[str, float], ...]) -> str:
+    """Say which family F is from, with the others' costs above its own."""
+    if verdict.structure is Structure.SEVERAL:
+        return "F is that of the first"
+    own = verdict.fit
+    others = ", ".join(f"{name} {cost - own.score:+.1f}" for name, cost in scores if name != own.name)
+    return f"the {own.name} F has the least penalised cost (others: {others})"
 
 
 def without_F(
