@@ -42,7 +42,7 @@ class EstimatorOptions:
     min_sigma_px: float = 0.1
     coverage_blocks: int = 24
     max_iterations: int = 1000
-    confidence: float = 0.999
+    confidence: float = 0.99
     stop_inlier_share: float = 0.9
     fit_error_px: float = 1.0
     solver: Solver = "seven"

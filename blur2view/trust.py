@@ -12,6 +12,7 @@ from blur2view.refine import RefineOptions, refine
 from blur2view.search import EstimatorOptions
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
+SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
 HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
 HELD_OUT_MATCHES = 300
 
@@ -66,13 +67,14 @@ def consensus(
     """Whether to doubt the F of a fit, and the figures that say so.
 
     F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
-    the image must also predict the other: seven parameters fit a smooth field without any geometry.
+    the image must also predict the other: seven parameters fit a smooth field without any geometry. They
+    do not fit SURE_COUNT smears that err independently.
     """
     beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng, problem.sigma_px)
     figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
     if beyond < options.min_agreement:
         return True, figures
-    if beyond >= options.sure_agreement:
+    if beyond >= options.sure_agreement or beyond * problem.independent >= SURE_COUNT:
         return False, figures
     held_out = halves_agreement(fit, problem, matches, options, rng)
     figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
