@@ -23,7 +23,7 @@ PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
 ODDS_AGAINST_GENERAL = 1e12
-# A camera that does not turn at all is rare too: at even odds the two-parameter F won a third of the frames of
+# A camera that does not turn is rare too: at even odds the two-parameter F won a third of the frames of
 # RedKitchen, at a median rho of 0.066 where the camera's had 0.057.
 ODDS_AGAINST_TRANSLATION = 1e3
 
