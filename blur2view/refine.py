@@ -15,6 +15,7 @@ from blur2view.manifold import Manifold
 
 M = TypeVar("M", bound=Manifold)
 LOG_2 = float(np.log(2.0))
+NEGLIGIBLE = 1e-4  # weight below which an order of a smear is left out of the normal equations
 VOTE, MAJORITY = 3.0, 4.0  # most that one smear, and its whole component, say on an order: log-odds
 DEPTH_TRUST = 0.25  # share of independent smears at which what depth says counts half
 
@@ -149,16 +150,23 @@ class WeightedEnds:
     components: SignComponents | None = None
 
     @cached_property
-    def points(self) -> tuple[Array, Array]:
-        """Homogeneous ends [:, 0] and [:, 1], (3, N): rows, for speed."""
-        one, other = (np.ascontiguousarray(homogeneous(self.ends[:, i]).T) for i in (0, 1))
-        return one, other
+    def orders(self) -> tuple[Array, Array, Array]:
+        """Homogeneous points of both views (3, 2 N), in one order and the other, and sigma (2 N,)."""
+        one, other = (homogeneous(self.ends[:, i]).T for i in (0, 1))
+        first, second = np.concatenate([one, other], axis=1), np.concatenate([other, one], axis=1)
+        return first, second, np.concatenate([self.sigma, self.sigma])
+
+    @cached_property
+    def middle(self) -> tuple[Array, Array]:
+        """Midpoints and displacements ends[:, 1] - ends[:, 0], (2, N)."""
+        one, other = self.ends[:, 0].T, self.ends[:, 1].T
+        return 0.5 * (one + other), other - one
 
     def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
         """Residuals under F (3, 3) in both orders, which are equally likely beforehand."""
-        one, other = self.points
-        forward, backward = (_residual_parts(F, *pair)[0] for pair in ((one, other), (other, one)))
-        return OrderedResiduals(forward=forward / self.sigma, backward=backward / self.sigma, decided=decided)
+        first, second, sigma = self.orders
+        forward, backward = (_residual_parts(F, first, second)[0] / sigma).reshape(2, -1)
+        return OrderedResiduals(forward=forward, backward=backward, decided=decided)
 
     def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
         """Give residuals the odds that positive depth gives the orders under a point of a family.
@@ -168,9 +176,8 @@ class WeightedEnds:
         """
         if self.along is None:
             return plain
-        one, other = self.points
         turn, t = point.motion()
-        both = parallax_along_lines(turn, sign * t, 0.5 * (one + other)[:2], (other - one)[:2])
+        both = parallax_along_lines(turn, sign * t, *self.middle)
         odds = order_log_odds(*both, self.along)
         ahead, behind = (weight * log + (weight - 1) * LOG_2 for log in odds)
         alone = replace(plain, forward_log=ahead, backward_log=behind)
@@ -316,14 +323,11 @@ def normal_equations(
     F, tangent = point.matrix(), point.tangent().reshape(point.dimension, 9)
     prior, prior_jacobian = point.prior()
     normal, gradient = prior_jacobian.T @ prior_jacobian, prior_jacobian.T @ prior
-    weight = options.data_weight * matches.inlier_shares(residuals, options)
-    one, other = matches.points
-    orders = (
-        (one, other, residuals.forward, residuals.forward_share),
-        (other, one, residuals.backward, 1 - residuals.forward_share),
-    )
-    for first, second, residual, share in orders:
-        J = (tangent @ _entry_jacobian(F, first, second)) / matches.sigma  # (k, N)
-        weighted = J * (weight * share)
-        normal, gradient = normal + weighted @ J.T, gradient + weighted @ residual
-    return normal, gradient
+    inlier, share = matches.inlier_shares(residuals, options), residuals.forward_share
+    weight = np.concatenate([inlier * share, inlier * (1 - share)])
+    counted = np.flatnonzero(weight > NEGLIGIBLE)  # most smears have one order that is out of the question
+    first, second, sigma = (array[..., counted] for array in matches.orders)
+    residual = np.concatenate([residuals.forward, residuals.backward])[counted]
+    J = (tangent @ _entry_jacobian(F, first, second)) / sigma  # (k, n)
+    weighted = J * (options.data_weight * weight[counted])
+    return normal + weighted @ J.T, gradient + weighted @ residual
