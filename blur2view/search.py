@@ -103,7 +103,10 @@ def build_estimator(
     problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size, camera)
     components = sign_components(matches) if options.components else no_components(len(matches))
     return SmearEstimator(
-        problem=replace(problem, components=components), cutoff=options.cutoff, fit_error_px=options.fit_error_px, components=components
+        problem=replace(problem, components=components),
+        cutoff=options.cutoff,
+        fit_error_px=options.fit_error_px,
+        components=components,
     )
 
 
