@@ -41,7 +41,8 @@ class TwoMotions:
     """Two F of normalised coordinates and the shares of all smears that follow the one and the other.
 
     ``first`` is the larger share, ``single`` that of the best single F where there is no other; ``gain`` is
-    twice the log-likelihood that two F have over one, of at most SMEARS smears.
+    twice the log-likelihood that two F have over one, of at most SMEARS smears, times the share of
+    independent errors that they leave.
     """
 
     F: tuple[Array, Array]
@@ -138,7 +139,10 @@ def find_two_motions(
         shared = (mine, one), (~mine, other)
         one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shared)
     (first, second), found = explained(stated, [one, other])
-    gain = 2 * (found - max(likelihood, reached))
+    mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
+    residual = np.where(mine, *(coherent_residuals(stated, f) for f in (one, other)))
+    own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
+    gain = 2 * (found - max(likelihood, reached)) * own
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
     return TwoMotions(F=pair, first=first, second=second, single=float(max(single[0], alone[0])), gain=gain)

@@ -8,15 +8,17 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.degeneracy import Structure, Verdict, assess, collinear, planar_ends
+from blur2view.degeneracy import assess, collinear
 from blur2view.epipolar import Array, serrmin, swapped_order
 from blur2view.estimators import SmearProblem
 from blur2view.families import Fit
 from blur2view.homography import pixel_homography
 from blur2view.matches import SmearMatches
 from blur2view.paper import PaperOptions, paper_fundamental
+from blur2view.planarity import planar_ends
 from blur2view.search import EstimatorOptions, search_and_fit, two_parameter_fundamental
 from blur2view.trust import consensus, refuse
+from blur2view.verdict import Structure, Verdict
 
 __all__ = [
     "Configuration",
@@ -171,7 +173,7 @@ def judge(
     """Choose the cheapest family, test it against chance, and against no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
-    verdict = assess(matches, problem, best, options, rng, doubt)
+    verdict = assess(matches, problem, fits, options, rng, doubt)
     costs = {fit.name: fit.score for fit in fits} | {verdict.fit.name: verdict.fit.score}
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
@@ -207,7 +209,7 @@ def chosen(verdict: Verdict, scores: tuple[tuple[str, float], ...]) -> str:
         return "F is that of the first"
     own = verdict.fit
     others = ", ".join(f"{name} {cost - own.score:+.1f}" for name, cost in scores if name != own.name)
-    return f"the {own.name} F has the least penalised cost (others: {others})"
+    return f"F is of the {own.name} family (penalised cost of the others: {others})"
 
 
 def without_F(
