@@ -23,7 +23,7 @@ from blur2view.families import Fit, fit_best, richer_starts
 from blur2view.homography import PlaneH
 from blur2view.homography_search import find_plane
 from blur2view.matches import SmearMatches
-from blur2view.motions import TwoMotions, find_two_motions, independence, suspicious
+from blur2view.motions import TwoMotions, find_two_motions, followers, independence, suspicious
 from blur2view.parallax import deviations, parallax_evidence
 from blur2view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
 from blur2view.search import EstimatorOptions
@@ -78,7 +78,7 @@ def assess(
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     motions = motions_of(problem, fit, stated_px, cutoff, rng)
     if motions is not None and motions.balance >= LEAST_BALANCE:
-        return several_motions(problem, fit, motions)
+        return several_motions(problem, motions, cutoff)
     if motions is not None:  # one motion, but perhaps a better F of it
         fit = cheaper(problem, fit, motions.F[0], cutoff)
     verdict = among_alike(matches, problem, fit, plane, sample)
@@ -132,12 +132,15 @@ def motions_of(
     return motions if motions is not None and motions.gain >= LEAST_GAIN else None
 
 
-def several_motions(problem: SmearProblem, fit: Fit, motions: TwoMotions) -> Verdict:
-    """Name several motions."""
+def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
+    """Name several motions; F is fitted to the smears around which the first fits better."""
     sentence = (
         f"{motions.first:.0%} and {motions.second:.0%} of {len(problem.ends)} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
     )
+    own = problem.subset(followers(problem, motions, cutoff))
+    name, points = richer_starts(own, [motions.F[0]])
+    fit = fit_best(name, points, replace(own, independent=float(len(own.ends))), cutoff)
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit, motions=motions)
 
 

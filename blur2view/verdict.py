@@ -54,11 +54,11 @@ class Verdict:
         """F of normalised coordinates, None where there is none."""
         if self.structure in WITHOUT_F:
             return None
-        return self.fit.point.matrix() if self.motions is None else self.motions.F[0]
+        return self.fit.point.matrix()
 
     @property
     def model(self) -> str:
         """Name of the family that F is from, or of the homography."""
         if self.structure in WITHOUT_F:
             return str(self.structure)
-        return self.fit.name if self.motions is None else "general"
+        return self.fit.name
