@@ -35,6 +35,7 @@ STATED = 0.3  # errors over standard deviations from which these are believed; 0
 PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears counted as independent
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `motions.TwoMotions`
+ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 ATTEMPTS = 2  # of finding two motions
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 
@@ -77,7 +78,7 @@ def assess(
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     motions = motions_of(problem, fit, stated_px, cutoff, rng)
-    if motions is not None and motions.balance >= LEAST_BALANCE:
+    if motions is not None and motions.balance >= LEAST_BALANCE and motions.single < ENOUGH:
         return several_motions(problem, motions, cutoff)
     if motions is not None:  # one motion, but perhaps a better F of it
         fit = cheaper(problem, fit, motions.F[0], cutoff)

@@ -1,0 +1,100 @@
+"""The study of degeneracy: scenes are what they say, the same for the same seed; the table counts rightly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blur2view.epipolar import fundamental_from_pose, serrmin
+from blur2view.homography import PlanarEnds
+from blur2view.homography_search import find_plane
+from blur2view.two_view import Configuration, TwoViewGeometry
+from tools.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
+from tools.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_seed_gives_the_same_smears(kind: Kind) -> None:
+    one, two, other = draw_scene(kind, 3), draw_scene(kind, 3), draw_scene(kind, 5)
+    assert one.matches.ends.tobytes() == two.matches.ends.tobytes()
+    assert one.matches.ends.shape != other.matches.ends.shape or not np.allclose(
+        one.matches.ends, other.matches.ends
+    )
+    assert 1000 <= len(one.matches) < 2000
+
+
+@pytest.mark.parametrize("kind", ["plane", "pure translation", "general"])
+def test_true_smears_follow_the_true_F(kind: Kind) -> None:
+    for seed in range(3):
+        scene = draw_scene(kind, seed)
+        F = fundamental_from_pose(scene.K, scene.R, scene.t)
+        assert serrmin(F, scene.true_ends).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["pure rotation", "plane", "general"])
+def test_only_rotations_and_planes_are_one_homography(kind: Kind) -> None:
+    scene = draw_scene(kind, 1)
+    matches = PlanarEnds(ends=scene.true_ends / 768, sigma=np.full(len(scene.true_ends), 0.1 / 768))
+    plane = find_plane(matches, 3.0, True, np.random.default_rng(0))
+    assert plane is not None
+    inside = np.mean(np.abs(matches.ordered(plane.generator()).least) < 3)
+    assert inside > 0.99 if kind != "general" else inside < 0.9
+
+
+def test_several_and_random_take_turns() -> None:
+    two, field = draw_scene("several or none", 2), draw_scene("several or none", 3)
+    F = fundamental_from_pose(two.K, two.R, two.t)
+    first = (serrmin(F, two.true_ends) < 1e-12).mean()
+    assert 0.5 <= first <= 0.6  # 40 to 50 % follow the second motion
+    length = np.linalg.norm(field.true_ends[:, 1] - field.true_ends[:, 0], axis=1)
+    assert np.ptp(length) < 1e-9
+
+
+def test_options_bound_what_is_drawn() -> None:
+    options = DegenerateOptions(count=(50, 51), noise_px=(0.5, 0.5), outliers=(0.0, 0.0), length_px=(20, 20))
+    scene = draw_scene("general", 0, options)
+    assert len(scene.matches) == 50
+    assert np.allclose(scene.matches.sigma_px, 1.0)
+    length = np.linalg.norm(scene.true_ends[:, 1] - scene.true_ends[:, 0], axis=1)
+    assert np.isclose(np.median(length), 20, rtol=0.01)
+
+
+def test_shared_errors_turn_and_stretch_about_the_midpoint() -> None:
+    scene = draw_scene("general", 2)
+    moved = with_shared_errors(scene, 0, 4.0)
+    assert np.allclose(moved.matches.midpoint, scene.matches.midpoint)
+    stretch = np.log(moved.matches.length_px / scene.matches.length_px)
+    assert 0.1 < stretch.std() < 0.2
+    assert (moved.matches.sigma_px > scene.matches.sigma_px).all()
+
+
+def test_outcomes_name_configurations() -> None:
+    scene = draw_scene("pure rotation", 0)
+    none = np.zeros(len(scene.matches), bool)
+    geometry = TwoViewGeometry(
+        F=None, config=Configuration.PANORAMIC, reason="", inlier_mask=none, swapped=none
+    )
+    assert outcome(geometry, scene) == "rotation"
+    either = replace(geometry, config=Configuration.PLANAR_OR_PANORAMIC)
+    assert outcome(either, scene) == "rotation or plane"
+    assert outcome(replace(either, F=np.eye(3)), scene) == "open"
+    costs = (("camera", 0.0), ("translation", 1.0))
+    found = replace(geometry, F=np.eye(3), config=Configuration.UNCALIBRATED, model="camera", scores=costs)
+    assert outcome(found, scene) == "translation"
+
+
+def test_table_counts_what_is_right() -> None:
+    rows = [
+        Named(kind=kind, outcome=RIGHT[kind][0], rho=0.0, seconds=0.0) for kind in KINDS for _ in range(3)
+    ]
+    rows += [Named(kind="plane", outcome="general", rho=0.0, seconds=0.0)]
+    lines = table(rows)
+    assert len(lines) == 2 + len(KINDS) + 1
+    assert "| 75.0 |" in next(line for line in lines if line.startswith("| plane"))
+    assert lines[-1].endswith(f"| {100 * 18 / 19:.1f} |")
+
+
+def test_one_scene_of_each_kind_is_named() -> None:
+    named = [name_scene((kind, 1)) for kind in KINDS]
+    assert sum(row.outcome in RIGHT[kind] for row, kind in zip(named, KINDS, strict=True)) >= 5
+    assert all(row.seconds > 0 for row in named)
