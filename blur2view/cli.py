@@ -14,7 +14,9 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.exif import read_exif
 from blur2view.image import read_image
+from blur2view.intrinsics import Intrinsics
 from blur2view.matches import SelectOptions
 from blur2view.pipeline import estimate
 from blur2view.predict import SmearNetwork
@@ -95,6 +97,14 @@ def _add_estimate(commands: Any) -> None:
         help="error in pixels below which a smear is an inlier, however certain it is "
         f"(default: {EstimatorOptions.max_error_px:.4g})",
     )
+    add("--focal", type=float, metavar="PX", help="focal length in pixels: gives E and the pose")
+    add(
+        "--camera",
+        metavar="CAMERA",
+        help='intrinsics instead of --focal: a COLMAP camera, such as "PINHOLE 640 480 525 525 320 240", '
+        'a COLMAP database "DB" or "DB:ID", or "exif" to take the focal length of EXIF for true',
+    )
+    add("--exposure", type=float, metavar="S", help="exposure time in seconds (default: that of EXIF)")
     add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
     add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")
     parser.set_defaults(run=lambda options: run_estimate(options, parser.error))
@@ -128,10 +138,14 @@ def _read_run(options: argparse.Namespace, usage_error: Callable[[str], object])
     try:
         if options.seed < 0:
             raise ValueError(f"seed must not be negative, got {options.seed}")
+        if options.exposure is not None and not 0 < options.exposure < np.inf:
+            raise ValueError(f"exposure must be positive and finite, got {options.exposure}")
         return Run(
             select=SelectOptions(beta=options.beta),
             options=EstimatorOptions(max_error_px=options.max_error),
             seed=options.seed,
+            intrinsics=Intrinsics(focal_px=options.focal, camera=options.camera),
+            exposure_s=options.exposure,
         )
     except ValueError as error:
         usage_error(str(error))
@@ -157,8 +171,10 @@ def _estimate_one(
     read_s = time.perf_counter() - start
     # a generator of its own, so that a photograph's result does not depend on those before it
     rng = np.random.default_rng(run.seed)
-    found = estimate(image, network=network, select=run.select, options=run.options, rng=rng)
-    facts = document(path, found.field.shape, found, run, read_s)
+    exif = read_exif(path)
+    camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
+    found = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
+    facts = document(path, found.field.shape, found, run, read_s, run.exposure_s or exif.exposure_s)
     if files:
         write_results(files, facts, image, found)
     return facts, summary(facts, found, files)

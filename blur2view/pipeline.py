@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.cameras import Camera
 from blur2view.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.predict import SmearNetwork
 from blur2view.smear import SmearField
@@ -37,6 +38,8 @@ class Estimate:
         Name of the network's weights.
     timings : Timings
         Seconds per step.
+    camera : Camera or None
+        The intrinsics that were used.
     """
 
     field: SmearField
@@ -44,6 +47,7 @@ class Estimate:
     geometry: TwoViewGeometry
     model_id: str
     timings: Timings
+    camera: Camera | None = None
 
 
 def estimate(
@@ -53,6 +57,7 @@ def estimate(
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | None = None,
+    camera: Camera | None = None,
 ) -> Estimate:
     """Estimate the two-view geometry of the camera's motion during one exposure.
 
@@ -66,6 +71,8 @@ def estimate(
         Which smears become matches; the robust estimator.
     rng : numpy.random.Generator, optional
         Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
+    camera : Camera, optional
+        Intrinsics of this photograph, for its size.
 
     Returns
     -------
@@ -84,7 +91,7 @@ def estimate(
     clock.append(time.perf_counter())
     matches = select_matches(field, select)
     clock.append(time.perf_counter())
-    geometry = estimate_two_view(matches, options, rng)
+    geometry = estimate_two_view(matches, options, rng, camera)
     clock.append(time.perf_counter())
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
@@ -93,4 +100,5 @@ def estimate(
         geometry=geometry,
         model_id=network.info.model_id,
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
+        camera=camera,
     )

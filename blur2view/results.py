@@ -4,7 +4,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,12 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.cameras import Camera
 from blur2view.epipolar import epipoles
 from blur2view.errors import OutputError
+from blur2view.intrinsics import Intrinsics
 from blur2view.matches import SelectOptions
 from blur2view.pipeline import Estimate
-from blur2view.two_view import EstimatorOptions
+from blur2view.two_view import EstimatorOptions, TwoViewGeometry
 from blur2view.viz import draw_overlay
+
+POSE_KEYS = ("E", "cam2_from_cam1", "rotation_deg", "angular_velocity_rad_s", "pose_covariance", "exposure_s")
 
 # The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
 _PNG_EFFORT = [cv2.IMWRITE_PNG_COMPRESSION, 3]
@@ -66,6 +70,8 @@ class Run:
     select: SelectOptions
     options: EstimatorOptions
     seed: int
+    intrinsics: Intrinsics = field(default_factory=Intrinsics)
+    exposure_s: float | None = None
 
 
 def prepare_folder(folder: Path) -> None:
@@ -125,7 +131,12 @@ def plan_outputs(images: Sequence[Path], folder: Path, *, overwrite: bool) -> li
 
 
 def document(
-    image: Path, size: tuple[int, int], estimate: Estimate, run: Run, read_s: float
+    image: Path,
+    size: tuple[int, int],
+    estimate: Estimate,
+    run: Run,
+    read_s: float,
+    exposure_s: float | None = None,
 ) -> dict[str, Any]:
     """Return the JSON document of one photograph.
 
@@ -141,6 +152,8 @@ def document(
         What was asked for.
     read_s : float
         Seconds spent on decoding.
+    exposure_s : float, optional
+        Exposure time in seconds.
 
     Returns
     -------
@@ -153,9 +166,14 @@ def document(
         "width": size[1],
         "height": size[0],
         "F": None if geometry.F is None else geometry.F.tolist(),
+        "H": None if geometry.H is None else geometry.H.tolist(),
         "config": geometry.config.name,
         "reason": geometry.reason,
         "motion_model": geometry.model,
+        "scores": dict(geometry.scores),
+        "support": geometry.support,
+        **camera_facts(estimate.camera),
+        **pose_facts(geometry, exposure_s),
         "num_matches": len(estimate.matches),
         "num_inliers": int(np.count_nonzero(geometry.inlier_mask)),
         "iterations": geometry.iterations,
@@ -166,6 +184,37 @@ def document(
         "timings_s": {"read": read_s}
         | {k.removesuffix("_s"): v for k, v in asdict(estimate.timings).items()},
     }
+
+
+def camera_facts(camera: Camera | None) -> dict[str, Any]:
+    """Return the intrinsics that were used, for the JSON document."""
+    if camera is None:
+        return {"K": None, "camera": None}
+    said = {"model": camera.model, "params": list(camera.params), "source": camera.source}
+    return {"K": camera.K.tolist(), "camera": said | {"known": camera.known}}
+
+
+def pose_facts(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, Any]:
+    """Return E, the pose, its covariance and its rates, for the JSON document; all null without a pose."""
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    facts: dict[str, Any] = dict.fromkeys(POSE_KEYS)
+    facts["exposure_s"] = exposure_s
+    if pose is None:
+        return facts
+    facts["cam2_from_cam1"] = {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
+    facts["rotation_deg"] = pose.angle_deg
+    if geometry.E is not None:
+        facts["E"] = geometry.E.tolist()
+    if exposure_s is not None:
+        facts["angular_velocity_rad_s"] = (pose.rotation_vector / exposure_s).tolist()
+    if covariance is not None:
+        facts["pose_covariance"] = {
+            "matrix": covariance.matrix.tolist(),
+            "tangents": covariance.tangents.tolist(),
+            "rotation_sigma_deg": covariance.rotation_sigma_deg.tolist(),
+            "translation_sigma_deg": covariance.translation_sigma_deg,
+        }
+    return facts
 
 
 def write_results(
@@ -261,10 +310,31 @@ def summary(facts: dict[str, Any], estimate: Estimate, files: OutputFiles | None
         lines[-1] += f"; {facts['num_inliers']} ({share:.0%}) are inliers"
         lines += _matrix_lines(geometry.F)
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
+    lines += _pose_lines(facts)
     lines.append(f"{sum(facts['timings_s'].values()):.2f} s")
     if files:
         lines[-1] += f"; wrote {', '.join(str(path) for path in reversed(files.paths))}"
     return "\n  ".join(lines)
+
+
+def _pose_lines(facts: dict[str, Any]) -> list[str]:
+    """Return rotation and translation with their standard deviations, up to the flip of time."""
+    pose, covariance = facts["cam2_from_cam1"], facts["pose_covariance"]
+    if pose is None:
+        return []
+    turned = f"rotation {facts['rotation_deg']:.3f} degrees"
+    if covariance is not None:
+        turned += f" (sigma {max(covariance['rotation_sigma_deg']):.3f})"
+    if facts["angular_velocity_rad_s"] is not None:
+        rates = ", ".join(f"{rate:.3f}" for rate in facts["angular_velocity_rad_s"])
+        turned += f", angular velocity ({rates}) rad/s in {facts['exposure_s']:g} s"
+    if not any(pose["translation"]):
+        return [turned + ", no translation"]
+    direction = ", ".join(f"{value:.3f}" for value in pose["translation"])
+    moved = f"translation towards ({direction})"
+    if covariance is not None:
+        moved += f" (sigma {covariance['translation_sigma_deg']:.1f} degrees)"
+    return [f"{turned}; {moved}"]
 
 
 def _matrix_lines(F: NDArray[np.float64]) -> list[str]:

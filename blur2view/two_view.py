@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.calibrated import fit_calibrated
+from blur2view.cameras import Camera
 from blur2view.degeneracy import assess, collinear
 from blur2view.epipolar import Array, serrmin, swapped_order
 from blur2view.estimators import SmearProblem
 from blur2view.families import Fit
+from blur2view.geometry import Configuration, TwoViewGeometry
 from blur2view.homography import pixel_homography
+from blur2view.manifold import CameraF, TranslationF
 from blur2view.matches import SmearMatches
 from blur2view.paper import PaperOptions, paper_fundamental
 from blur2view.planarity import planar_ends
+from blur2view.pose import RigidTransform
+from blur2view.refine import RefineOptions
 from blur2view.search import EstimatorOptions, search_and_fit, two_parameter_fundamental
 from blur2view.trust import consensus, refuse
 from blur2view.verdict import Structure, Verdict
@@ -27,20 +31,6 @@ __all__ = [
     "estimate_two_view",
     "two_parameter_fundamental",
 ]
-
-
-class Configuration(StrEnum):
-    """What was found; the names are those of COLMAP's TwoViewGeometryConfiguration, the values lower case."""
-
-    UNDEFINED = "undefined"
-    DEGENERATE = "degenerate"
-    CALIBRATED = "calibrated"
-    UNCALIBRATED = "uncalibrated"
-    PLANAR = "planar"
-    PANORAMIC = "panoramic"
-    PLANAR_OR_PANORAMIC = "planar_or_panoramic"
-    WATERMARK = "watermark"
-    MULTIPLE = "multiple"
 
 
 # An F goes with PARALLAX, ASSUMED and OPEN, and with SEVERAL that of the motion which most smears follow.
@@ -57,57 +47,11 @@ CONFIGURATIONS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TwoViewGeometry:
-    """Two-view geometry of the exposure: open (1) and close (2).
-
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3) or None
-        ``points2^T F points1 = 0``, pixels, unit norm; F or its transpose, which is which cannot be known.
-        None where no F can be trusted.
-    config : Configuration
-    reason : str
-        One sentence with the figures that decided.
-    inlier_mask : ndarray of bool, shape (N,)
-    swapped : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` is the open end under F.
-    iterations : int
-        Samples drawn.
-    model : str
-        The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7), "paper" (7, by the paper's estimator). Without F what H is: "rotation" (3
-        parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
-    scores : tuple of (str, float)
-        Name and penalised cost of every family that was fitted, homographies too, best first.
-    H : ndarray of shape (3, 3) or None
-        ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
-        where a homography explains the smears; beside an F it says that parallax is not proven.
-    """
-
-    F: Array | None
-    config: Configuration
-    reason: str
-    inlier_mask: NDArray[np.bool_]
-    swapped: NDArray[np.bool_]
-    iterations: int = 0
-    model: str = "none"
-    scores: tuple[tuple[str, float], ...] = ()
-    H: Array | None = None
-
-    @property
-    def support(self) -> float:
-        """Share of the smears that agree with F, or without F with H."""
-        return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
-
-    @property
-    def runner_up(self) -> tuple[str, float] | None:
-        """Name and penalised cost of the second best family, None if there is none."""
-        return self.scores[1] if len(self.scores) > 1 else None
-
-
 def estimate_two_view(
-    matches: SmearMatches, options: EstimatorOptions | None = None, rng: np.random.Generator | None = None
+    matches: SmearMatches,
+    options: EstimatorOptions | None = None,
+    rng: np.random.Generator | None = None,
+    camera: Camera | None = None,
 ) -> TwoViewGeometry:
     """Estimate F from unordered smears, or say why none can be trusted.
 
@@ -117,15 +61,17 @@ def estimate_two_view(
     options : EstimatorOptions, optional
     rng : numpy.random.Generator, optional
         Default: seed 0. The same state gives the same answer.
+    camera : Camera, optional
+        Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
 
     Returns
     -------
     TwoViewGeometry
-        UNCALIBRATED with F; PANORAMIC (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with
-        F and H where it is open whether there is parallax, with H alone where rotation and plane cannot be
-        told apart; MULTIPLE with the F of the motion that most smears follow; DEGENERATE (too few, too
-        short or collinear smears, a still or constant image) or UNDEFINED (the best F explains hardly more
-        smears than chance) with neither.
+        UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
+        (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
+        there is parallax, with H alone where rotation and plane cannot be told apart; MULTIPLE with the F of
+        the motion that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
+        constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
     """
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
@@ -134,8 +80,59 @@ def estimate_two_view(
         return without_F(matches, Configuration.DEGENERATE, refusal)
     if options.solver == "scipy":
         return paper_two_view(matches, options, rng)
-    problem, fits, iterations = search_and_fit(matches, options, rng)
-    return judge(matches, problem, fits, iterations, options, rng)
+    if camera is not None:
+        matches = undistorted(matches, camera)
+    problem, fits, iterations = search_and_fit(matches, options, rng, camera)
+    geometry = judge(matches, problem, fits, iterations, options, rng)
+    return with_pose(geometry, matches, problem, fits, options) if problem.calibrated else geometry
+
+
+def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
+    """Give the matches as the camera's undistorted picture shows them; a pixel without a ray stays."""
+    ends = camera.undistorted(matches.ends)
+    return replace(matches, ends=np.where(np.isfinite(ends), ends, matches.ends))
+
+
+def with_pose(
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Add E, the pose and its covariance to what was found with known intrinsics."""
+    if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
+        return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
+    found = {fit.name: fit.point for fit in fits}
+    start, simple = found.get("camera"), found["translation"]
+    if geometry.F is None or geometry.config is Configuration.MULTIPLE:
+        return geometry
+    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(found)}")
+    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
+    fit = fit_calibrated(problem, start, simple, refinement)
+    oriented = fit.oriented()
+    F = problem.pixels(oriented.pose.essential)
+    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    proven = geometry.config is Configuration.UNCALIBRATED
+    return replace(
+        geometry,
+        F=F,
+        E=oriented.pose.essential,
+        cam2_from_cam1=oriented.pose,
+        covariance=fit.covariance(),
+        config=Configuration.CALIBRATED if proven else geometry.config,
+        model="calibrated",
+        inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
+        swapped=oriented.swapped,
+    )
+
+
+def rotation_of(H: Array, T: Array) -> RigidTransform:
+    """Give the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
+    normalised = T @ H @ np.linalg.inv(T)
+    U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
+    return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
 
 
 def paper_two_view(

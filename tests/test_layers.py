@@ -20,6 +20,8 @@ LAYERS = [
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
     | {"cameras"},
     {"manifold", "components", "paper", "sign_free"},
+    {"pose"},
+    {"geometry"},
     {"refine"},
     {"homography"},
     {"homography_search", "parallax"},
@@ -28,7 +30,7 @@ LAYERS = [
     {"search", "motions", "plane_parallax"},
     {"trust", "verdict"},
     {"planarity"},
-    {"degeneracy"},
+    {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
     {"viz"},
