@@ -61,9 +61,9 @@ def assess(
     doubt : bool
         Whether the cheapest F explains hardly more than chance: then only a homography is considered.
     """
-    cutoff, fit = options.cutoff, min(fits, key=_score)
+    cutoff, fit = options.cutoff, min(fits, key=lambda fit: fit.score)
     if doubt and within_errors(matches):
-        sentence = "no motion: the smears are no longer than their errors"
+        sentence = "no motion, the smears are no longer than their errors"
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = rng.permutation(len(matches))[:SAMPLE]
     part = planar_ends(problem, sample)
@@ -85,17 +85,12 @@ def assess(
     verdict = among_alike(matches, problem, fit, plane, sample)
     if verdict.structure is Structure.PARALLAX:
         return verdict
-    white = next(
-        (f for f in sorted([fit, *fits], key=_score) if independent_errors(problem, f, cutoff)), None
-    )
+    simplest = [f for f in fits if f.name == "translation"]
+    white = next((f for f in (fit, *simplest) if independent_errors(problem, f, cutoff)), None)
     if white is not None:
         return among_independent(problem, white, plane)
     believed = float(np.median(problem.sigma_px / stated_px)) >= STATED
     return verdict if believed else replace(verdict, structure=Structure.ASSUMED)
-
-
-def _score(fit: Fit) -> float:
-    return fit.score
 
 
 def within_errors(matches: SmearMatches) -> bool:

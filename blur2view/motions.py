@@ -150,8 +150,8 @@ def find_two_motions(
 
 def followers(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> NDArray[np.int_]:
     """Find the smears around which the first of two motions fits better than the second: indices."""
-    squared = (_squared(problem, F) for F in motions.F)
-    return np.flatnonzero(_by_place(problem, *squared, cutoff))
+    one, other = (_squared(problem, F) for F in motions.F)
+    return np.flatnonzero(_by_place(problem, one, other, cutoff))
 
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:

@@ -126,9 +126,10 @@ def name_homography(
 
 def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
     """Parallax is proven, or remains open."""
-    figures = f"parallax gains {gain:.0f} over one homography ({needed:.0f} needed)"
     scores = (("plane", fit.score + gain - needed),)
+    figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
-        return Verdict(structure=Structure.PARALLAX, sentence=figures, fit=fit, scores=scores)
+        return Verdict(structure=Structure.PARALLAX, sentence=f"parallax {figures}", fit=fit, scores=scores)
+    sentence = f"parallax is not proven, it {figures}"
     A = plane.generator()
-    return Verdict(structure=Structure.OPEN, sentence=figures, fit=fit, A=A, scores=scores)
+    return Verdict(structure=Structure.OPEN, sentence=sentence, fit=fit, A=A, scores=scores)
