@@ -10,7 +10,7 @@ Conventions, used everywhere
   blended and tiled in double angle only, and decoded last.
 - F: ``points2^T F points1 = 0`` with 1 = shutter open, 2 = shutter close, ||F|| = 1. Which end of time
   is which stays open for the whole image: F and its transpose are one answer.
-- Poses are ``cam2_from_cam1``.
+- Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length; a pose and its inverse are one answer.
 - Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
 - Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].
 
@@ -18,10 +18,12 @@ The method follows "Robust Fundamental Matrix Estimation from Single Image Motio
 Viksten), called "the paper" in this package.
 """
 
-from blur2view.errors import Blur2ViewError, ImageError, ModelError, OutputError
+from blur2view.cameras import Camera
+from blur2view.errors import Blur2ViewError, CameraError, ImageError, ModelError, OutputError
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.pipeline import Estimate, Timings, estimate
+from blur2view.pose import PoseCovariance, RigidTransform
 from blur2view.predict import ModelInfo, SmearNetwork, predict
 from blur2view.smear import SmearField
 from blur2view.tiles import TileOptions
@@ -32,6 +34,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Blur2ViewError",
+    "Camera",
+    "CameraError",
     "Configuration",
     "Estimate",
     "EstimatorOptions",
@@ -39,6 +43,8 @@ __all__ = [
     "ModelError",
     "ModelInfo",
     "OutputError",
+    "PoseCovariance",
+    "RigidTransform",
     "SelectOptions",
     "SmearField",
     "SmearMatches",
