@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.epipolar import TINY, Array
-from blur2view.estimators import SmearProblem
-from blur2view.manifold import CameraF, TranslationF
+from blur2view.estimators import SmearProblem, coherent_residuals
+from blur2view.hypotheses import half_sphere
+from blur2view.manifold import CameraF, CameraPrior, TranslationF, rotation_matrix, rotation_vector
 from blur2view.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
 from blur2view.refine import OrderedResiduals, RefineOptions, WeightedEnds, sampson_jacobian
 from blur2view.seven_smears import plane_basis
@@ -26,6 +27,18 @@ AT_REST = 1e-3  # a step below this many standard deviations ends it
 SCALES, ODDS = (0.03, 4.0), (0.01, 3.0)  # limits of the noise's scale, and of the odds of an outlier
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 MISSED = 1.1  # the regions of white noise hold what they should with variances larger by this
+# Where errors are alike and far below what is stated, as a network's, the noise is not known, and smears tell
+# a turn from a sideways move badly. Then a hand-held camera is assumed: its rotation is this share of the one
+# that explains the smears alone, to within a share of the smears' length over the focal length. On RedKitchen
+# the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to 0.045; on rendered photographs,
+# most of which move rather than turn, rho rose from 0.040 to 0.045.
+ALIKE, STATED = 0.25, 0.3
+EXACT = 0.005  # errors below this share of the length are no network's
+TURN_SHARE, TURN_SPREAD = 0.75, 0.05
+TURN_STEPS, AXES = 12, 13  # of reweighting, from so many axes
+TURN_ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
+REACH, BINS = 0.3, 12  # of the autocorrelation: distances up to this share of the picture's size
+PAIRS_OF = 500  # smears at most that are paired for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,12 +166,13 @@ class CalibratedFit:
         return replace(self, noise=noise)
 
     def curvature(self) -> Array:
-        """Second derivative (POSE, POSE) of half the cost, by differences: unlike Gauss-Newton's it knows
-        that a smear whose order or kind is in doubt says less.
-        """  # noqa: D205
+        """Second derivative (POSE, POSE) of half the cost, by differences.
+
+        Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt says less.
+        """
         spans = CURVATURE_STEP / np.sqrt(np.diag(self.normal))
         rows = [
-            (self._frozen(span * e).gradient - self._frozen(-span * e).gradient) / (2 * span)
+            (self.moved(span * e).gradient - self.moved(-span * e).gradient) / (2 * span)
             for span, e in zip(spans, np.eye(POSE), strict=True)
         ]
         matrix = np.array(rows)
@@ -166,19 +180,50 @@ class CalibratedFit:
         least = np.linalg.eigvalsh(matrix)[0]
         return matrix if least > 0 else self.normal
 
-    def _frozen(self, delta: Array) -> CalibratedFit:
-        return self.moved(delta)
-
     def oriented(self) -> OrientedPose:
         """Pose and order of every match, by positive depth."""
         plain = self.matches.residuals(self.point.matrix())
         return oriented_pose(self.point.matrix(), self.problem.ends, plain.forward_share, self.inliers)
 
+    @cached_property
+    def alike(self) -> float:
+        """Number of smears that err as one: theirs is the variance of so many times fewer independent ones.
+
+        From the autocorrelation of the residuals: its value near zero, and the distance at which it halves,
+        as of a Gaussian. The problem's count suffices where half of the smears are independent.
+        """
+        counted = 1 / self.options.data_weight
+        if counted < 2:
+            return counted
+        near, half = autocorrelation(self)
+        middle = self.problem.ends.mean(axis=1)
+        area = float(np.prod(np.ptp(middle, axis=0)))
+        cluster = near * len(middle) * 2 * np.pi * (half**2 / (2 * np.log(2))) / max(area, TINY)
+        independent = len(middle) / max(cluster, counted)
+        return float(len(middle) / max(independent - POSE, 1.0))  # what the pose has taken up cannot be seen
+
     def covariance(self) -> PoseCovariance:
-        """Covariance of the pose: the sandwich of an M-estimator."""
+        """Covariance of the pose: the sandwich of an M-estimator, for errors that neighbours share."""
         gradient, _, prior = self._derivatives
-        scatter = self.options.data_weight * MISSED * gradient @ gradient.T + prior
+        scatter = self.options.data_weight**2 * MISSED * self.alike * gradient @ gradient.T + prior
         return pose_covariance(self.curvature(), scatter, self.sign * plane_basis(self.point.t))
+
+
+def autocorrelation(fit: CalibratedFit) -> tuple[float, float]:
+    """Autocorrelation of the inliers' residuals near distance zero, and the distance at which it halves."""
+    sure = np.flatnonzero(fit.inliers > 0.5)
+    sure = sure[:: max(1, len(sure) // PAIRS_OF)]
+    value = coherent_residuals(fit.problem, fit.point.matrix())[sure] / fit.noise.scale
+    value, middle = np.clip(value, -3, 3), fit.problem.ends.mean(axis=1)[sure]
+    one, other = np.triu_indices(len(sure), 1)
+    distance = np.linalg.norm(middle[one] - middle[other], axis=1)
+    width = REACH * float(np.sqrt(np.prod(np.ptp(middle, axis=0)))) / BINS
+    bins = np.minimum((distance / max(width, TINY)).astype(int), BINS)
+    pairs = np.maximum(np.bincount(bins, minlength=BINS + 1), 1)
+    products = np.bincount(bins, weights=value[one] * value[other], minlength=BINS + 1)
+    curve = (products / pairs)[:BINS] / max(float((value**2).mean()), TINY)
+    below = np.flatnonzero(curve < 0.5 * curve[0])
+    return float(np.clip(curve[0], 0, 1)), float((below[0] if len(below) else BINS) + 0.5) * width
 
 
 def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
@@ -202,6 +247,44 @@ def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
     return fit
 
 
+def turn_alone(problem: SmearProblem) -> Array:
+    """Rotation vector (3,) that explains most smears without translation, robustly; up to sign.
+
+    To first order a rotation w moves the point p of a camera with K = identity by w x p - p (w x p)_z.
+    """
+    part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
+    x, y = part.ends.mean(axis=1).T
+    d = part.ends[:, 1] - part.ends[:, 0]
+    flow = np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]]).transpose(2, 0, 1)  # (n, 2, 3)
+    squared = np.maximum((d**2).sum(axis=1), TINY)
+    found = [_turn_from(axis, flow, d, squared) for axis in half_sphere(AXES)]
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _turn_from(turn: Array, flow: Array, d: Array, squared: Array) -> tuple[float, Array]:
+    """Robust cost and rotation reached from an axis: orders and weights in turn with least squares."""
+    weight, miss = 1 / squared, np.zeros(len(d))
+    for _ in range(TURN_STEPS):
+        sign = np.where(((flow @ turn) * d).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+        normal = np.einsum("n,nij,nik->jk", weight, flow, flow, optimize=True)
+        right = np.einsum("n,nij,ni->j", weight, flow, sign * d, optimize=True)
+        turn = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], float)
+        miss = ((flow @ turn - sign * d) ** 2).sum(axis=1) / squared
+        weight = 1 / squared / (1 + miss / TURN_ERROR**2)
+    return float((miss / (miss + TURN_ERROR**2)).sum()), turn
+
+
+def turning_prior(problem: SmearProblem) -> CameraPrior:
+    """Prior of the rotation: little, or that of a hand-held camera where the noise is not known."""
+    exact = float(np.median(problem.sigma_px / np.maximum(problem.length_px, TINY))) < EXACT
+    if problem.data_weight >= ALIKE or problem.scale >= STATED or exact:
+        return problem.prior
+    length = float(np.median(problem.length_px)) / problem.unit_px
+    x, y, z = (TURN_SHARE * turn_alone(problem)).tolist()
+    spread = TURN_SPREAD * length
+    return CameraPrior(rotation=(spread, spread, 3 * spread), log_focal=0.0, principal=0.0, centre=(x, y, z))
+
+
 def fit_calibrated(
     problem: SmearProblem, camera: CameraF, simple: TranslationF, options: RefineOptions
 ) -> CalibratedFit:
@@ -216,8 +299,12 @@ def fit_calibrated(
     options : RefineOptions
         ``cutoff`` and ``data_weight``.
     """
-    spread = problem.prior
-    poses = [(camera.R, camera.t), (np.eye(3), simple.epipole)]
+    spread = turning_prior(problem)
+    centre = np.array(spread.centre)
+    R, t = camera.R, camera.t
+    if rotation_vector(R) @ centre < 0:  # the other flip of time
+        R, t = R.T, -R.T @ t
+    poses = [(R, t), (rotation_matrix(centre), simple.epipole)]
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
     starts = [
         CalibratedFit(

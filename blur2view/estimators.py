@@ -55,6 +55,8 @@ class SmearProblem:
     lens : (float, float)
         Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
         the intrinsics are known.
+    scale : float
+        What the standard deviations as given were multiplied by since.
     """
 
     ends: Array
@@ -63,6 +65,7 @@ class SmearProblem:
     camera_known: bool
     independent: float
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
+    scale: float = 1.0
     components: SignComponents | None = None
 
     @property
@@ -106,7 +109,7 @@ class SmearProblem:
 
     def rescaled(self, factor: float) -> SmearProblem:
         """Give the problem with all standard deviations multiplied by a factor."""
-        return replace(self, sigma_px=self.sigma_px * factor)
+        return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
 
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
         """Give the problem of some smears; the share of independent ones stays."""
