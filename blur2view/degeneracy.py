@@ -24,7 +24,7 @@ from blur2view.homography import PlaneH
 from blur2view.homography_search import find_plane
 from blur2view.matches import SmearMatches
 from blur2view.motions import TwoMotions, find_two_motions, followers, independence, suspicious
-from blur2view.parallax import deviations, parallax_evidence
+from blur2view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
 from blur2view.search import EstimatorOptions
 from blur2view.verdict import Structure, Verdict
@@ -36,6 +36,7 @@ PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears c
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `motions.TwoMotions`
 ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
+MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
 ATTEMPTS = 2  # of finding two motions
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 
@@ -77,12 +78,14 @@ def assess(
     if doubt:
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
+    evidence = tolerant_evidence(matches, problem, fit, plane, sample)
     motions = motions_of(problem, fit, stated_px, cutoff, rng)
-    if motions is not None and motions.balance >= LEAST_BALANCE and motions.single < ENOUGH:
-        return several_motions(problem, motions, cutoff)
-    if motions is not None:  # one motion, but perhaps a better F of it
-        fit = cheaper(problem, fit, motions.F[0], cutoff)
-    verdict = among_alike(matches, problem, fit, plane, sample)
+    if motions is not None:
+        if several(motions, evidence):
+            return several_motions(problem, motions, cutoff)
+        fit = cheaper(problem, fit, motions.F[0], cutoff)  # one motion, but perhaps a better F of it
+        evidence = tolerant_evidence(matches, problem, fit, plane, sample)
+    verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
     if verdict.structure is Structure.PARALLAX:
         return verdict
     simplest = [f for f in fits if f.name == "translation"]
@@ -128,6 +131,13 @@ def motions_of(
     return motions if motions is not None and motions.gain >= LEAST_GAIN else None
 
 
+def several(motions: TwoMotions, evidence: Evidence) -> bool:
+    """Whether two motions are more than an object, than one F explains, and than one homography does."""
+    together = motions.first + motions.second
+    one_homography = evidence.on_plane > MOSTLY * together
+    return motions.balance >= LEAST_BALANCE and motions.single < ENOUGH and not one_homography
+
+
 def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
     """Name several motions; F is fitted to the smears around which the first fits better."""
     sentence = (
@@ -147,13 +157,12 @@ def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
     return other if other.score < fit.score else fit
 
 
-def among_alike(
+def tolerant_evidence(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
-) -> Verdict:
-    """Judge parallax among errors that are alike: the gain counts for as many smears as are independent."""
+) -> Evidence:
+    """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
     found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem, sample), problem.unit_px)
-    evidence = parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
-    return judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
+    return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
 
 
 def independent_errors(problem: SmearProblem, fit: Fit, cutoff: float) -> bool:
