@@ -20,6 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from blur2view.cameras import Camera
 from blur2view.epipolar import Array, apply_similarity, denormalise
 from blur2view.manifold import CameraF, CameraPrior, GeneralF, Manifold, TranslationF
 from blur2view.matches import SmearMatches
@@ -131,23 +132,27 @@ def oracle(family: str, data: Disturbed) -> tuple[Array, Array | None, Array | N
             spread=CameraPrior(rotation=NO_PRIOR, log_focal=0.0, principal=0.0),
         ),
     }
-    told = ToldEnds(ends=points, sigma=sigma)
-    point, _ = refine(starts[family], told, RefineOptions(max_iterations=100, decided=True))
+    point = starts[family]
+    for wide in (8, 1):  # the two-parameter F is far from the truth: first it needs to see all smears
+        told = ToldEnds(ends=points, sigma=wide * sigma)
+        point, _ = refine(point, told, RefineOptions(max_iterations=100, decided=True))
     F = denormalise(point.matrix(), T)
     return (F, point.R, point.t) if isinstance(point, CameraF) else (F, None, None)
 
 
-def ours(data: Disturbed) -> tuple[Array | None, Array | None, Array | None]:
-    """Estimate from the smears in random order, with truthful standard deviations: F, and no pose."""
+def ours(data: Disturbed, calibrated: bool = False) -> tuple[Array | None, Array | None, Array | None]:
+    """Estimate from the smears in random order, with truthful standard deviations: F and, with K, R and t."""
     rng = np.random.default_rng(0)
     relative = np.hypot(np.radians(data.level.direction_deg), data.level.length_share)
     rows, columns = data.scene.valid.shape
+    size = columns * GRID, rows * GRID
     matches = SmearMatches(
-        ends=scrambled(data.ends, rng),
-        sigma_px=relative * data.length_px,
-        image_size=(columns * GRID, rows * GRID),
+        ends=scrambled(data.ends, rng), sigma_px=relative * data.length_px, image_size=size
     )
-    return estimate_two_view(matches, rng=rng).F, None, None
+    camera = Camera(K=data.scene.K, width=size[0], height=size[1]) if calibrated else None
+    found = estimate_two_view(matches, rng=rng, camera=camera)
+    pose = found.cam2_from_cam1
+    return (found.F, None, None) if pose is None else (found.F, pose.rotation, pose.translation)
 
 
 METHODS: dict[str, Callable[[Disturbed], tuple[Array | None, Array | None, Array | None]]] = {
@@ -155,6 +160,7 @@ METHODS: dict[str, Callable[[Disturbed], tuple[Array | None, Array | None, Array
     "oracle, two-parameter F": partial(oracle, "two-parameter F"),
     "oracle, E": partial(oracle, "E"),
     "ours": ours,
+    "ours, K given": partial(ours, calibrated=True),
     "true F": lambda data: (data.scene.F, None, None),
 }
 

@@ -63,7 +63,7 @@ def with_camera(problem: Problem) -> Array | None:
 
 
 def _estimate(matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None) -> Array | None:
-    return estimate_two_view(matches, options, np.random.default_rng(0)).F  # TODO camera
+    return estimate_two_view(matches, options, np.random.default_rng(0), camera).F
 
 
 def two_parameters(problem: Problem) -> Array | None:
@@ -111,7 +111,7 @@ METHODS: dict[str, Method] = {
     OURS: ours,
     "ours, no components": partial(ours, components=False),
     "ours, no image size": without_size,
-    # "ours, K given": with_camera,
+    "ours, K given": with_camera,
     "two-parameter F": two_parameters,
     PAPER: partial(ours, solver="scipy"),
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
