@@ -181,9 +181,9 @@ def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[i
     try:
         import pycolmap
 
-        name = pycolmap.CameraModelId(model).name
+        name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64).tolist())
-    except (TypeError, ValueError):
+    except (KeyError, TypeError, ValueError):
         raise CameraError(
             f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
         ) from None

@@ -156,7 +156,7 @@ def test_distance_of_a_pose_is_measured_in_standard_deviations() -> None:
     covariance = pose_covariance(normal, normal, np.eye(3)[:2])
     np.testing.assert_allclose(np.diag(covariance.matrix), [0.01, 0.01, 0.01, 0.25, 0.25])
     pose = RigidTransform(rotation=np.eye(3), translation=np.array([0.0, 0, 1]))
-    turned = RigidTransform(rotation=rotation_matrix([0.2, 0, 0]), translation=pose.translation)
+    turned = RigidTransform(rotation=rotation_matrix(np.array([0.2, 0, 0])), translation=pose.translation)
     assert np.isclose(covariance.squared_distance(pose, turned), 4)
     assert np.isclose(covariance.squared_distance(pose, turned, slice(0, 3)), 4)
     moved = RigidTransform(rotation=np.eye(3), translation=np.array([np.sin(0.5), 0, np.cos(0.5)]))

@@ -1,0 +1,231 @@
+"""Cameras: from a focal length, a COLMAP string or database, or EXIF; their rays, and what is refused."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import ExifTags, Image
+
+from blur2view.cameras import Camera
+from blur2view.colmap import distorted_points, from_colmap, parse_camera, rescaled_matrix, to_colmap
+from blur2view.errors import CameraError
+from blur2view.exif import ExifFacts, read_exif
+from blur2view.intrinsics import EXIF_LOG_FOCAL, Intrinsics
+
+SIZE = (640, 480)
+RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"
+CAMERAS = [
+    "SIMPLE_PINHOLE 640 480 525 320 240",
+    "PINHOLE 640 480 525 530 318 243",
+    RADIAL,
+    "RADIAL 640 480 525 320 240 0.05 -0.01",
+    "OPENCV 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
+    "OPENCV_FISHEYE 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
+    "FULL_OPENCV,640,480,525,520,320,240,0.05,-0.01,0.001,0.002,0.001,0,0,0",
+    "simple_radial_fisheye 640 480 525 320 240 0.05",
+]
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Path:
+    """Return a COLMAP database with two cameras, the second of the image walks/b.jpg."""
+    path = tmp_path / "project.db"
+    with pycolmap.Database.open(path) as opened:
+        for k in (0.05, 0.1):
+            camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=640, height=480, params=[525, 320, 240, k])
+            opened.write_camera(camera)
+        opened.write_image(pycolmap.Image(name="walks/b.jpg", camera_id=2))
+    return path
+
+
+def points(count: int = 50) -> np.ndarray:
+    return np.random.default_rng(0).uniform(0, [639, 479], (count, 2))
+
+
+@pytest.mark.parametrize("text", CAMERAS)
+def test_rays_are_pycolmaps_half_a_pixel_on(text: str) -> None:
+    camera = Camera.from_string(text)
+    model, width, height, params = parse_camera(text)
+    reference = pycolmap.Camera(model=model, width=width, height=height, params=params)
+    rays = camera.rays(points())
+    expected = np.array([reference.cam_from_img(p + 0.5) for p in points()])
+    np.testing.assert_allclose(rays, expected, atol=1e-12)
+    np.testing.assert_allclose(distorted_points(reference, rays), points(), atol=1e-6)
+    ideal = np.linalg.inv(camera.K) @ np.c_[camera.undistorted(points()), np.ones(50)].T
+    np.testing.assert_allclose(ideal[:2].T, rays, atol=1e-12)
+
+
+def test_pixels_of_colmap_and_ours_are_half_a_pixel_apart() -> None:
+    np.testing.assert_array_equal(to_colmap(np.array([0.0, 0.0])), [0.5, 0.5])
+    np.testing.assert_array_equal(from_colmap(to_colmap(points())), points())
+    assert Camera.from_string(CAMERAS[0]).K[0, 2] == 319.5
+
+
+def test_a_focal_length_puts_the_principal_point_at_the_centre() -> None:
+    camera = Camera.from_focal(525, SIZE)
+    np.testing.assert_array_equal(camera.K, [[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]])
+    same = Camera.from_string(CAMERAS[0])
+    np.testing.assert_array_equal(camera.K, same.K)
+    assert camera.params == same.params and camera.known and not camera.distorted
+
+
+@pytest.mark.parametrize("text", CAMERAS)
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_a_resized_picture_has_the_same_rays(text: str, scale: float) -> None:
+    camera = Camera.from_string(text)
+    resized = camera.for_image((round(640 * scale), round(480 * scale)))
+    moved = from_colmap(scale * to_colmap(points()))
+    np.testing.assert_allclose(resized.rays(moved), camera.rays(points()), atol=1e-9)
+    assert "scaled" in resized.source and camera.for_image(SIZE) is camera
+    np.testing.assert_allclose(resized.K, rescaled_matrix(camera.K, scale))
+
+
+@pytest.mark.parametrize("size", [(480, 640), (640, 400), (1000, 480)])
+def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
+    with pytest.raises(CameraError, match="is for 640x480 pixels"):
+        Camera.from_string(RADIAL).for_image(size)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nonsense", "neither"),
+        ("", "neither"),
+        ("SIMPLE_RADIAL 640 480 525 320 240", "has the parameters f, cx, cy, k"),
+        ("SIMPLE 640 480 525", "unknown model"),
+        ("PINHOLE 640 480 a b c d", "numbers"),
+        ("PINHOLE 6.4 480 1 1 1 1", "whole numbers"),
+        ("PINHOLE 640 480 nan 525 320 240", "finite"),
+        ("PINHOLE 640 480 -525 525 320 240", "positive"),
+        ("PINHOLE 0 480 525 525 320 240", "positive"),
+        ("EQUIRECTANGULAR 640 480 640 480", "planar"),
+    ],
+)
+def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
+    with pytest.raises(CameraError, match=words) as caught:
+        Camera.from_string(text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, np.inf])
+def test_a_focal_length_must_be_positive(focal: float) -> None:
+    with pytest.raises(ValueError, match="positive and finite"):
+        Camera.from_focal(focal, SIZE)
+    with pytest.raises(ValueError, match="positive and finite"):
+        Intrinsics(focal_px=focal)
+
+
+@pytest.mark.parametrize("K", [np.eye(4), np.full((3, 3), np.nan), -np.eye(3), np.eye(3) + np.eye(3, k=1)])
+def test_what_is_no_calibration_matrix_is_refused(K: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="K must be"):
+        Camera(K=K, width=640, height=480)
+
+
+def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
+    before = database.read_bytes()
+    assert Camera.from_database(database, 1).params[3] == 0.05
+    assert Camera.from_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
+    assert database.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("camera_id", "image", "words"), [(7, "", "no camera 7; it has 1, 2"), (None, "a.jpg", "name one as")]
+)
+def test_a_camera_that_a_database_has_not(
+    database: Path, camera_id: int | None, image: str, words: str
+) -> None:
+    with pytest.raises(CameraError, match=words):
+        Camera.from_database(database, camera_id, image)
+
+
+def test_files_that_are_no_database(tmp_path: Path) -> None:
+    foreign, text = tmp_path / "foreign.db", tmp_path / "text.db"
+    with sqlite3.connect(foreign) as opened:
+        opened.execute("CREATE TABLE cameras (name TEXT)")
+    opened.close()
+    text.write_text("no database at all, but long enough to be read as one" * 20)
+    for path, words in ((foreign, "COLMAP"), (text, "COLMAP"), (tmp_path / "none.db", "no such database")):
+        with pytest.raises(CameraError, match=words) as caught:
+            Camera.from_database(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_model_of_a_newer_colmap_is_named(database: Path) -> None:
+    with sqlite3.connect(database) as opened:
+        opened.execute("UPDATE cameras SET model = 999 WHERE camera_id = 1")
+    opened.close()
+    with pytest.raises(CameraError, match="update pycolmap"):
+        Camera.from_database(database, 1)
+
+
+def test_a_locked_database_is_one_clear_line(database: Path) -> None:
+    opened = sqlite3.connect(database)
+    opened.execute("PRAGMA journal_mode=DELETE")
+    opened.execute("BEGIN EXCLUSIVE")
+    try:
+        with pytest.raises(CameraError, match="locked"):
+            Camera.from_database(database, 1)
+    finally:
+        opened.close()
+
+
+def photograph(path: Path, tags: Mapping[int, object], size: tuple[int, int] = SIZE) -> Path:
+    exif = Image.Exif()
+    exif.get_ifd(ExifTags.IFD.Exif).update(tags)
+    Image.new("RGB", size).save(path, exif=exif)
+    return path
+
+
+def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
+    base = ExifTags.Base
+    film = {base.FocalLengthIn35mmFilm.value: 26, base.ExposureTime.value: 0.04}
+    facts = read_exif(photograph(tmp_path / "film.jpg", film))
+    assert facts.focal_px == pytest.approx(26 * 800 / 43.2666, rel=1e-4)
+    assert facts.exposure_s == pytest.approx(0.04)
+    plane = {
+        base.FocalLength.value: 50.0,
+        base.FocalPlaneXResolution.value: 2540.0,
+        base.FocalPlaneResolutionUnit.value: 2,
+        base.ExifImageWidth.value: 1280,
+    }
+    halved = read_exif(photograph(tmp_path / "plane.jpg", plane))
+    assert halved.focal_px == pytest.approx(2500)  # 50 mm at 100 px/mm, resized to half
+
+
+def test_useless_exif_says_nothing(tmp_path: Path) -> None:
+    tags = {ExifTags.Base.ExposureTime.value: 0.0, ExifTags.Base.FocalLengthIn35mmFilm.value: 0}
+    assert read_exif(photograph(tmp_path / "a.jpg", tags)) == ExifFacts()
+    assert read_exif(tmp_path / "missing.jpg") == ExifFacts()
+
+
+def test_intrinsics_choose_the_camera(database: Path) -> None:
+    path, exif = Path("walks/b.jpg"), ExifFacts(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
+    assert Intrinsics().of(path, SIZE, ExifFacts()) is None
+    hint = Intrinsics().of(path, SIZE, exif)
+    assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
+    taken = Intrinsics(camera="exif").of(path, SIZE, exif)
+    assert taken is not None and taken.known and taken.focal_px == pytest.approx(600)
+    told = Intrinsics(focal_px=525.0).of(path, SIZE, exif)
+    assert told is not None and told.focal_px == pytest.approx(525) and told.source == "focal"
+    stored = Intrinsics(camera=str(database)).of(path, SIZE, exif)
+    assert stored is not None and stored.source == "database, camera 2"
+    first = Intrinsics(camera=f"{database}:1").of(path, SIZE, exif)
+    assert first is not None and first.source == "database, camera 1"
+    string = Intrinsics(camera=RADIAL).of(path, SIZE, exif)
+    assert string is not None and string.distorted
+
+
+def test_intrinsics_that_do_not_fit() -> None:
+    with pytest.raises(ValueError, match="not both"):
+        Intrinsics(focal_px=500.0, camera="exif")
+    with pytest.raises(CameraError, match="neither"):
+        Intrinsics(camera="nonsense")
+    with pytest.raises(CameraError, match="a.jpg.*EXIF names no focal length"):
+        Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifFacts())
+    with pytest.raises(CameraError, match="a.jpg.*is for 640x480"):
+        Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifFacts())

@@ -1,0 +1,32 @@
+"""The study of coverage: what is observed, and its table."""
+
+import numpy as np
+
+from tools.pose_coverage import CASES, Outcome, alike, markdown, observed, outcome
+
+
+def test_noise_that_is_alike_turns_neighbours_alike() -> None:
+    case = next(case for case in CASES if case.alike)
+    middle = np.random.default_rng(0).uniform(100, 104, (50, 2))
+    ends = np.stack([middle - [10.0, 0], middle + [10.0, 0]], axis=1)
+    disturbed = alike(ends, case, np.random.default_rng(1))
+    np.testing.assert_allclose(disturbed.mean(axis=1), middle)
+    angle = np.arctan2(*(disturbed[:, 1] - disturbed[:, 0]).T[::-1])
+    assert np.ptp(angle) < np.radians(1) < np.abs(angle).max() + np.radians(1)
+
+
+def test_observed_smears_repeat_and_keep_their_truth() -> None:
+    for case in CASES[::3]:
+        (scene, one), (_, two) = observed(3, case), observed(3, case)
+        np.testing.assert_array_equal(one.ends, two.ends)
+        assert len(one) == len(scene.true_ends)
+
+
+def test_an_outcome_has_three_answers_and_a_row() -> None:
+    found = outcome(CASES[0], 0)
+    assert found.held is not None and len(found.held) == 3 and found.rotation < 0.5
+    lost = Outcome(case=CASES[0], held=None)
+    others = [Outcome(case=case, held=(True, True, False), rotation=0.1) for case in CASES[1:]]
+    table = markdown([found, lost, *others], 2)
+    assert table.count("\n") == 4 + len(CASES)
+    assert f"| {CASES[0].name} | 1 |" in table
