@@ -33,7 +33,7 @@ MISSED = 1.1  # the regions of white noise hold what they should with variances 
 # the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to 0.045; on rendered photographs,
 # most of which move rather than turn, rho rose from 0.040 to 0.045.
 ALIKE, STATED = 0.25, 0.3
-EXACT = 0.005  # errors below this share of the length are no network's
+EXACT = 0.022  # errors below this share of the length are not those of a network (the tenth percentile there)
 TURN_SHARE, TURN_SPREAD = 0.75, 0.05
 TURN_STEPS, AXES = 12, 13  # of reweighting, from so many axes
 TURN_ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
