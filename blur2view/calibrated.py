@@ -170,7 +170,7 @@ class CalibratedFit:
 
         Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt says less.
         """
-        spans = CURVATURE_STEP / np.sqrt(np.diag(self.normal))
+        spans = CURVATURE_STEP / np.sqrt(np.diag(self.normal) + TINY)
         rows = [
             (self.moved(span * e).gradient - self.moved(-span * e).gradient) / (2 * span)
             for span, e in zip(spans, np.eye(POSE), strict=True)
@@ -205,8 +205,9 @@ class CalibratedFit:
     def covariance(self) -> PoseCovariance:
         """Covariance of the pose: the sandwich of an M-estimator, for errors that neighbours share."""
         gradient, _, prior = self._derivatives
+        sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
         scatter = self.options.data_weight**2 * MISSED * self.alike * gradient @ gradient.T + prior
-        return pose_covariance(self.curvature(), scatter, self.sign * plane_basis(self.point.t))
+        return pose_covariance(self.curvature(), scatter, sign * plane_basis(self.point.t))
 
 
 def autocorrelation(fit: CalibratedFit) -> tuple[float, float]:
@@ -232,7 +233,7 @@ def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
     for _ in range(steps):
         normal, gradient = fit.normal, fit.gradient
         while damping < 1e6:
-            damped = normal + damping * np.diag(np.diag(normal))
+            damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
             delta = np.asarray(np.linalg.solve(damped, -gradient), float)
             trial = fit.moved(delta)
             if fit.cost_at(trial.point) <= fit.cost_at(fit.point):

@@ -18,6 +18,7 @@ from blur2view.errors import CameraError
 
 Array = NDArray[np.float64]
 HALF_PIXEL = 0.5
+MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
 
 
 def to_colmap(points: Array) -> Array:
@@ -80,9 +81,11 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     expected = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info
     if len(params) != len(expected.split(",")):
         raise CameraError(f"camera {text!r}: {model} has the parameters {expected}, got {len(params)} values")
-    camera = pycolmap.Camera(model=model, width=max(width, 1), height=max(height, 1), params=params)
-    if min(width, height) < 1 or not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
-        raise CameraError(f"camera {text!r}: needs a positive size, finite parameters and a planar image")
+    if not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
+        raise CameraError(f"camera {text!r}: needs a positive width and height below {MAX_SIDE} pixels")
+    camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
+    if not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
+        raise CameraError(f"camera {text!r}: needs finite parameters and a planar image")
     if not min(camera.focal_length_x, camera.focal_length_y) > 0:
         raise CameraError(f"camera {text!r}: the focal length must be positive")
     return camera
@@ -183,6 +186,7 @@ def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[i
 
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64).tolist())
+        width, height = int(width), int(height)
     except (KeyError, TypeError, ValueError):
         raise CameraError(
             f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"

@@ -223,7 +223,7 @@ class SmearEstimator:
 
     @property
     def sample_size(self) -> int:
-        """Three: a roughly known camera lets three smears and a direction stand for seven."""
+        """Three: with a camera guessed from the points, if need be, three smears and a direction do."""
         return 3
 
     @property

@@ -45,7 +45,8 @@ class TwoViewGeometry:
         Samples drawn.
     model : str
         The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7), "paper" (7, by the paper's estimator). Without F what H is: "rotation" (3
+        a prior), "general" (7), "paper" (7, by the paper's estimator), "calibrated" (5, known intrinsics,
+        started from one of ``scores``). Without F what H is: "rotation" (3
         parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
     scores : tuple of (str, float)
         Name and penalised cost of every family that was fitted, homographies too, best first.
@@ -82,5 +83,5 @@ class TwoViewGeometry:
 
     @property
     def runner_up(self) -> tuple[str, float] | None:
-        """Name and penalised cost of the second best family, None if there is none."""
-        return self.scores[1] if len(self.scores) > 1 else None
+        """Name and penalised cost of the cheapest family that was not chosen, None if there is none."""
+        return next((score for score in self.scores if score[0] != self.model), None)

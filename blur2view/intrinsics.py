@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,7 +50,7 @@ class Intrinsics:
         path, colon, number = text.rpartition(":")
         if colon and number.isdecimal():
             return Path(path), int(number)
-        looks_like_one = text.endswith(".db") or Path(text).is_file()
+        looks_like_one = text.endswith(".db") or os.path.isfile(text)
         return (Path(text), None) if looks_like_one else None
 
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:

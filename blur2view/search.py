@@ -27,7 +27,8 @@ class EstimatorOptions:
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
     on ``stop_inlier_share``; ``solver`` "seven" is ours, "scipy" the paper's estimator (`paper`), for
-    comparison: slow, one family, the same refusals but no test against chance.
+    comparison: slow, one family, the same refusals but no test against chance; ``components`` whether
+    neighbouring smears tell each other's order; ``confidence`` 0.99 is enough: a sample gives many starts.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
     image; ``min_coverage`` the least share of the image's square blocks with matches, ``coverage_blocks`` of
     which lie along its longer side; ``min_agreement`` the least share of smears that agree with F beyond

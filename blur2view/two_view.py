@@ -78,19 +78,28 @@ def estimate_two_view(
     refusal = refuse(matches, options) or collinear(matches)
     if refusal is not None:
         return without_F(matches, Configuration.DEGENERATE, refusal)
-    if options.solver == "scipy":
-        return paper_two_view(matches, options, rng)
     if camera is not None:
         matches = undistorted(matches, camera)
+    if options.solver == "scipy":
+        return paper_two_view(matches, options, rng)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
     return with_pose(geometry, matches, problem, fits, options) if problem.calibrated else geometry
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
-    """Give the matches as the camera's undistorted picture shows them; a pixel without a ray stays."""
+    """Give the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
+
+    Raises
+    ------
+    ValueError
+        If the camera is for pictures of another size; see `Camera.for_image`.
+    """
+    if matches.image_size not in (None, (camera.width, camera.height)):
+        raise ValueError(f"camera is for {camera.width}x{camera.height}, matches for {matches.image_size}")
     ends = camera.undistorted(matches.ends)
-    return replace(matches, ends=np.where(np.isfinite(ends), ends, matches.ends))
+    seen = np.isfinite(ends).all(axis=(1, 2), keepdims=True)
+    return replace(matches, ends=np.where(seen, ends, matches.ends))
 
 
 def with_pose(
@@ -121,6 +130,7 @@ def with_pose(
         E=oriented.pose.essential,
         cam2_from_cam1=oriented.pose,
         covariance=fit.covariance(),
+        reason=f"{geometry.reason}; E and the pose were then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model="calibrated",
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
@@ -171,7 +181,9 @@ def judge(
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
-    costs = {fit.name: fit.score for fit in fits} | {verdict.fit.name: verdict.fit.score}
+    costs = {fit.name: fit.score for fit in fits}
+    if verdict.structure is not Structure.SEVERAL:  # whose fit is of some smears only
+        costs[verdict.fit.name] = verdict.fit.score
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
