@@ -91,7 +91,7 @@ def assess(
     simplest = [f for f in fits if f.name == "translation"]
     white = next((f for f in (fit, *simplest) if independent_errors(problem, f, cutoff)), None)
     if white is not None:
-        return among_independent(problem, white, plane)
+        return among_independent(problem, fit, white, plane)
     believed = float(np.median(problem.sigma_px / stated_px)) >= STATED
     return verdict if believed else replace(verdict, structure=Structure.ASSUMED)
 
@@ -172,7 +172,7 @@ def independent_errors(problem: SmearProblem, fit: Fit, cutoff: float) -> bool:
     return independence(residual[None], near, problem.ends.mean(axis=1)) >= NEARLY_WHITE
 
 
-def among_independent(problem: SmearProblem, fit: Fit, plane: PlaneH) -> Verdict:
-    """Judge parallax where a family of F leaves independent errors: then every smear counts."""
-    found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem), problem.unit_px)
+def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
+    """Judge parallax by a family of F that leaves independent errors: then every smear counts."""
+    found = deviations(plane.generator(), white.point.matrix(), planar_ends(problem), problem.unit_px)
     return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)

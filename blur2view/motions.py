@@ -24,8 +24,9 @@ from blur2view.ransac import RansacOptions, ransac
 from blur2view.refine import RefineOptions, refine
 
 SMEARS = 700  # that the two are sought and fitted in
+DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
-SEARCH = RansacOptions(max_iterations=80, min_iterations=80, batch=16)
+SEARCH = RansacOptions(max_iterations=64, min_iterations=64, batch=16)
 BLOCKS = 5  # along the longer side, in which errors are compared
 INDEPENDENT = 0.45  # share of independent errors below which they are coherent
 SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
@@ -106,7 +107,7 @@ class LocalEstimator(SmearEstimator):
         near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]
         three = near[weighted_samples(np.ones(len(near)), 3, samples, rng)]
         limit = 3 * np.array(self.problem.prior.rotation)
-        return turning_hypotheses(self.problem.ends[three], half_sphere(self.directions), limit)
+        return turning_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS), limit)
 
 
 def find_two_motions(
