@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.epipolar import TINY, Array
-from blur2view.estimators import SmearProblem, coherent_residuals
+from blur2view.estimators import SmearProblem
 from blur2view.families import Fit, fit_best, richer_starts
 from blur2view.homography import PlaneH
 from blur2view.homography_search import find_plane
 from blur2view.matches import SmearMatches
-from blur2view.motions import TwoMotions, find_two_motions, followers, independence, suspicious
+from blur2view.motions import TwoMotions, find_two_motions, followers, independent_share, suspicious
 from blur2view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
 from blur2view.search import EstimatorOptions
@@ -37,7 +37,7 @@ LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `motions.TwoMotions`
 ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
-ATTEMPTS = 2  # of finding two motions
+ATTEMPTS = 3  # of finding two motions
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 
 
@@ -79,7 +79,8 @@ def assess(
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     evidence = tolerant_evidence(matches, problem, fit, plane, sample)
-    motions = motions_of(problem, fit, stated_px, cutoff, rng)
+    backward = swapped_by(problem, plane)
+    motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
     if motions is not None:
         if several(motions, evidence):
             return several_motions(problem, motions, cutoff)
@@ -89,7 +90,14 @@ def assess(
     if verdict.structure is Structure.PARALLAX:
         return verdict
     simplest = [f for f in fits if f.name == "translation"]
-    white = next((f for f in (fit, *simplest) if independent_errors(problem, f, cutoff)), None)
+    white = next(
+        (
+            f
+            for f in (fit, *simplest)
+            if independent_share(problem, f.point.matrix(), backward, cutoff) >= NEARLY_WHITE
+        ),
+        None,
+    )
     if white is not None:
         return among_independent(problem, fit, white, plane)
     believed = float(np.median(problem.sigma_px / stated_px)) >= STATED
@@ -117,15 +125,26 @@ def collinear(matches: SmearMatches) -> str | None:
     )
 
 
+def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:
+    """Where ends[:, 1] is the open end under a homography, (N,)."""
+    ordered = planar_ends(problem).ordered(plane.generator())
+    return np.abs(ordered.backward) < np.abs(ordered.forward)
+
+
 def motions_of(
-    problem: SmearProblem, fit: Fit, stated_px: Array, cutoff: float, rng: np.random.Generator
+    problem: SmearProblem,
+    fit: Fit,
+    stated_px: Array,
+    backward: NDArray[np.bool_],
+    cutoff: float,
+    rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Give two motions that explain much more than one, or one F that does; None if neither does."""
     F = fit.point.matrix()
-    if not suspicious(problem, F, stated_px, cutoff):
+    if not suspicious(problem, F, stated_px, backward, cutoff):
         return None
     for _ in range(ATTEMPTS):
-        motions = find_two_motions(problem, F, stated_px, cutoff, rng)
+        motions = find_two_motions(problem, F, stated_px, backward, cutoff, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     return motions if motions is not None and motions.gain >= LEAST_GAIN else None
@@ -163,13 +182,6 @@ def tolerant_evidence(
     """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
     found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem, sample), problem.unit_px)
     return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
-
-
-def independent_errors(problem: SmearProblem, fit: Fit, cutoff: float) -> bool:
-    """Whether neighbours do not share the errors that F leaves, outliers left out."""
-    residual = coherent_residuals(problem, fit.point.matrix())
-    near = np.abs(residual) < cutoff
-    return independence(residual[None], near, problem.ends.mean(axis=1)) >= NEARLY_WHITE
 
 
 def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:

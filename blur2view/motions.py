@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from blur2view.components import no_components
 from blur2view.epipolar import TINY, Array
-from blur2view.estimators import SmearEstimator, SmearProblem, coherent_residuals
+from blur2view.estimators import SmearEstimator, SmearProblem
 from blur2view.families import residual_scale
 from blur2view.hypotheses import half_sphere, turning_hypotheses, weighted_samples
 from blur2view.manifold import GeneralF
@@ -26,12 +26,13 @@ from blur2view.refine import RefineOptions, refine
 SMEARS = 700  # that the two are sought and fitted in
 DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
-SEARCH = RansacOptions(max_iterations=64, min_iterations=64, batch=16)
+SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
 BLOCKS = 5  # along the longer side, in which errors are compared
 INDEPENDENT = 0.45  # share of independent errors below which they are coherent
 SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
 WORST = 0.35  # share of the smears, those that a first F fits worst, in which a second is sought
+ALIKE = 0.25  # share of independent directions of outliers below which they are of another motion
 MANY = 0.2  # share of outliers from which their directions are looked at
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
@@ -76,24 +77,50 @@ def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float
     return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
 
 
-def suspicious(problem: SmearProblem, F: Array, stated_px: Array, cutoff: float) -> bool:
+def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
+    """Residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
+
+    ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
+    that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
+    where they hardly differ, leave errors that are alike among neighbours for that alone.
+    """
+    both = problem.weighted.residuals(F)
+    options = np.stack(
+        [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
+    )
+    cell = _cells(problem.ends.mean(axis=1), BLOCKS)
+    cost = [np.bincount(cell, weights=np.minimum(option**2, 9.0))[cell] for option in options]
+    errors: Array = np.where(cost[0] <= cost[1], *options)
+    return errors
+
+
+def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float) -> float:
+    """Share of independent errors that F leaves, outliers left out; see `independence`."""
+    residual = errors_by_order(problem, F, backward)
+    return independence(residual[None], np.abs(residual) < cutoff, problem.ends.mean(axis=1))
+
+
+def suspicious(
+    problem: SmearProblem, F: Array, stated_px: Array, backward: NDArray[np.bool_], cutoff: float
+) -> bool:
     """Whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
     scale = float(np.median(problem.sigma_px / stated_px))
-    return scale >= SUSPECT_SCALE and leaves_structure(problem, F, cutoff)
+    return scale >= SUSPECT_SCALE and leaves_structure(problem, F, backward, cutoff)
 
 
-def leaves_structure(problem: SmearProblem, F: Array, cutoff: float, level: float = INDEPENDENT) -> bool:
+def leaves_structure(
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = INDEPENDENT
+) -> bool:
     """Whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
-    ``level`` is the share of independent ones below which they do.
+    ``level`` is the share of independent errors below which they do.
     """
-    residual, middle = coherent_residuals(problem, F), problem.ends.mean(axis=1)
-    near = np.abs(residual) < cutoff
-    if independence(residual[None], near, middle) < level:
+    if independent_share(problem, F, backward, cutoff) < level:
         return True
+    far = np.abs(problem.weighted.residuals(F).least) >= cutoff
     angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    return bool((~near).mean() > MANY and independence(directions, ~near, middle) < level)
+    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < ALIKE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,9 +138,16 @@ class LocalEstimator(SmearEstimator):
 
 
 def find_two_motions(
-    problem: SmearProblem, F: Array, stated_px: Array, cutoff: float, rng: np.random.Generator
+    problem: SmearProblem,
+    F: Array,
+    stated_px: Array,
+    backward: NDArray[np.bool_],
+    cutoff: float,
+    rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Search two F at the stated standard deviations (N,); F is the best single one.
+
+    ``backward`` (N,) are the orders of the best homography, see `errors_by_order`.
 
     Returns
     -------
@@ -122,14 +156,14 @@ def find_two_motions(
         found.
     """
     chosen = rng.permutation(len(stated_px))[:SMEARS]
-    stated = replace(problem, sigma_px=stated_px).subset(chosen)
+    stated, backward = replace(problem, sigma_px=stated_px).subset(chosen), backward[chosen]
     one = _search(stated, cutoff, rng)
     if one is None:
         return None
     one = _refit(stated, one, cutoff)
     stated = stated.rescaled(max(residual_scale(one, stated.weighted, cutoff), 1.0))
     (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
-    if not leaves_structure(stated, one, cutoff, SURE):
+    if not leaves_structure(stated, one, backward, cutoff, SURE):
         gain = 2 * (reached - likelihood)
         return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=float(single[0]), gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one), cutoff)), cutoff, rng)
@@ -141,7 +175,7 @@ def find_two_motions(
         one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shared)
     (first, second), found = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
-    residual = np.where(mine, *(coherent_residuals(stated, f) for f in (one, other)))
+    residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
     gain = 2 * (found - max(likelihood, reached)) * own
     pair = (one, other) if first >= second else (other, one)

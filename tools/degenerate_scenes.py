@@ -117,11 +117,11 @@ def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) 
 
 
 def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
-    """Depth (N,) of one plane at pixels (N, 2)."""
-    x, y = (points / np.array(IMAGE_SIZE) - 0.5).T
-    return np.asarray(
-        rng.uniform(*FAR) / np.maximum(1 + rng.normal(0, 0.3) * x + rng.normal(0, 0.5) * y, 0.3)
-    )
+    """Depth (N,) of one plane at pixels (N, 2); nowhere in the image farther than 1 / 0.3 of its centre."""
+    slope = rng.normal(0, [0.3, 0.5])
+    slope *= min(1.0, 0.7 / (0.5 * np.abs(slope).sum()))
+    inverse = 1 + (points / np.array(IMAGE_SIZE) - 0.5) @ slope
+    return np.asarray(rng.uniform(*FAR) / inverse)
 
 
 def random_field(rng: np.random.Generator, points: Array, length_px: float) -> Array:
