@@ -31,7 +31,7 @@ from blur2view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
 NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; network-like ones have 0.25
-STATED = 0.3  # errors over standard deviations from which these are believed; 0.1 to 0.25 on real photographs
+STATED = 0.3  # errors over standard deviations from which these are believed; 0.10 to 0.25 on RedKitchen
 PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears counted as independent
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `motions.TwoMotions`

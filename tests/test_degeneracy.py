@@ -127,6 +127,24 @@ def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
                 assert np.median(rho(geometry.F, scene.true_ends)) < 0.1
 
 
+def test_with_overstated_errors_F_is_given_but_said_not_to_be_proven() -> None:
+    """Real smears err far less than their sigma says: then nothing tells errors from small parallax."""
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = disturb(
+            make_scene(rng, count=1500, length_px=20, rotation_share=np.inf),
+            rng,
+            direction_deg=4.0,
+            length_share=0.15,
+        )
+        sigma_px = 0.8 * scene.length_px
+        matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+        geometry = estimate_two_view(matches)
+        assert geometry.config is Configuration.UNCALIBRATED
+        assert geometry.F is not None and geometry.H is not None
+        assert "not proven" in geometry.reason
+
+
 def test_without_an_image_size_a_rotation_is_not_told_from_a_plane() -> None:
     scene = draw_scene("pure rotation", 2)
     geometry = estimate_two_view(replace(scene.matches, image_size=None))

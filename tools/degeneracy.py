@@ -227,7 +227,11 @@ def main() -> None:
     options = parser.parse_args()
     photographs = []
     if options.scenes is not None:
-        photographs = ["Photographs of the rendered test split through the network, by what is true of them."]
+        photographs = [
+            "Photographs of the rendered test split through the network, by what is true of them. The reason "
+            "of every F that has an H beside it says that parallax is not proven: errors of the smears and "
+            "small parallax look alike."
+        ]
         photographs += ["", *photograph_table(options.scenes), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)
     options.out.write_text(page)
