@@ -14,6 +14,7 @@ from blur2view.motions import (
     explained,
     independence,
     leaves_structure,
+    suspicious,
 )
 from blur2view.planarity import planar_ends
 from blur2view.search import EstimatorOptions, search_and_fit
@@ -70,6 +71,14 @@ def test_one_motion_is_not_taken_for_two(kind: Kind) -> None:
     for seed in range(12):
         motions = two(kind, seed)
         assert motions is None or motions.balance < LEAST_BALANCE
+
+
+def test_errors_far_below_the_stated_are_not_suspicious() -> None:
+    scene = draw_scene("several or none", 2)
+    problem, fit, stated_px, backward = fitted(scene)
+    F = fit.point.matrix()
+    assert suspicious(problem, F, stated_px, backward, 3.0)
+    assert not suspicious(problem, F, 4 * stated_px, backward, 3.0)
 
 
 def test_shares_follow_the_truth() -> None:

@@ -84,6 +84,17 @@ def test_a_wrong_F_gains_less_than_the_true_one() -> None:
     assert gains[1] < 0.2 * gains[0]
 
 
+def test_distances_from_the_lines_are_those_of_F_not_of_the_homography() -> None:
+    """A homography that errs across the lines: F explains every smear all the same."""
+    for seed in range(5):
+        A, F, matches = beside_a_plane(seed, 0.0)
+        shifted = A.copy()
+        shifted[:2, 2] += 8 * NOISE
+        evidence = parallax_evidence(deviations(shifted, F, matches, UNIT_PX))
+        assert evidence.gain > 500
+        assert evidence.parallax > 0.5
+
+
 def test_order_transpose_and_time_do_not_matter() -> None:
     A, F, matches = beside_a_plane(4, 0.3)
     turned = PlanarEnds(ends=matches.ends[:, ::-1], sigma=matches.sigma)
