@@ -89,7 +89,7 @@ def test_distances_from_the_lines_are_those_of_F_not_of_the_homography() -> None
     for seed in range(5):
         A, F, matches = beside_a_plane(seed, 0.0)
         shifted = A.copy()
-        shifted[:2, 2] += 8 * NOISE
+        shifted[:2, 2] += 4 * NOISE
         evidence = parallax_evidence(deviations(shifted, F, matches, UNIT_PX))
         assert evidence.gain > 500
         assert evidence.parallax > 0.5
