@@ -69,13 +69,13 @@ def assess(
     sample = rng.permutation(len(matches))[:SAMPLE]
     part = planar_ends(problem, sample)
     plane = find_plane(part, cutoff, problem.camera_known, rng)
-    if plane is None:
+    if plane is None and not doubt:
         return Verdict(structure=Structure.PARALLAX, sentence="no homography fits", fit=fit)
-    if whiteness(part, plane.generator(), cutoff) >= WHITE:
+    if plane is not None and whiteness(part, plane.generator(), cutoff) >= WHITE:
         verdict = without_parallax(problem, fit, plane, cutoff, rng)
-        if verdict is not None:
+        if verdict is not None and (verdict.F is None or not doubt):
             return verdict
-    if doubt:
+    if doubt or plane is None:
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     evidence = tolerant_evidence(matches, problem, fit, plane, sample)
@@ -90,16 +90,9 @@ def assess(
     if verdict.structure is Structure.PARALLAX:
         return verdict
     simplest = [f for f in fits if f.name == "translation"]
-    white = next(
-        (
-            f
-            for f in (fit, *simplest)
-            if independent_share(problem, f.point.matrix(), backward, cutoff) >= NEARLY_WHITE
-        ),
-        None,
-    )
-    if white is not None:
-        return among_independent(problem, fit, white, plane)
+    for family in (fit, *simplest):
+        if independent_share(problem, family.point.matrix(), backward, cutoff) >= NEARLY_WHITE:
+            return among_independent(problem, fit, family, plane)
     believed = float(np.median(problem.sigma_px / stated_px)) >= STATED
     return verdict if believed else replace(verdict, structure=Structure.ASSUMED)
 
@@ -166,7 +159,7 @@ def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -
     own = problem.subset(followers(problem, motions, cutoff))
     name, points = richer_starts(own, [motions.F[0]])
     fit = fit_best(name, points, replace(own, independent=float(len(own.ends))), cutoff)
-    return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit, motions=motions)
+    return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:

@@ -195,7 +195,7 @@ def camera_facts(camera: Camera | None) -> dict[str, Any]:
 
 
 def pose_facts(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, Any]:
-    """Return E, the pose, its covariance and its rates, for the JSON document; all null without a pose."""
+    """Return E, the pose, its covariance and its rates, for the JSON document; null where there are none."""
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     facts: dict[str, Any] = dict.fromkeys(POSE_KEYS)
     facts["exposure_s"] = exposure_s

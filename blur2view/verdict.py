@@ -7,7 +7,6 @@ from enum import StrEnum
 
 from blur2view.epipolar import Array
 from blur2view.families import Fit
-from blur2view.motions import TwoMotions
 
 
 class Structure(StrEnum):
@@ -46,7 +45,6 @@ class Verdict:
     sentence: str
     fit: Fit
     A: Array | None = None
-    motions: TwoMotions | None = None
     scores: tuple[tuple[str, float], ...] = ()
 
     @property

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from blur2view.epipolar import Array, fundamental_from_pose
 from blur2view.manifold import rotation_matrix as rotation
+from tools.degenerate_scenes import smooth_noise
 from tools.synthetic_matches import (
     IMAGE_SIZE,
     camera,
@@ -79,17 +79,6 @@ def make_scene(
     return Scene(
         K=K, R=R, t=t, F=F, ends=ends, true_ends=ends.copy(), swapped=swapped, outlier=np.zeros(count, bool)
     )
-
-
-def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float) -> Array:
-    """Unit-variance noise (N,) at pixels, Gaussian-correlated over ``correlation_px`` (0: white)."""
-    if correlation_px <= 0:
-        return rng.normal(size=len(points))
-    width, height = IMAGE_SIZE
-    white = rng.normal(size=(height // 4 + 1, width // 4 + 1))
-    field = cv2.GaussianBlur(white, (0, 0), correlation_px / 4)
-    col, row = np.clip(np.rint(points / 4).astype(int), 0, [width // 4, height // 4]).T
-    return np.asarray((field / field.std())[row, col], float)
 
 
 def disturb(
