@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -85,3 +85,17 @@ class TwoViewGeometry:
     def runner_up(self) -> tuple[str, float] | None:
         """Name and penalised cost of the cheapest family that was not chosen, None if there is none."""
         return next((score for score in self.scores if score[0] != self.model), None)
+
+    def reversed(self) -> TwoViewGeometry:
+        """Give the same motion with time reversed: the other of two equal answers."""
+        pose, covariance = self.cam2_from_cam1, self.covariance
+        H = None if self.H is None else np.linalg.inv(self.H)
+        return replace(
+            self,
+            F=None if self.F is None else self.F.T.copy(),
+            E=None if self.E is None else self.E.T.copy(),
+            H=None if H is None else H / np.linalg.norm(H),
+            cam2_from_cam1=None if pose is None else pose.inverse(),
+            covariance=None if pose is None or covariance is None else covariance.inverse(pose),
+            swapped=~self.swapped,
+        )

@@ -86,9 +86,7 @@ def decompose_essential(E: Array) -> list[RigidTransform]:
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     rotations = sorted((U @ W @ Vt for W in (QUARTER_TURN, QUARTER_TURN.T)), key=lambda R: -np.trace(R))
-    return [
-        RigidTransform(rotation=R, translation=sign * U[:, 2]) for R in rotations for sign in (1.0, -1.0)
-    ]
+    return [RigidTransform(rotation=R, translation=sign * U[:, 2]) for R in rotations for sign in (1.0, -1.0)]
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
@@ -200,6 +198,17 @@ class PoseCovariance:
         length = float(np.linalg.norm(across))
         angle = np.arctan2(length, pose.translation @ true.translation)
         return np.concatenate([w, angle * across / max(length, TINY)])
+
+    def inverse(self, pose: RigidTransform) -> PoseCovariance:
+        """Carry the covariance of a pose over to its inverse.
+
+        To first order exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w, and the translation
+        t' = -R^T t moves by -R^T (dt - w x t): along the tangents -T R, u' = u + T [t]x w.
+        """
+        step = np.eye(5)
+        step[:3, :3] = -pose.rotation.T
+        step[3:, :3] = self.tangents @ cross_matrix(pose.translation)
+        return PoseCovariance(matrix=step @ self.matrix @ step.T, tangents=-self.tangents @ pose.rotation)
 
     def squared_distance(
         self, pose: RigidTransform, true: RigidTransform, part: slice | None = None

@@ -33,7 +33,7 @@ LAYERS = [
     {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
-    {"viz"},
+    {"viz", "exposure_views"},
     {"results"},
     {"__init__"},
     {"cli"},
