@@ -16,7 +16,8 @@ from blur2view.predict import SmearNetwork
 from tools import export_onnx
 from tools.checkpoint import Run, load_average, start_run
 from tools.export_onnx import Images, difference_px, export, sample_image
-from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, ModelOptions, SmearUNet
+from tools.model import MULTIPLE_OF, ExportedSmear, ModelOptions, SmearUNet
+from tools.stem import STRIDE
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 SHIPPED = Path(__file__).resolve().parents[1] / "models" / "smear.onnx"
@@ -35,7 +36,7 @@ def network() -> SmearUNet:
         for _ in range(5):
             network(torch.rand(2, 3, 64, 64))
         network.head.weight.mul_(0.2)
-        network.head.bias += torch.tensor([1.0, 0.5, 0.0, 0.0])  # type: ignore[operator]
+        network.head.bias += torch.tensor([1.0, 0.5, 0.0, 0.0, 0.0])  # type: ignore[operator]
     return network.eval()
 
 

@@ -30,10 +30,11 @@ def truth_of(d: np.ndarray, valid: float | np.ndarray = 1.0) -> Tensor:
     return torch.from_numpy(np.concatenate([d, mask], -1).transpose(0, 3, 1, 2).copy()).float()
 
 
-def raw_of(d: np.ndarray, sigma: float = 1.0) -> Tensor:
-    """Heads (N, 4, h, w) that decode to these displacements."""
+def raw_of(d: np.ndarray, sigma: float = 1.0, angle: float = 0.1) -> Tensor:
+    """Heads (N, 5, h, w) that decode to these displacements."""
     length = np.linalg.norm(d, axis=-1, keepdims=True)
     heads = [3 * to_double_angle(d) / length, np.log1p(length), np.full_like(length, np.log(sigma))]
+    heads.append(np.full_like(length, np.log(angle)))
     return torch.from_numpy(np.concatenate(heads, -1).transpose(0, 3, 1, 2).copy()).float()
 
 
@@ -143,3 +144,17 @@ def test_gradient_is_finite_at_zero_length_and_at_a_perfect_guess() -> None:
         raw = raw_of(guess).requires_grad_()
         torch.autograd.backward(loss_of(raw, truth_of(true), ALPHA).total)
         assert raw.grad is not None and torch.isfinite(raw.grad).all()
+
+
+def test_best_angular_sigma_is_the_expected_angle() -> None:
+    true = 100 * fields(1, 8)  # so long that every one counts alike
+    turn = np.random.default_rng(3).normal(0, 0.2, true.shape[:-1])
+    cosine, sine = np.cos(turn), np.sin(turn)
+    d = np.stack(
+        [cosine * true[..., 0] - sine * true[..., 1], sine * true[..., 0] + cosine * true[..., 1]], -1
+    )
+    mean = np.abs(turn).mean()
+    losses = [
+        loss_of(raw_of(d, angle=mean * f), truth_of(true), ALPHA).angle.item() for f in (0.8, 1.0, 1.25)
+    ]
+    assert losses[1] == min(losses) == pytest.approx(1 + np.log(mean), rel=0.01)

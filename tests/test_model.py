@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from blur2view.smear import to_double_angle
-from tools.model import STRIDE, ExportedSmear, ModelOptions, SmearUNet, StructureStem, decode
+from tools.model import ExportedSmear, ModelOptions, SmearUNet, decode
+from tools.stem import STRIDE, StructureStem
 
 NARROW = ModelOptions(widths=(8, 12, 16), bottom=2)
 

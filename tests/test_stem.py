@@ -6,7 +6,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from tools.model import LagStem, SmearUNet, StructureStem
+from tools.model import SmearUNet
+from tools.stem import LagStem, OrientedStem, StructureStem
 
 LAGS_PX = [4, 6, 10, 16, 24, 36, 52]
 DIRECTIONS = LagStem.directions
@@ -22,7 +23,8 @@ def lag_features(grey: NDArray[np.float32]) -> NDArray[np.float32]:
     picture = (grey - grey.mean()) / grey.std() * 0.15 + 0.5
     image = torch.from_numpy(np.repeat(picture[None, None].astype(np.float32), 3, axis=1))
     with torch.no_grad():
-        features = StructureStem()(image)[0, -LagStem.channels :, 20:-20, 20:-20]
+        features = StructureStem()(image)[0, -LagStem.channels - OrientedStem.channels :, 20:-20, 20:-20]
+    features = features[: LagStem.channels]
     return np.asarray(features.mean((1, 2)).reshape(len(LAGS_PX), DIRECTIONS))
 
 
@@ -32,6 +34,35 @@ def test_gradient_along_a_smear_repels_itself_at_its_length(length: int) -> None
     assert LAGS_PX[int(np.argmin(features[:, 0]))] == length
     assert features[:, 0].min() < -0.3
     assert features[:, 0].min() < features[2:, DIRECTIONS // 2].min() - 0.1
+
+
+def oriented_features(grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean log energies, (levels, directions), over the middle of a grey picture."""
+    image = torch.from_numpy(np.repeat(grey[None, None].astype(np.float32), 3, axis=1))
+    with torch.no_grad():
+        features = StructureStem()(image)[0, -OrientedStem.channels :, 8:-8, 8:-8]
+    return np.asarray(features.mean((1, 2)).reshape(OrientedStem.levels, OrientedStem.directions))
+
+
+@pytest.mark.parametrize("turn", [0, 1, 3, 6])
+def test_fine_detail_is_left_across_a_smear_only(turn: int) -> None:
+    directions = OrientedStem.directions
+    kernel, reach = np.zeros((33, 33), np.float32), 12
+    along = np.array([np.cos(np.pi * turn / directions), np.sin(np.pi * turn / directions)])
+    ends = [tuple(np.rint((16 + s * reach * along) * 16).astype(int).tolist()) for s in (-1, 1)]
+    cv2.line(kernel, ends[0], ends[1], 1.0, 1, cv2.LINE_AA, 4)
+    blurred = cv2.filter2D(textured(turn), -1, kernel / kernel.sum(), borderType=cv2.BORDER_REFLECT)
+    features = oriented_features(np.asarray(blurred, np.float32))
+    across = (turn + directions // 2) % directions
+    assert (features.argmax(1) == across).all()
+    assert (features[:, across] - features[:, turn] > 1.5).all()
+
+
+def test_turning_the_picture_turns_the_orientations() -> None:
+    blurred = np.asarray(cv2.blur(textured(1), (16, 1)), np.float32)
+    upright, turned = oriented_features(blurred), oriented_features(np.rot90(blurred).copy())
+    assert np.abs(turned - np.roll(upright, OrientedStem.directions // 2, axis=1)).max() < 0.1
+    assert np.abs(turned - upright).max() > 1
 
 
 def test_turning_the_picture_turns_the_directions() -> None:

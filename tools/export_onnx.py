@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from blur2view.errors import ModelError
 from blur2view.predict import FORMAT
 from tools.checkpoint import load_average, save_average
-from tools.model import MULTIPLE_OF, STRIDE, ExportedSmear, SmearUNet
+from tools.model import MULTIPLE_OF, ExportedSmear, SmearUNet
 from tools.render import RenderOptions, render
 from tools.sensor import photograph
+from tools.stem import STRIDE
 
 Images = NDArray[np.float32]
 

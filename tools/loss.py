@@ -1,9 +1,9 @@
 """Training loss and the errors it is made of, in torch.
 
-Three parts: orientation as a chord on the double-angle circle, weighted down for tiny smears; log length;
-and the uncertainty, by the negative log likelihood of the end-point error with the paper's cross-check term,
-whose gradient does not reach orientation and length. The torch twins of :mod:`blur2view.smear` and
-:mod:`blur2view.metrics` are tested equal to them.
+Four parts: orientation as a chord on the double-angle circle, weighted down for tiny smears; log length;
+the uncertainty of the angle; and that of the whole, by the negative log likelihood of the end-point error
+with the paper's cross-check term. The gradients of the last two do not reach orientation and length. The
+torch twins of :mod:`blur2view.smear` and :mod:`blur2view.metrics` are tested equal to them.
 """
 
 from __future__ import annotations
@@ -33,16 +33,17 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """The three parts, scalars."""
+    """The four parts, scalars."""
 
     orientation: Tensor
     length: Tensor
     sigma: Tensor
+    angle: Tensor
 
     @property
     def total(self) -> Tensor:
         """Weigh and sum the parts."""
-        return self.orientation + 4 * self.length + 0.25 * self.sigma
+        return self.orientation + 4 * self.length + 0.25 * self.sigma + 0.1 * self.angle
 
     def detached(self) -> Loss:
         """Return the values without the graph that computed them."""
@@ -79,7 +80,7 @@ def orientation_loss(raw: Tensor, target: Target) -> Tensor:
     """Give the chord (N, 1, h, w) between unit double angles, weighted down for tiny smears."""
     mine = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     chord = torch.sqrt(((mine - target.unit) ** 2).sum(1, keepdim=True) + 1e-4)
-    return target.length**2 / (target.length**2 + CLEAR_PX**2) * chord
+    return clarity(target) * chord
 
 
 def sigma_loss(raw: Tensor, target: Target, alpha: float) -> Tensor:
@@ -94,12 +95,26 @@ def sigma_loss(raw: Tensor, target: Target, alpha: float) -> Tensor:
     return target.valid * likelihood + (1 - target.valid) * hidden
 
 
+def angle_loss(raw: Tensor, target: Target) -> Tensor:
+    """Give the angular uncertainty's part (N, 1, h, w): Laplace likelihood, for all but tiny smears."""
+    mine = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
+    cosine = (mine * target.unit).sum(1, keepdim=True).clamp(-0.9999, 0.9999)
+    error = (torch.acos(cosine) / 2).detach()
+    log_angle = raw[:, 4:5].clamp(-5.0, 0.5)
+    return clarity(target) * (error * torch.exp(-log_angle) + log_angle)
+
+
+def clarity(target: Target) -> Tensor:
+    """Weigh orientations (N, 1, h, w): a half for smears of CLEAR_PX, towards one for longer ones."""
+    return target.length**2 / (target.length**2 + CLEAR_PX**2)
+
+
 def loss_of(raw: Tensor, truth: Tensor, alpha: float) -> Loss:
     """Compute the loss of a batch.
 
     Parameters
     ----------
-    raw : Tensor of shape (N, 4, h, w)
+    raw : Tensor of shape (N, 5, h, w)
         The network's heads.
     truth : Tensor of shape (N, 3, h, w)
         Displacement in pixels and validity (0 or 1).
@@ -113,4 +128,5 @@ def loss_of(raw: Tensor, truth: Tensor, alpha: float) -> Loss:
         orientation=(weight * orientation_loss(raw, target)).mean(),
         length=(weight * miss).mean(),
         sigma=sigma_loss(raw, target, alpha).mean(),
+        angle=(target.valid * angle_loss(raw, target)).mean(),
     )
