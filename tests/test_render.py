@@ -13,9 +13,9 @@ from tools.render import Rendering, RenderOptions, expose, render, sample_length
 from tools.scene import Layer, Plane
 
 SIZE = (160, 128)
-STRAIGHT_SEEDS = (2, 3, 4, 5, 9, 10, 15, 16)
-ROTATION_SEED = 7
-MOVER_SEEDS = (3, 9, 13, 14, 16, 20)
+STRAIGHT_SEEDS = (2, 6, 4, 7, 11, 12, 15, 23)
+ROTATION_SEED = 9
+MOVER_SEEDS = (3, 7, 8, 20, 23, 26)
 
 
 @functools.cache

@@ -65,7 +65,7 @@ def test_softness_moves_no_light() -> None:
     dot[20, 30] = 1
     x, y = np.meshgrid(np.arange(61), np.arange(41))
     for seed in range(30):
-        soft = soften(np.random.default_rng(seed), dot, (0.0, 1.1))[..., 0]
+        soft = soften(np.random.default_rng(seed), dot, SensorOptions())[..., 0]
         assert soft.sum() == pytest.approx(1, abs=1e-4)
         assert (soft * x).sum() == pytest.approx(30, abs=1e-3)
         assert (soft * y).sum() == pytest.approx(20, abs=1e-3)

@@ -67,7 +67,8 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
     """Draw a camera path of unit size and the name of its kind.
 
     Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (sideways,
-    with a rotation that moves the image the same way) and ``mixed``. Unit size means: rotation, and
+    with a rotation that mostly holds the middle distance still, as one does who follows something, and in a
+    quarter of the cases moves the image further) and ``mixed``. Unit size means: rotation, and
     translation at unit depth, move image points by comparable amounts; the renderer scales the path to a
     smear length.
     """
@@ -83,7 +84,8 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
         rotation *= rng.choice([0.0, 0.15, 0.3])
     elif kind == "orbit":
         translation = unit(rng, (1, 0.8, 0.2))
-        rotation = np.cross(translation, [0, 0, 1]) * rng.uniform(0.4, 1.2) + 0.1 * rotation
+        follow = rng.uniform(0.4, 1.2) * (1 if rng.random() < 0.75 else -1)
+        rotation = np.cross([0, 0, 1], translation) * follow + 0.1 * rotation
     ratio = 0.0 if straight else sample_bend_ratio(rng)
     path = Trajectory(
         rotation=rotation,

@@ -17,12 +17,17 @@ from numpy.typing import NDArray
 
 from tools.canvas import Canvas, paint
 from tools.exposure import GRID, Exposure, grid_points, knot_weights, pixel_grid, upsample
-from tools.motion import sample_camera_path, sample_object_path
+from tools.motion import Trajectory, sample_camera_path, sample_object_path
 from tools.scene import Layer, sample_intrinsics, sample_layers
+from tools.sensor import log_uniform
 from tools.textures import photographs
 from tools.truth import GridTruth, fundamental_of, grid_truth, relative_pose
 
 Array = NDArray[Any]
+
+
+STILL_PX = 1.0
+"""Median smear below which a camera holds still, and objects choose a pace of their own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +43,7 @@ class RenderOptions:
     sharp_share : float
         Share of scenes with median smears under one pixel instead.
     mover_share : float
-        Share of scenes with one or two moving objects.
+        Share of scenes with one or two moving objects; in sharp scenes they move before a still camera.
     straight : bool
         Constant velocity only.
     split : {"train", "test"}
@@ -55,9 +60,9 @@ class RenderOptions:
     """
 
     size: tuple[int, int] = (320, 240)
-    smear_px: tuple[float, float] = (2.0, 48.0)
-    sharp_share: float = 0.07
-    mover_share: float = 0.3
+    smear_px: tuple[float, float] = (1.5, 72.0)
+    sharp_share: float = 0.1
+    mover_share: float = 0.45
     straight: bool = False
     split: str = "train"
     photos: Path | None = None
@@ -130,26 +135,27 @@ def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -
         median = float(np.median(at(factor).smear_lengths(points, layers)))
         factor = min(factor * (length_px / max(median, 1e-3)), 0.6)
     longest = float(np.quantile(at(factor).smear_lengths(points, layers), 0.98))
-    return at(factor * min(1.0, (2.5 * length_px + 10) / longest))
+    return at(factor * min(1.0, (2.5 * length_px + 10) / max(longest, 1e-9)))
 
 
 def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
     """Draw the median smear length of a scene, pixels."""
-    if rng.random() < options.sharp_share:
-        return float(rng.uniform(0, 1))
-    low, high = np.log(options.smear_px)
-    return float(np.exp(rng.uniform(low, high)))
+    return (
+        float(rng.random() ** 2) if rng.random() < options.sharp_share else log_uniform(rng, options.smear_px)
+    )
 
 
 def set_in_motion(
-    rng: np.random.Generator, layers: list[Layer], exposure: Exposure, share: float
+    rng: np.random.Generator, layers: list[Layer], camera: Trajectory, share: float
 ) -> list[Layer]:
-    """Give one or two cards a path of their own in a share of the scenes."""
+    """Give one or two cards, rather large ones, paths as fast as the camera's in a share of the scenes."""
     if len(layers) < 2 or rng.random() > share:
         return layers
-    chosen = set(1 + rng.permutation(len(layers) - 1)[: int(rng.integers(1, 3))])
+    area = np.array([layer.box[2] * layer.box[3] for layer in layers])  # the background's is zero
+    count = min(int(rng.integers(1, 3)), len(layers) - 1)
+    chosen = set(rng.choice(len(layers), count, replace=False, p=area / area.sum()).tolist())
     return [
-        replace(layer, own_path=sample_object_path(rng, exposure.camera)) if k in chosen else layer
+        replace(layer, own_path=sample_object_path(rng, camera)) if k in chosen else layer
         for k, layer in enumerate(layers)
     ]
 
@@ -176,8 +182,11 @@ def render(seed: int, options: RenderOptions | None = None) -> Rendering:
     layers = sample_layers(rng, pool, K, size)
     camera, kind = sample_camera_path(rng, options.straight)
     exposure = Exposure(camera=camera, K=K, size=size)
-    exposure = scaled_exposure(exposure, layers, sample_length(rng, options))
-    layers = set_in_motion(rng, layers, exposure, options.mover_share)
+    length_px = sample_length(rng, options)
+    moving = scaled_exposure(exposure, layers, max(length_px, log_uniform(rng, options.smear_px)))
+    exposure = scaled_exposure(exposure, layers, length_px)
+    pace = exposure if length_px >= STILL_PX else moving
+    layers = set_in_motion(rng, layers, pace.camera, options.mover_share)
     return expose(rng, layers, exposure, kind, options.detail)
 
 

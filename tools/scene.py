@@ -167,8 +167,8 @@ def sample_card(
 def sample_layers(
     rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]
 ) -> list[Layer]:
-    """Draw a background and zero to seven cards, far to near."""
-    count = int(rng.choice([0, 1, 2, 3, 4, 6, 7], p=[0.12, 0.18, 0.2, 0.2, 0.15, 0.1, 0.05]))
+    """Draw a background and zero to fourteen cards, far to near."""
+    count = int(rng.choice([0, 1, 2, 3, 4, 6, 9, 14], p=[0.1, 0.16, 0.18, 0.18, 0.15, 0.12, 0.07, 0.04]))
     depths = np.sort(rng.uniform(0.25, 0.8, count))[::-1]
     cards = [sample_card(rng, pool, K, size, float(depth)) for depth in depths]
     return [sample_background(rng, pool, K[0, 0]), *cards]

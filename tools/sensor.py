@@ -26,12 +26,15 @@ class SensorOptions:
         Range of the noise variance per unit signal (log-uniform).
     jpeg_share : float
         Share of images that are JPEG-compressed.
+    defocus_share : float
+        Share of images out of focus, by a disc of up to 6 px radius.
     """
 
-    softness_px: tuple[float, float] = (0.0, 1.1)
-    read_noise: tuple[float, float] = (5e-4, 8e-3)
-    shot_noise: tuple[float, float] = (2e-5, 1.5e-3)
-    jpeg_share: float = 0.6
+    softness_px: tuple[float, float] = (0.0, 1.4)
+    read_noise: tuple[float, float] = (3e-4, 6e-3)
+    shot_noise: tuple[float, float] = (1e-5, 1e-3)
+    jpeg_share: float = 0.75
+    defocus_share: float = 0.14
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -41,21 +44,21 @@ def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
 
 def expose(rng: np.random.Generator, linear: Array) -> Array:
     """Apply gain and white balance: a mean level between a dim and an overexposed photograph."""
-    level = float(np.exp(rng.normal(np.log(0.2), 0.55)))
+    level = float(np.exp(rng.normal(np.log(0.25), 0.6)))
     gain = level / max(float(linear.mean()), 1e-3)
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
-def soften(rng: np.random.Generator, linear: Array, bounds: tuple[float, float]) -> Array:
+def soften(rng: np.random.Generator, linear: Array, options: SensorOptions) -> Array:
     """Apply an optical point spread; now and then defocus, which must not read as motion."""
-    if rng.random() < 0.08:
-        radius = rng.uniform(0.8, 3.5)
+    if rng.random() < options.defocus_share:
+        radius = log_uniform(rng, (0.8, 6.0))
         reach = int(np.ceil(radius)) + 1
         y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1).astype(np.float32)
         blurred = cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT)
         linear = np.asarray(blurred)
-    sigma = rng.uniform(*bounds)
+    sigma = rng.uniform(*options.softness_px)
     return gaussian(linear, sigma) if sigma > 0.2 else linear
 
 
@@ -70,6 +73,15 @@ def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -
     deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
+
+
+def add_blotches(rng: np.random.Generator, signal: Array) -> Array:
+    """Add coarse coloured noise: what denoising and video compression leave of a sensor's noise."""
+    small = rng.standard_normal((-(-signal.shape[0] // 2), -(-signal.shape[1] // 2), 3), dtype=np.float32)
+    size = (signal.shape[1], signal.shape[0])
+    coarse = np.asarray(cv2.resize(gaussian(small, rng.uniform(0.6, 1.5)), size))
+    colour = coarse - coarse.mean(2, keepdims=True)
+    return np.asarray(np.clip(signal * (1 + np.float32(rng.uniform(0.01, 0.1)) * colour), 0, 1))
 
 
 def demosaic(signal: Array) -> Array:
@@ -102,7 +114,7 @@ def sharpen(rng: np.random.Generator, coded: Array) -> Array:
 
 def compress(rng: np.random.Generator, image: Array) -> Array:
     """Send a picture (uint8 RGB) through JPEG at a quality between poor and good."""
-    quality = int(rng.integers(45, 98))
+    quality = int(rng.integers(35, 98))
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     if decoded is None:
@@ -128,13 +140,15 @@ def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions |
         uint8, RGB.
     """
     options = options or SensorOptions()
-    signal = soften(rng, expose(rng, linear.astype(np.float32)), options.softness_px)
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), options)
     mosaic = rng.random() < 0.4
     signal = add_noise(rng, signal, options)
     if mosaic:
         signal = demosaic(signal)
-    if rng.random() < 0.15:  # denoised by the camera
-        signal = gaussian(signal, rng.uniform(0.4, 0.8))
+    if rng.random() < 0.3:  # denoised by the camera
+        signal = gaussian(signal, rng.uniform(0.4, 0.9))
+    if rng.random() < 0.2:
+        signal = add_blotches(rng, signal)
     coded = sharpen(rng, np.asarray(tone(rng, signal), np.float32))
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)

@@ -75,12 +75,12 @@ def box(rng: np.random.Generator) -> Alpha:
 
 
 OUTLINES: dict[str, tuple[Callable[[np.random.Generator], Alpha], float]] = {
-    "polygon": (polygon, 0.25),
+    "polygon": (polygon, 0.22),
     "ellipse": (ellipse, 0.2),
-    "bars": (bars, 0.15),
+    "bars": (bars, 0.2),
     "foliage": (foliage, 0.15),
     "letters": (letters, 0.05),
-    "box": (box, 0.2),
+    "box": (box, 0.18),
 }
 """Outlines and their shares."""
 

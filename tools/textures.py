@@ -201,23 +201,91 @@ def strokes(rng: np.random.Generator) -> Image:
     return image
 
 
+def panels(rng: np.random.Generator) -> Image:
+    """Divide a wall into plain panels with seams, frames, panes and handles: doors, cupboards, facades.
+
+    Long straight edges and nothing between them: what buildings and furniture show, and where blur along an
+    edge cannot be seen.
+    """
+    palette = [colour(rng) for _ in range(int(rng.integers(1, 5)))]
+    image = np.empty((SIZE, SIZE, 3), np.float32)
+    smallest, seam = rng.uniform(24, 150), rng.uniform(0, 5)
+    image[:] = colour(rng)
+    for left, top, right, bottom in divided(rng, (0, 0, SIZE, SIZE), smallest):
+        box = (left + seam, top + seam, right, bottom)
+        draw_box(image, box, palette[rng.integers(len(palette))] * np.float32(np.exp(rng.normal(0, 0.08))))
+        detail = rng.random()
+        if detail < 0.25:  # a frame or a pane
+            inset = rng.uniform(0.06, 0.25) * min(right - left, bottom - top)
+            draw_box(image, (left + inset, top + inset, right - inset, bottom - inset), colour(rng))
+        elif detail < 0.45:  # a handle, a label or a switch
+            width, height = np.exp(rng.uniform(np.log(2), np.log(40), 2))
+            x, y = rng.uniform(left, max(right - width, left)), rng.uniform(top, max(bottom - height, top))
+            draw_box(image, (x, y, x + width, y + height), colour(rng))
+    return np.asarray(np.clip(image * shading(rng), 0, 1), np.float32)
+
+
+def divided(
+    rng: np.random.Generator, box: tuple[float, float, float, float], smallest: float
+) -> list[tuple[float, float, float, float]]:
+    """Split a box (left, top, right, bottom) again and again until its parts are about `smallest` wide."""
+    left, top, right, bottom = box
+    width, height = right - left, bottom - top
+    if max(width, height) < 2 * smallest or (width < SIZE / 2 and rng.random() < 0.12):
+        return [box]
+    at = rng.uniform(0.3, 0.7) if rng.random() < 0.6 else 0.5
+    if width * rng.uniform(0.6, 1.6) > height:
+        middle = left + at * width
+        halves = [(left, top, middle, bottom), (middle, top, right, bottom)]
+    else:
+        middle = top + at * height
+        halves = [(left, top, right, middle), (left, middle, right, bottom)]
+    return [part for half in halves for part in divided(rng, half, smallest)]
+
+
+def draw_box(image: Image, box: tuple[float, float, float, float], fill: Image) -> None:
+    """Fill a box (left, top, right, bottom), texels, in place."""
+    first, last = ((int(box[k] * 8), int(box[k + 1] * 8)) for k in (0, 2))
+    cv2.rectangle(image, first, last, tuple(float(c) for c in fill), -1, cv2.LINE_AA, 3)
+
+
+def shading(rng: np.random.Generator) -> Scalars:
+    """Draw factors (SIZE, SIZE, 1) about 1: a slow gradient and a faint grain."""
+    slow = spectral_noise(rng, exponent=rng.uniform(1.8, 2.6)) * rng.uniform(0, 0.15)
+    grain = spectral_noise(rng, exponent=rng.uniform(0, 1.0)) * rng.choice([0.0, 0.01, 0.03])
+    return np.asarray(np.exp(slow + grain)[..., None], np.float32)
+
+
+def plain(rng: np.random.Generator) -> Image:
+    """Paint one colour with slow shading and at most a few marks: walls, sky, floors, cloth."""
+    image = np.empty((SIZE, SIZE, 3), np.float32)
+    image[:] = colour(rng)
+    for _ in range(int(rng.choice([0, 0, 3, 12]))):
+        width, height = np.exp(rng.uniform(np.log(2), np.log(30), 2))
+        x, y = rng.uniform(0, SIZE, 2)
+        draw_box(image, (x, y, x + width, y + height), colour(rng))
+    return np.asarray(np.clip(image * shading(rng), 0, 1), np.float32)
+
+
 PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
-    (dead_leaves, 0.34),
-    (cloudy, 0.2),
-    (printed, 0.16),
-    (bricks, 0.14),
-    (strokes, 0.16),
+    (dead_leaves, 0.22),
+    (cloudy, 0.1),
+    (printed, 0.12),
+    (bricks, 0.1),
+    (strokes, 0.12),
+    (panels, 0.24),
+    (plain, 0.1),
 )
 """Generators and their shares."""
 
 
-def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.62) -> Image:
+def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.55) -> Image:
     """Draw a linear-light texture (h, w, 3), at least 128 texels a side, with random contrast and gain."""
     if rng.random() < photo_share:
         image = photograph(rng, pool)
     else:
         makers, shares = zip(*PROCEDURAL, strict=True)
         image = makers[rng.choice(len(makers), p=shares)](rng)
-    contrast = rng.uniform(0.55, 1.3)
+    contrast = rng.uniform(0.55, 1.6)
     image = np.maximum(image, 1e-4) ** np.float32(contrast)
     return np.asarray(image * np.float32(rng.uniform(0.5, 1.2)), np.float32)
