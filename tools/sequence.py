@@ -1,0 +1,337 @@
+"""Render a video of blurred frames: one scene, one long camera path, the exact pose at every instant.
+
+    python -m tools.sequence render/sequence --frames 16 --photos KODAK
+
+writes ``frame_000.png``, ... and ``truth.npz`` (K; cam_from_world at shutter-open, at mid exposure and at
+shutter-close; true smears on the stride-4 grid). The scene is described in the frame of time 0, as every
+scene of :mod:`tools.scene`, and painted once, with a margin as wide as the camera goes; a frame is then one
+exposure about its own instant. Same seed and options, same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import Blur2ViewError
+from tools.canvas import Canvas, paint
+from tools.exposure import KNOTS, Exposure, grid_points
+from tools.motion import Trajectory
+from tools.render import compose, mean_frame
+from tools.scene import Layer, sample_card, sample_illumination, sample_plane, smooth_field, tilted_normal
+from tools.testset import sharp_photograph
+from tools.textures import photographs
+
+Array = NDArray[Any]
+
+PERIOD = 22.0
+"""Frames in which the path comes round once."""
+HARMONICS = 3
+LARGEST_TILT, RELIEF = 0.4, 0.2
+"""Of the background, radians and log depth: as steep as it may be for the path not to look behind it."""
+STEPS = 60
+"""Fixed-point steps at most, of which the first knot of a frame far from time 0 takes 20."""
+SOLVED_PX = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class WanderingPath(Trajectory):
+    """A camera that sways about: sums of sinusoids, the identity at time 0; time counts frames.
+
+    Parameters
+    ----------
+    turns, moves : ndarray of shape (HARMONICS, 3)
+        Complex amplitudes of the rotation vector (radians) and of the position (scene units).
+    """
+
+    turns: Array = field(default_factory=lambda: np.zeros((HARMONICS, 3), complex))
+    moves: Array = field(default_factory=lambda: np.zeros((HARMONICS, 3), complex))
+
+    def at(self, tau: float) -> tuple[Array, Array]:
+        """Rotation matrix (3, 3) and position (3,) at a time in frames: X_cam = R (X - position)."""
+        angle = 2j * np.pi * np.arange(1, HARMONICS + 1) / PERIOD
+        phase = np.exp(angle * tau) - 1
+        R = np.asarray(cv2.Rodrigues((phase @ self.turns).real)[0], np.float64)
+        return R, np.asarray((phase @ self.moves).real)
+
+    def scaled(self, factor: float) -> WanderingPath:
+        """Return the same path, `factor` times as far."""
+        return replace(self, turns=self.turns * factor, moves=self.moves * factor)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceOptions:
+    """What a video is.
+
+    Parameters
+    ----------
+    frames : int
+        How many.
+    size : (int, int)
+        Width and height, multiples of 4.
+    smear_px : float
+        Median length of the background's smears over all frames.
+    exposure_share : float
+        How long the shutter is open, of the time from frame to frame.
+    cards : int
+        Objects before the background.
+    rotation_share : float
+        Size of the rotation vectors over that of the translations at unit depth.
+    photos : Path or None
+        Folder of further photographs used as textures.
+    detail : float
+        Canvas pixels per image pixel.
+    """
+
+    frames: int = 16
+    size: tuple[int, int] = (640, 480)
+    smear_px: float = 14.0
+    exposure_share: float = 0.5
+    cards: int = 8
+    rotation_share: float = 0.4
+    photos: Path | None = None
+    detail: float = 1.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SequenceTruth:
+    """What happened in a video of N frames.
+
+    Parameters
+    ----------
+    K : ndarray of shape (3, 3)
+        Intrinsics, our pixels.
+    poses : ndarray of shape (N, 3, 3, 4)
+        cam_from_world [R | t] at shutter-open, at mid exposure, at shutter-close.
+    displacement : ndarray of shape (N, H/4, W/4, 2)
+        float32, close - open, pixels, of what is seen at the grid's points at mid exposure.
+    """
+
+    K: Array
+    poses: Array
+    displacement: Array
+
+    @property
+    def smear_px(self) -> Array:
+        """Median smear length of every frame, (N,)."""
+        return np.asarray(np.median(np.linalg.norm(self.displacement, axis=-1), axis=(1, 2)))
+
+    @property
+    def relative(self) -> Array:
+        """cam_close_from_cam_open [R | t] of every frame, (N, 3, 4)."""
+        return np.stack([relative_pose(first, last) for first, _, last in self.poses])
+
+
+def relative_pose(first: Array, second: Array) -> Array:
+    """Give [R | t] (3, 4) that takes camera 1 to camera 2, from both cam_from_world."""
+    R = second[:, :3] @ first[:, :3].T
+    return np.column_stack([R, second[:, 3] - R @ first[:, 3]])
+
+
+def sample_path(rng: np.random.Generator, rotation_share: float) -> WanderingPath:
+    """Draw a path of unit speed that never stops: its first harmonic goes round, the others shake."""
+    falling = (0.25 ** np.arange(HARMONICS))[:, None]
+    moves = falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3)))
+    moves[0] = np.array([1.0, 1j * rng.choice([-1, 1]), 0.5]) * np.exp(2j * np.pi * rng.random())
+    # a camera that mostly keeps what it looks at in the picture: turning left where it goes right
+    follow = np.cross([0, 0, 1.0], moves)
+    shake = falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3)))
+    return WanderingPath(moves=moves, turns=rotation_share * (0.8 * follow + 0.5 * shake))
+
+
+def sample_scene(rng: np.random.Generator, options: SequenceOptions, K: Array) -> list[Layer]:
+    """Draw a wall in relief and cards before it, far to near."""
+    pool = photographs("test", options.photos)
+    depths = np.sort(rng.uniform(0.35, 0.8, options.cards))[::-1]
+    cards = [sample_card(rng, pool, K, options.size, float(depth)) for depth in depths]
+    wall = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, LARGEST_TILT), 1.0)
+    shading = sample_illumination(rng)
+    return [Layer(planes=(wall,), relief=smooth_field(rng, RELIEF), illumination=shading), *cards]
+
+
+def instants(options: SequenceOptions) -> Array:
+    """Give the times (N,) of mid exposure, about 0."""
+    return np.arange(options.frames) - (options.frames - 1) / 2
+
+
+def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array:
+    """Where (h, w, 2) at time 0 that was which is seen at the ringed grid's points at time tau.
+
+    Fixed-point iteration from `start` (h, w, 2); where a surface turns away from the camera it need not
+    converge, and what is shown there is some other part of the same surface.
+    """
+    target, x = grid_points(exposure.size, ring=1), start
+    for _ in range(STEPS):
+        step = exposure.moved(x, layer, tau) - target
+        x = np.clip(x - step, -3 * max(exposure.size), 4 * max(exposure.size))
+        if np.abs(step).max() < SOLVED_PX:
+            break
+    return x
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Video:
+    """A painted scene before a camera on its path.
+
+    Parameters
+    ----------
+    exposure : Exposure
+        Camera, path in frames, picture size.
+    canvases : list of Canvas
+        Far to near, painted as seen at time 0.
+    share : float
+        How long the shutter is open, in frames.
+    """
+
+    exposure: Exposure
+    canvases: list[Canvas]
+    share: float
+
+    def fields(self, middle: float) -> list[Array]:
+        """Of every layer, the fields (knots, h+2, w+2, 2) of the exposure about a time in frames."""
+        return [inverse_displacements(self.exposure, c.layer, middle, self.share) for c in self.canvases]
+
+    def displacement(self, middle: float, fields: list[Array]) -> Array:
+        """Give close - open (h, w, 2), pixels, of what the grid's points show at mid exposure."""
+        target, half = grid_points(self.exposure.size), self.share / 2
+        found: Array = np.zeros(target.shape, np.float32)
+        for canvas, knots in zip(self.canvases, fields, strict=True):
+            origin = target + knots[len(KNOTS) // 2][1:-1, 1:-1]
+            seen = canvas.warp(origin.astype(np.float32))[..., 3] > 0.5
+            if seen.any():
+                first, last = (
+                    self.exposure.moved(origin[seen], canvas.layer, middle + at) for at in (-half, half)
+                )
+                found[seen] = last - first
+        return found
+
+    def poses(self, times: Array) -> Array:
+        """cam_from_world (N, 3, 3, 4) at the ends and the middle of exposures about times (N,)."""
+        return np.stack(
+            [[self.pose(middle + self.share * at) for at in (-0.5, 0.0, 0.5)] for middle in times]
+        )
+
+    def pose(self, time: float) -> Array:
+        """cam_from_world [R | t] (3, 4) at a time in frames."""
+        R, centre = self.exposure.camera.at(time)
+        return np.column_stack([R, -R @ centre])
+
+
+def inverse_displacements(exposure: Exposure, layer: Layer, middle: float, share: float) -> Array:
+    """Fields (knots, h+2, w+2, 2) of one exposure, as :meth:`Exposure.inverse_displacements` has about 0."""
+    target = grid_points(exposure.size, ring=1)
+    fields, x = [], target
+    for tau in middle + share * KNOTS:
+        x = origins(exposure, layer, tau, x)
+        fields.append(x - target)
+    return np.stack(fields)
+
+
+def scaled_to(exposure: Exposure, layers: list[Layer], options: SequenceOptions) -> Exposure:
+    """Scale the path so that the background's median smear over all frames is as the options say."""
+    points, half = grid_points(exposure.size)[::4, ::4], options.exposure_share / 2
+    wall, factor = layers[0], 0.01  # it fills most of the picture; what is before it moves faster
+    for _ in range(6):
+        at = replace(exposure, camera=exposure.camera.scaled(factor))
+        lengths = [
+            np.linalg.norm(at.moved(points, wall, t + half) - at.moved(points, wall, t - half), axis=-1)
+            for t in instants(options)
+        ]
+        factor *= options.smear_px / float(np.median(lengths))
+    return replace(exposure, camera=exposure.camera.scaled(factor))
+
+
+def travel_px(exposure: Exposure, layers: list[Layer], options: SequenceOptions) -> float:
+    """How far beyond the picture of time 0 any frame sees the background, pixels."""
+    reach = [
+        np.abs(inverse_displacements(exposure, layers[0], t, options.exposure_share)[[0, -1]]).max()
+        for t in instants(options)[::3]
+    ]
+    return float(min(max(reach) * 1.2 + 8, max(exposure.size)))
+
+
+def camera_of(size: tuple[int, int]) -> Array:
+    """K (3, 3) of an ordinary camera, 56 degrees across."""
+    return np.array(
+        [[0.95 * size[0], 0, (size[0] - 1) / 2], [0, 0.95 * size[0], (size[1] - 1) / 2], [0, 0, 1]]
+    )
+
+
+def paint_video(seed: int, options: SequenceOptions) -> Video:
+    """Draw scene and path of a seed and paint the scene."""
+    rng = np.random.default_rng([seed, 5])
+    K = camera_of(options.size)
+    layers = sample_scene(rng, options, K)
+    path = sample_path(rng, options.rotation_share)
+    exposure = scaled_to(Exposure(camera=path, K=K, size=options.size), layers, options)
+    margin = travel_px(exposure, layers, options)
+    canvases = [paint(rng, layer, K, options.size, margin, options.detail) for layer in layers]
+    return Video(exposure=exposure, canvases=canvases, share=options.exposure_share)
+
+
+def render_sequence(seed: int, folder: Path, options: SequenceOptions | None = None) -> SequenceTruth:
+    """Render a video into a folder; give its truth, which is written beside the frames.
+
+    Parameters
+    ----------
+    seed : int
+        Decides everything.
+    folder : Path
+        Created if needed.
+    options : SequenceOptions, optional
+    """
+    options = options or SequenceOptions()
+    video, times = paint_video(seed, options), instants(options)
+    folder.mkdir(parents=True, exist_ok=True)
+    smears = []
+    like = compose(video.canvases, [f[len(KNOTS) // 2] for f in video.fields(0.0)], options.size)
+    for index, middle in enumerate(times):
+        fields = video.fields(middle)
+        linear = mean_frame(video.canvases, fields, options.size)
+        picture = sharp_photograph(np.random.default_rng([seed, index]), linear, like)
+        cv2.imwrite(str(folder / f"frame_{index:03d}.png"), picture[..., ::-1])
+        smears.append(video.displacement(middle, fields))
+    truth = SequenceTruth(K=video.exposure.K, poses=video.poses(times), displacement=np.stack(smears))
+    np.savez(folder / "truth.npz", K=truth.K, poses=truth.poses, displacement=truth.displacement)
+    return truth
+
+
+def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
+    """Read what `render_sequence` wrote: the frames' paths, in order, and the truth.
+
+    Raises
+    ------
+    Blur2ViewError
+        If there is none.
+    """
+    if not (folder / "truth.npz").exists():
+        raise Blur2ViewError(f"{folder}: no rendered sequence; run python -m tools.sequence {folder}")
+    with np.load(folder / "truth.npz") as truth:
+        return sorted(folder.glob("frame_*.png")), SequenceTruth(**truth)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--frames", type=int, default=SequenceOptions.frames)
+    parser.add_argument("--photos", type=Path, help="folder of further photographs used as textures")
+    parser.add_argument("--size", type=int, nargs=2, default=SequenceOptions.size)
+    arguments = parser.parse_args()
+    size = (arguments.size[0], arguments.size[1])
+    options = SequenceOptions(frames=arguments.frames, size=size, photos=arguments.photos)
+    truth = render_sequence(arguments.seed, arguments.folder, options)
+    print(f"{arguments.folder}: median smears {np.round(truth.smear_px, 1).tolist()} px")
+
+
+if __name__ == "__main__":
+    main()
