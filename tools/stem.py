@@ -17,6 +17,21 @@ LEVELS = 4
 """Scales of the stem's luminance pyramid."""
 
 
+def halved(x: Tensor) -> Tensor:
+    """Average 2 x 2 blocks of (N, C, h, w); faster than a pooling layer."""
+    return (x[..., ::2, ::2] + x[..., ::2, 1::2] + x[..., 1::2, ::2] + x[..., 1::2, 1::2]) * 0.25
+
+
+def box_mean(x: Tensor, side: int) -> Tensor:
+    """Average (N, C, h, w) over `side` x `side` cells about each, the border repeated.
+
+    A convolution of each channel with a constant does it ten times as fast as a pooling layer.
+    """
+    channels, reach = x.shape[1], side // 2
+    window = torch.full((channels, 1, side, side), 1 / side**2, dtype=x.dtype, device=x.device)
+    return nnf.conv2d(nnf.pad(x, (reach, reach, reach, reach), mode="replicate"), window, groups=channels)
+
+
 class LagStem(nn.Module):
     """Turn luminance (N, 1, H, W) into features (N, 56, H/4, W/4): how gradients repeat.
 
@@ -46,8 +61,10 @@ class LagStem(nn.Module):
         features = []
         for k, lags in self.lags.items():
             along = nnf.conv2d(gradients[k], self.weights[..., None, None])  # (N, 8, h, w)
-            energy = self.pool(along * along, k) + 2e-5
-            features += [self.pool(self.lagged_product(along, lag), k) / energy for lag in lags]
+            products = [along * along, *(self.lagged_product(along, lag) for lag in lags)]
+            cells = torch.cat(products, 1)
+            energy, *lagged = box_mean(halved(cells) if k == 1 else cells, 7).split(self.directions, 1)
+            features += [product / (energy + 2e-5) for product in lagged]
         # a long lag reaches beyond the window: next to strong edges the quotient knows no bound by itself
         return torch.clamp(torch.cat(features, 1), -1.0, 1.0)
 
@@ -63,14 +80,6 @@ class LagStem(nn.Module):
             second = padded[:, k : k + 1, y + dy : y + dy + height, x + dx : x + dx + width]
             products.append(first * second)
         return torch.cat(products, 1)
-
-    @staticmethod
-    def pool(products: Tensor, k: int) -> Tensor:
-        """Average level k's products to stride 4 and then over 7 x 7 cells."""
-        if k < 2:
-            products = nnf.avg_pool2d(products, STRIDE // 2**k)
-        padded = nnf.pad(products, (3, 3, 3, 3), mode="replicate")
-        return nnf.avg_pool2d(nnf.avg_pool2d(padded, (1, 7), stride=1), (7, 1), stride=1)
 
 
 class OrientedStem(nn.Module):
@@ -112,8 +121,8 @@ class OrientedStem(nn.Module):
         even, odd = nnf.conv2d(padded, self.bank, stride=2 if k == 0 else 1).split(self.directions, 1)
         energy = even * even + odd * odd
         if k < 2:
-            energy = nnf.avg_pool2d(energy, 2)
-        energy = nnf.avg_pool2d(nnf.pad(energy, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
+            energy = halved(energy)
+        energy = box_mean(energy, 3)
         mean = energy.mean(1, keepdim=True)
         return torch.log((energy + 1e-6) / (mean + 1e-6))
 
@@ -174,7 +183,7 @@ class StructureStem(nn.Module):
         products = torch.cat([gx * gx - gy * gy, 2 * gx * gy, gx * gx + gy * gy], 1)
         if k < 2:
             products = nnf.avg_pool2d(products, STRIDE // 2**k)
-        products = nnf.avg_pool2d(nnf.pad(products, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
+        products = box_mean(products, 3)
         if k == 3:
             products = nnf.interpolate(products, scale_factor=2.0, mode="bilinear", align_corners=False)
         energy = products[:, 2:]
@@ -185,7 +194,7 @@ class StructureStem(nn.Module):
         """Subtract the local mean of luminance and divide by its local deviation (about 32 px)."""
         grey = grey - 0.5  # or the variance below loses half of its digits
         small = nnf.avg_pool2d(torch.cat([grey, grey * grey], 1), 16)
-        small = nnf.avg_pool2d(nnf.pad(small, (1, 1, 1, 1), mode="replicate"), 3, stride=1)
+        small = box_mean(small, 3)
         local = nnf.interpolate(small, scale_factor=16.0, mode="bilinear", align_corners=False)
         mean, square = local[:, :1], local[:, 1:]
         deviation = torch.sqrt(torch.clamp(square - mean * mean, min=0.0) + 4e-4)
