@@ -22,12 +22,13 @@ def halved(x: Tensor) -> Tensor:
     return (x[..., ::2, ::2] + x[..., ::2, 1::2] + x[..., 1::2, ::2] + x[..., 1::2, 1::2]) * 0.25
 
 
-def box_mean(x: Tensor, side: int) -> Tensor:
-    """Average (N, C, h, w) over `side` x `side` cells about each, the border repeated.
+def box_mean(x: Tensor, channels: int, side: int) -> Tensor:
+    """Average (N, channels, h, w) over `side` x `side` cells about each, the border repeated.
 
-    A convolution of each channel with a constant does it ten times as fast as a pooling layer.
+    A convolution of each channel with a constant does it ten times as fast as a pooling layer. (The exporter
+    to ONNX cannot trace a number of channels that is read from the tensor.)
     """
-    channels, reach = x.shape[1], side // 2
+    reach = side // 2
     window = torch.full((channels, 1, side, side), 1 / side**2, dtype=x.dtype, device=x.device)
     return nnf.conv2d(nnf.pad(x, (reach, reach, reach, reach), mode="replicate"), window, groups=channels)
 
@@ -63,7 +64,8 @@ class LagStem(nn.Module):
             along = nnf.conv2d(gradients[k], self.weights[..., None, None])  # (N, 8, h, w)
             products = [along * along, *(self.lagged_product(along, lag) for lag in lags)]
             cells = torch.cat(products, 1)
-            energy, *lagged = box_mean(halved(cells) if k == 1 else cells, 7).split(self.directions, 1)
+            means = box_mean(halved(cells) if k == 1 else cells, self.directions * len(products), 7)
+            energy, *lagged = means.split(self.directions, 1)
             features += [product / (energy + 2e-5) for product in lagged]
         # a long lag reaches beyond the window: next to strong edges the quotient knows no bound by itself
         return torch.clamp(torch.cat(features, 1), -1.0, 1.0)
@@ -122,7 +124,7 @@ class OrientedStem(nn.Module):
         energy = even * even + odd * odd
         if k < 2:
             energy = halved(energy)
-        energy = box_mean(energy, 3)
+        energy = box_mean(energy, self.directions, 3)
         mean = energy.mean(1, keepdim=True)
         return torch.log((energy + 1e-6) / (mean + 1e-6))
 
@@ -183,7 +185,7 @@ class StructureStem(nn.Module):
         products = torch.cat([gx * gx - gy * gy, 2 * gx * gy, gx * gx + gy * gy], 1)
         if k < 2:
             products = nnf.avg_pool2d(products, STRIDE // 2**k)
-        products = box_mean(products, 3)
+        products = box_mean(products, 3, 3)
         if k == 3:
             products = nnf.interpolate(products, scale_factor=2.0, mode="bilinear", align_corners=False)
         energy = products[:, 2:]
@@ -194,7 +196,7 @@ class StructureStem(nn.Module):
         """Subtract the local mean of luminance and divide by its local deviation (about 32 px)."""
         grey = grey - 0.5  # or the variance below loses half of its digits
         small = nnf.avg_pool2d(torch.cat([grey, grey * grey], 1), 16)
-        small = box_mean(small, 3)
+        small = box_mean(small, 2, 3)
         local = nnf.interpolate(small, scale_factor=16.0, mode="bilinear", align_corners=False)
         mean, square = local[:, :1], local[:, 1:]
         deviation = torch.sqrt(torch.clamp(square - mean * mean, min=0.0) + 4e-4)
