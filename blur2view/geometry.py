@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.colmap import colmap_two_view_geometry
 from blur2view.epipolar import Array
 from blur2view.pose import PoseCovariance, RigidTransform
 
@@ -98,4 +100,24 @@ class TwoViewGeometry:
             cam2_from_cam1=None if pose is None else pose.inverse(),
             covariance=None if pose is None or covariance is None else covariance.inverse(pose),
             swapped=~self.swapped,
+        )
+
+    def to_pycolmap(self) -> Any:
+        """Give the same as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
+
+        Returns
+        -------
+        pycolmap.TwoViewGeometry
+            Of an open and a close image whose keypoints are both ends of the smears in their order
+            (`exposure_views.ExposureViews`): match (i, i) is smear i. Its configuration is ours by name; of
+            a distorted camera F and H are those of undistorted pixels, as everywhere here.
+        """
+        pose = self.cam2_from_cam1
+        return colmap_two_view_geometry(
+            self.config.name,
+            np.flatnonzero(self.inlier_mask),
+            F=self.F,
+            E=self.E,
+            H=self.H,
+            pose=None if pose is None else (pose.rotation, pose.translation),
         )
