@@ -12,6 +12,7 @@ from blur2view.matches import select_matches
 from blur2view.smear import SmearField
 from tools import evaluate, testset
 from tools.render import RenderOptions, render
+from tools.smear_figures import evaluate_smears, smear_tables
 from tools.testset import TestScene
 
 SIZE = (160, 128)
@@ -51,7 +52,7 @@ def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
 
 
 def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestScene) -> None:
-    perfect, longer = (evaluate.evaluate_smears([(scene, field_of(scene, factor))]) for factor in (1.0, 1.5))
+    perfect, longer = (evaluate_smears([(scene, field_of(scene, factor))]) for factor in (1.0, 1.5))
     assert perfect.images == 1 and perfect.epe_s == 0 and perfect.direction_deg == 0
     assert longer.epe_s_over_length == pytest.approx(0.5, rel=1e-3)
     assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
@@ -83,7 +84,7 @@ def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScen
 def test_command_writes_both_tables(
     tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    testset.write_scene(3, tmp_path, testset.test_options(None, SIZE))  # scenes 0 to 2 only rotate
+    testset.write_scene(4, tmp_path, testset.test_options(None, SIZE))  # its camera translates
     words = f"evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result".split()
     monkeypatch.setattr("sys.argv", words)
     evaluate.main()
@@ -94,3 +95,25 @@ def test_command_writes_both_tables(
     monkeypatch.setattr("sys.argv", ["evaluate", str(tmp_path / "tables")])
     with pytest.raises(SystemExit, match="no scenes"):
         evaluate.main()
+
+
+def test_stretched_smears_are_stretched_in_every_octave_that_has_any(scene: TestScene) -> None:
+    octaves = evaluate_smears([(scene, field_of(scene, 1.5))]).octaves
+    length = np.linalg.norm(scene.displacement[scene.valid], axis=1)
+    assert sum(o.smears for o in octaves) == ((length >= 1) & (length < 128)).sum()
+    for octave in octaves:
+        inside = (length >= octave.from_px) & (length < 2 * octave.from_px)
+        assert octave.smears == inside.sum() > 0
+        assert octave.length_ratio == pytest.approx(1.5, abs=0.1 / octave.from_px)
+        assert octave.epe_s_over_length == pytest.approx(0.5, rel=1e-3) and octave.direction_deg < 0.01
+
+
+def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> None:
+    figures = evaluate_smears([(scene, field_of(scene, 1.1))])
+    sigma = field_of(scene).sigma_px[1::4, 1::4][scene.valid]
+    error = 0.1 * np.linalg.norm(scene.displacement[scene.valid], axis=1)
+    assert [b.sigma_px for b in figures.bins] == sorted(b.sigma_px for b in figures.bins)
+    assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
+    assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
+    assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
+    assert len(smear_tables(figures)) == 10 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)

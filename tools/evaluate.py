@@ -23,39 +23,20 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.matches import SmearMatches, select_matches
 from blur2view.metrics import (
-    DIRECTION_MIN_PX,
-    direction_error_deg,
-    epe_s,
     epipole_angle_deg,
     inlier_share,
     rho,
     serrmin,
     share_under,
-    sparsification_area,
 )
 from blur2view.search import two_parameter_fundamental
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import estimate_two_view
 from tools import baselines
+from tools.smear_figures import SmearFigures, evaluate_smears, smear_tables
 from tools.testset import TestScene, read_test_set
 
 Array = NDArray[Any]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmearFigures:
-    """Quality of the predicted smears over the valid pixels of the split; lengths in pixels."""
-
-    images: int
-    epe_s: float
-    epe_s_over_length: float
-    epe_s_top50: float
-    epe_s_top50_over_length: float
-    direction_deg: float
-    direction_deg_top50: float
-    length_ratio: float
-    length_spread: float
-    sparsification_area: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,43 +177,14 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> lis
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 
 
-def evaluate_smears(scenes: Iterable[tuple[TestScene, SmearField]]) -> SmearFigures:
-    """Pool the valid pixels of all images; "top 50 %" is the more certain half of each image."""
-    found, true, sigma, top = [], [], [], []
-    for scene, field in scenes:
-        chosen = scene.valid
-        grid_sigma = field.sigma_px[1::4, 1::4][chosen]
-        found.append(field.displacement[1::4, 1::4][chosen])
-        true.append(scene.displacement[chosen])
-        sigma.append(grid_sigma)
-        top.append(grid_sigma <= np.median(grid_sigma))
-    d, d_true, half = np.concatenate(found), np.concatenate(true), np.concatenate(top)
-    error, length = epe_s(d, d_true), np.linalg.norm(d_true, axis=1)
-    angle, clear = direction_error_deg(d, d_true), length >= DIRECTION_MIN_PX
-    ratio = np.log((np.linalg.norm(d, axis=1)[clear] + 0.1) / length[clear])
-    return SmearFigures(
-        images=len(found),
-        epe_s=float(error.mean()),
-        epe_s_over_length=float(error.mean() / length.mean()),
-        epe_s_top50=float(error[half].mean()),
-        epe_s_top50_over_length=float(error[half].mean() / length[half].mean()),
-        direction_deg=float(np.median(angle[clear])),
-        direction_deg_top50=float(np.median(angle[clear & half])),
-        length_ratio=float(np.exp(np.median(ratio))),
-        length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
-        sparsification_area=float(sparsification_area(error, np.concatenate(sigma))),
-    )
-
-
 def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
-    """Both tables."""
-    rows = [f"Model {model_id}, {smears.images} rendered images.", "", "| smears | |", "|---|---|"]
-    rows += [f"| {name} | {value:.4g} |" for name, value in asdict(smears).items()]
+    """All tables."""
+    rows = [f"Model {model_id}, {smears.images} rendered images.", "", *smear_tables(smears), ""]
     head = (
         "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
         "| median SErrMin, px^2 | epipole, deg |"
     )
-    rows += ["", head, "|---|---|---|---|---|---|---|---|---|---|"]
+    rows += [head, "|---|---|---|---|---|---|---|---|---|---|"]
     for f in fundamentals:
         shares = f"{f.rho_under_05:.3f} | {f.rho_under_10:.3f} | {f.inliers:.3f} | {f.inliers_of_true:.3f}"
         rows.append(
