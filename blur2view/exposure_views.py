@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.cameras import Camera
+from blur2view.end_order import motion_order
 from blur2view.geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 
@@ -119,15 +120,17 @@ def views_of(name: str, found: Estimate) -> ExposureViews:
     found : Estimate
         Also one without F: then the order of the ends means nothing, and the geometry says so.
     """
-    ends, swapped = found.matches.ends, found.geometry.swapped.astype(int)
-    index = np.arange(len(ends))
+    ends = found.matches.ends
     height, width = found.field.shape
+    order = motion_order(found.geometry, found.matches, found.camera, (width, height))
+    swapped = order.swapped(ends, found.matches.sigma_px)
+    index = np.arange(len(ends))
     return ExposureViews(
         name=name,
         size=(width, height),
-        points_open=ends[index, swapped],
-        points_close=ends[index, 1 - swapped],
+        points_open=ends[index, swapped.astype(int)],
+        points_close=ends[index, 1 - swapped.astype(int)],
         sigma_px=found.matches.sigma_px,
-        geometry=found.geometry,
+        geometry=replace(found.geometry, swapped=swapped),
         camera=found.camera,
     )

@@ -145,11 +145,25 @@ def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None =
     weights = np.ones(len(ends)) if weights is None else weights
     found: list[OrientedPose] = []
     for pose in decompose_essential(E):
-        front, back = before_both(pose, ends[:, 0], ends[:, 1]), before_both(pose, ends[:, 1], ends[:, 0])
-        swapped = (1 - forward) * np.where(back, 1.0, DOUBT) > forward * np.where(front, 1.0, DOUBT)
-        share = float(weights @ np.where(swapped, back, front) / max(float(weights.sum()), TINY))
+        swapped, front = order_before_both(pose, ends, forward)
+        share = float(weights @ front / max(float(weights.sum()), TINY))
         found.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
     return max(found, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
+
+
+def order_before_both(
+    pose: RigidTransform, ends: Array, forward: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Order the rays (N, 2, 2) of matches by probability and positive depth under a pose.
+
+    Returns
+    -------
+    swapped, in_front : ndarray of bool, shape (N,)
+        Where ends[:, 1] is the open end; where the match, in the order chosen, lies before both cameras.
+    """
+    front, back = before_both(pose, ends[:, 0], ends[:, 1]), before_both(pose, ends[:, 1], ends[:, 0])
+    swapped = (1 - forward) * np.where(back, 1.0, DOUBT) > forward * np.where(front, 1.0, DOUBT)
+    return swapped, np.where(swapped, back, front)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

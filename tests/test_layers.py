@@ -22,7 +22,7 @@ LAYERS = [
     {"manifold", "components", "paper", "sign_free"},
     {"pose"},
     {"geometry"},
-    {"refine"},
+    {"refine", "end_order"},
     {"homography"},
     {"homography_search", "parallax"},
     {"estimators"},
