@@ -19,3 +19,7 @@ class OutputError(Blur2ViewError):
 
 class CameraError(Blur2ViewError):
     """A camera's intrinsics cannot be used."""
+
+
+class DatabaseError(Blur2ViewError):
+    """A COLMAP database cannot be read or written."""
