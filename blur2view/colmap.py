@@ -18,7 +18,6 @@ from blur2view.errors import CameraError
 
 Array = NDArray[np.float64]
 HALF_PIXEL = 0.5
-_SHIFT: Array = np.array([[1.0, 0, HALF_PIXEL], [0, 1, HALF_PIXEL], [0, 0, 1]])
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
 
 
@@ -92,17 +91,6 @@ def colmap_two_view_geometry(
     if pose is not None:
         geometry.cam2_from_cam1 = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[0]), pose[1])
     return geometry
-
-
-def fundamental_to_colmap(F: Array) -> Array:
-    """F (3, 3) of our pixels as that of COLMAP's."""
-    back = np.linalg.inv(_SHIFT)
-    return np.asarray(back.T @ F @ back, float)
-
-
-def homography_to_colmap(H: Array) -> Array:
-    """H (3, 3) of our pixels as that of COLMAP's."""
-    return np.asarray(_SHIFT @ H @ np.linalg.inv(_SHIFT), float)
 
 
 def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
