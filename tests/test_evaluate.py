@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,7 +13,7 @@ from blur2view.matches import select_matches
 from blur2view.smear import SmearField
 from tools import evaluate, testset
 from tools.render import RenderOptions, render
-from tools.smear_figures import evaluate_smears, smear_tables
+from tools.smear_figures import SmearFigures, coherence, evaluate_smears, pooled, smear_tables
 from tools.testset import TestScene
 
 SIZE = (160, 128)
@@ -22,14 +23,16 @@ OPTIONS = RenderOptions(
 
 
 @pytest.fixture(scope="module")
-def scene() -> TestScene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> TestScene:
     """Render a scene whose camera translates and turns."""
     truth = render(4, OPTIONS)
     assert truth.F is not None and not np.array_equal(truth.R, np.eye(3))
     fields = {
         name: getattr(truth, name) for name in ("displacement", "valid", "static", "K", "R", "t", "F", "kind")
     }
-    return TestScene(name="0000", image_path=Path("0000.png"), **fields)
+    path = tmp_path_factory.mktemp("scene") / "0000.png"
+    cv2.imwrite(str(path), (255 * np.clip(truth.linear[..., ::-1], 0, 1)).astype(np.uint8))
+    return TestScene(name="0000", image_path=path, **fields)
 
 
 def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
@@ -37,6 +40,10 @@ def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
     displacement = np.asarray(factor * scene.displacement.repeat(4, 0).repeat(4, 1), np.float32)
     sigma = np.broadcast_to(np.linspace(0.5, 1.5, SIZE[0]), SIZE[::-1])
     return SmearField(displacement=displacement, sigma_px=sigma.astype(np.float32))
+
+
+def figures_of(scene: TestScene, factor: float) -> SmearFigures:
+    return evaluate_smears(*pooled([(scene, field_of(scene, factor))]))
 
 
 def test_true_ends_fit_the_true_F_in_this_order(scene: TestScene) -> None:
@@ -52,7 +59,7 @@ def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
 
 
 def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestScene) -> None:
-    perfect, longer = (evaluate_smears([(scene, field_of(scene, factor))]) for factor in (1.0, 1.5))
+    perfect, longer = (figures_of(scene, factor) for factor in (1.0, 1.5))
     assert perfect.images == 1 and perfect.epe_s == 0 and perfect.direction_deg == 0
     assert longer.epe_s_over_length == pytest.approx(0.5, rel=1e-3)
     assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
@@ -90,6 +97,7 @@ def test_command_writes_both_tables(
     evaluate.main()
     text = (tmp_path / "tables" / "result.md").read_text()
     assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
+    assert cv2.imread(str(tmp_path / "tables" / "result.png")) is not None
     stored = json.loads((tmp_path / "tables" / "result.json").read_text())
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
     monkeypatch.setattr("sys.argv", ["evaluate", str(tmp_path / "tables")])
@@ -98,7 +106,7 @@ def test_command_writes_both_tables(
 
 
 def test_stretched_smears_are_stretched_in_every_octave_that_has_any(scene: TestScene) -> None:
-    octaves = evaluate_smears([(scene, field_of(scene, 1.5))]).octaves
+    octaves = figures_of(scene, 1.5).octaves
     length = np.linalg.norm(scene.displacement[scene.valid], axis=1)
     assert sum(o.smears for o in octaves) == ((length >= 1) & (length < 128)).sum()
     for octave in octaves:
@@ -109,11 +117,19 @@ def test_stretched_smears_are_stretched_in_every_octave_that_has_any(scene: Test
 
 
 def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> None:
-    figures = evaluate_smears([(scene, field_of(scene, 1.1))])
+    figures = figures_of(scene, 1.1)
     sigma = field_of(scene).sigma_px[1::4, 1::4][scene.valid]
     error = 0.1 * np.linalg.norm(scene.displacement[scene.valid], axis=1)
     assert [b.sigma_px for b in figures.bins] == sorted(b.sigma_px for b in figures.bins)
     assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
     assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
     assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
-    assert len(smear_tables(figures)) == 10 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
+    assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
+
+
+def test_coherence_tells_stripes_from_noise() -> None:
+    rng = np.random.default_rng(0)
+    stripes = np.repeat(rng.random((1, 128, 1), dtype=np.float32), 64, axis=0).repeat(3, axis=2)
+    noise = rng.random((64, 128, 1), dtype=np.float32).repeat(3, axis=2)
+    assert coherence(stripes).shape == (16, 32)
+    assert coherence(stripes).min() > 0.99 and np.median(coherence(noise)) < 0.3

@@ -3,8 +3,8 @@
     python -m tools.testset render/test --scenes 60 --photos KODAK
     python -m tools.evaluate render/test --out tools/results/evaluation
 
-prints the tables and writes ``evaluation.md`` and ``evaluation.json``. Every method gets the same matches,
-the network's own. F is judged on the true smears of static pixels.
+prints the tables and writes ``evaluation.md``, ``evaluation.json`` and a picture, ``evaluation.png``.
+Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ from blur2view.search import two_parameter_fundamental
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import estimate_two_view
 from tools import baselines
-from tools.smear_figures import SmearFigures, evaluate_smears, smear_tables
+from tools.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
+from tools.smear_plot import plot
 from tools.testset import TestScene, read_test_set
 
 Array = NDArray[Any]
@@ -201,7 +202,7 @@ def main() -> None:
     )
     parser.add_argument("scenes", type=Path, help="folder written by tools.testset")
     parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=Path, help="write OUT.md and OUT.json")
+    parser.add_argument("--out", type=Path, help="write OUT.md, OUT.json and OUT.png")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     pairs = [
@@ -209,16 +210,18 @@ def main() -> None:
     ]
     if not pairs:
         raise SystemExit(f"no scenes in {arguments.scenes}: run python -m tools.testset {arguments.scenes}")
-    smears, fundamentals = evaluate_smears(pairs), evaluate_fundamentals(pairs)
-    text = markdown(smears, fundamentals, network.info.model_id)
+    smears, images = pooled(pairs)
+    figures, fundamentals = evaluate_smears(smears, images), evaluate_fundamentals(pairs)
+    text = markdown(figures, fundamentals, network.info.model_id)
     print(text)
     if arguments.out:
         document = {
             "model_id": network.info.model_id,
-            "smears": asdict(smears),
+            "smears": asdict(figures),
             "fundamentals": [asdict(row) for row in fundamentals],
         }
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        plot(smears, figures, arguments.out.with_suffix(".png"))
         arguments.out.with_suffix(".md").write_text(text)
         arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
 
