@@ -34,6 +34,7 @@ LAYERS = [
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
     {"viz", "exposure_views"},
+    {"time_direction", "neighbours"},
     {"results"},
     {"__init__"},
     {"cli"},

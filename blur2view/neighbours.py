@@ -1,0 +1,166 @@
+"""Matched pixels of neighbouring photographs: found by OpenCV, or read from a COLMAP database."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from contextlib import closing
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.colmap import from_colmap
+from blur2view.errors import DatabaseError
+from blur2view.image import read_image
+
+Array = NDArray[np.float64]
+Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
+
+MAX_SIDE, MAX_FEATURES = 1000, 2000  # pictures are matched at no more than so many pixels and features
+FAINT = 0.01  # SIFT's contrast threshold: blurred pictures have little
+RATIO = 0.8  # best over second best distance (Lowe 2004)
+MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
+FEWEST = 12  # verified matches; fewer may be chance
+PAIR_BASE = 2147483647  # COLMAP: pair_id = PAIR_BASE * smaller image_id + larger
+NONE = np.zeros((0, 2))
+
+
+class PhotographMatcher:
+    """Matches photographs by SIFT, mutual nearest neighbours and an epipolar check.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The photographs; each is read when it is first needed, the features of a few are kept.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._features = lru_cache(maxsize=8)(lambda index: detect(grey_photograph(paths[index])))
+
+    def __call__(self, first: int, second: int) -> tuple[Array, Array]:
+        """Give matched pixels (M, 2) of two photographs by their indices, none where they show too little."""
+        return match_features(self._features(first), self._features(second))
+
+
+def grey_photograph(path: Path) -> NDArray[np.uint8]:
+    """Read a photograph as (H, W) uint8, upright.
+
+    Raises
+    ------
+    ImageError
+        If it cannot be read.
+    """
+    grey = cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY)
+    return np.asarray(np.rint(255 * grey), np.uint8)
+
+
+def detect(grey: NDArray[np.uint8]) -> Features:
+    """Find SIFT features of a picture (H, W): pixels (N, 2) of the picture as given, and descriptors."""
+    scale = min(1.0, MAX_SIDE / max(grey.shape))
+    if scale < 1:
+        grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=FAINT)
+    found, descriptors = sift.detectAndCompute(grey, None)
+    if not found:
+        return NONE, np.zeros((0, 128), np.float32)
+    points = (np.array([feature.pt for feature in found]) + 0.5) / scale - 0.5
+    return points, np.asarray(descriptors, np.float32)
+
+
+def match_features(one: Features, other: Features) -> tuple[Array, Array]:
+    """Match mutual nearest neighbours that pass the ratio test; keep what one epipolar geometry explains."""
+    (points1, descriptors1), (points2, descriptors2) = one, other
+    if min(len(points1), len(points2)) < FEWEST:
+        return NONE, NONE
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {match.queryIdx: match.trainIdx for match in matcher.match(descriptors2, descriptors1)}
+    pairs = [
+        (best.queryIdx, best.trainIdx)
+        for best, second in matcher.knnMatch(descriptors1, descriptors2, k=2)
+        if best.distance < RATIO * second.distance and back[best.trainIdx] == best.queryIdx
+    ]
+    if len(pairs) < FEWEST:
+        return NONE, NONE
+    first, second = np.array(pairs).T
+    return verified(points1[first], points2[second])
+
+
+def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
+    """Keep the matches (M, 2) that lie within MAX_ERROR_PX of one epipolar geometry; none if they are few."""
+    _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, MAX_ERROR_PX, 0.999, 2000)
+    if inliers is None or inliers.sum() < FEWEST:
+        return NONE, NONE
+    kept = inliers.ravel().astype(bool)
+    return points1[kept], points2[kept]
+
+
+class DatabaseMatcher:
+    """Matches of a COLMAP database, verified ones where it has them.
+
+    Parameters
+    ----------
+    path : Path
+        The database; it is opened read-only for each pair.
+    names : sequence of str
+        Of the photographs, as the database has them.
+    """
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        self._path, self._names = path, names
+
+    def __call__(self, first: int, second: int) -> tuple[Array, Array]:
+        """Give matched pixels (M, 2) of two photographs by their indices, none where it has none.
+
+        Raises
+        ------
+        DatabaseError
+            If the database cannot be read.
+        """
+        try:
+            with closing(_read_only(self._path)) as database:
+                return _database_matches(database, self._names[first], self._names[second])
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            raise DatabaseError(
+                f"{self._path}: matches cannot be read ({error}); is it a COLMAP database?"
+            ) from None
+
+
+def _read_only(path: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=2)
+
+
+def _database_matches(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:
+    id1, id2 = (_image_id(database, name) for name in (name1, name2))
+    if id1 is None or id2 is None or id1 == id2:
+        return NONE, NONE
+    index = _pair_rows(database, PAIR_BASE * min(id1, id2) + max(id1, id2))
+    index = index if id1 < id2 else index[:, ::-1]  # COLMAP's pairs begin with the smaller id
+    points1, points2 = _keypoints(database, id1), _keypoints(database, id2)
+    inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
+    return points1[index[inside, 0]], points2[index[inside, 1]]
+
+
+def _image_id(database: sqlite3.Connection, name: str) -> int | None:
+    row = database.execute("SELECT image_id FROM images WHERE name = ?", (name,)).fetchone()
+    return None if row is None else int(row[0])
+
+
+def _pair_rows(database: sqlite3.Connection, pair_id: int) -> NDArray[np.uint32]:
+    """Give the indices (M, 2) of a pair's inliers, or of its matches where none were verified."""
+    for table in ("two_view_geometries", "matches"):
+        row = database.execute(f"SELECT data FROM {table} WHERE pair_id = ?", (pair_id,)).fetchone()
+        if row is not None and row[0]:
+            return np.frombuffer(row[0], np.uint32).reshape(-1, 2)
+    return np.zeros((0, 2), np.uint32)
+
+
+def _keypoints(database: sqlite3.Connection, image_id: int) -> Array:
+    """Give our pixels (N, 2) of an image's keypoints."""
+    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    row = database.execute(query, (image_id,)).fetchone()
+    if row is None or not row[2]:
+        return NONE
+    return from_colmap(np.frombuffer(row[2], np.float32).reshape(row[0], row[1])[:, :2].astype(float))
