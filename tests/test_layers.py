@@ -32,7 +32,7 @@ LAYERS = [
     {"planarity"},
     {"degeneracy", "calibrated"},
     {"two_view"},
-    {"pipeline", "panel", "intrinsics"},
+    {"pipeline", "panel", "intrinsics", "mapping"},
     {"viz", "exposure_views"},
     {"time_direction", "neighbours"},
     {"results"},
