@@ -21,7 +21,7 @@ from tools.sequence import (
     render_sequence,
 )
 
-OPTIONS = SequenceOptions(frames=4, size=(160, 128), smear_px=4.0, cards=4, exposure_share=0.4, detail=1.0)
+OPTIONS = SequenceOptions(frames=4, size=(160, 128), smear_px=4.0, cards=4, exposure_share=0.5, detail=1.0)
 MIDDLE = len(KNOTS) // 2
 
 

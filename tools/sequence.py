@@ -24,19 +24,19 @@ from tools.canvas import Canvas, paint
 from tools.exposure import KNOTS, Exposure, grid_points
 from tools.motion import Trajectory
 from tools.render import compose, mean_frame
-from tools.scene import Layer, sample_card, sample_illumination, sample_plane, smooth_field, tilted_normal
+from tools.scene import Layer, Plane, sample_card, sample_illumination, tilted_normal
 from tools.testset import sharp_photograph
 from tools.textures import photographs
 
 Array = NDArray[Any]
 
-PERIOD = 22.0
+PERIOD = 15.0
 """Frames in which the path comes round once."""
 HARMONICS = 3
-LARGEST_TILT, RELIEF = 0.4, 0.2
-"""Of the background, radians and log depth: as steep as it may be for the path not to look behind it."""
+LARGEST_TILT, GROUND = 0.3, 0.3
+"""Tilt of the wall, radians; height above the ground: no more than the path allows without a look behind."""
 STEPS = 60
-"""Fixed-point steps at most, of which the first knot of a frame far from time 0 takes 20."""
+"""Fixed-point steps at most."""
 SOLVED_PX = 0.01
 
 
@@ -66,6 +66,18 @@ class WanderingPath(Trajectory):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Poster(Plane):
+    """A plane whose texture is centred where the camera of time 0 looks, not mirrored there."""
+
+    def texel(self, rays: Array) -> Array:
+        """Give texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
+        ahead = super().texel(
+            np.array([0.0, 0.0, 1.0]) if self.normal[2] > 0.5 else np.array([0.0, 0.5, 1.0])
+        )
+        return np.asarray(super().texel(rays) - ahead + np.array(self.texture.shape[1::-1]) / 2)
+
+
+@dataclass(frozen=True, kw_only=True)
 class SequenceOptions:
     """What a video is.
 
@@ -89,14 +101,14 @@ class SequenceOptions:
         Canvas pixels per image pixel.
     """
 
-    frames: int = 16
+    frames: int = 14
     size: tuple[int, int] = (640, 480)
     smear_px: float = 14.0
-    exposure_share: float = 0.5
-    cards: int = 8
+    exposure_share: float = 0.6
+    cards: int = 6
     rotation_share: float = 0.4
     photos: Path | None = None
-    detail: float = 1.5
+    detail: float = 1.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,23 +148,37 @@ def relative_pose(first: Array, second: Array) -> Array:
 
 def sample_path(rng: np.random.Generator, rotation_share: float) -> WanderingPath:
     """Draw a path of unit speed that never stops: its first harmonic goes round, the others shake."""
-    falling = (0.25 ** np.arange(HARMONICS))[:, None]
-    moves = falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3)))
-    moves[0] = np.array([1.0, 1j * rng.choice([-1, 1]), 0.5]) * np.exp(2j * np.pi * rng.random())
+    falling = (0.16 ** np.arange(HARMONICS))[:, None]
+    moves = (
+        falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3))) * [0.7, 0.4, 0.7]
+    )
+    moves[0] = np.array([1.0, 0.8j * rng.choice([-1, 1]), 0.4]) * np.exp(2j * np.pi * rng.random())
     # a camera that mostly keeps what it looks at in the picture: turning left where it goes right
     follow = np.cross([0, 0, 1.0], moves)
     shake = falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3)))
     return WanderingPath(moves=moves, turns=rotation_share * (0.8 * follow + 0.5 * shake))
 
 
+def collage(rng: np.random.Generator, pool: tuple[Array, ...]) -> Array:
+    """Hang six photographs of the pool beside each other (1024, 1536, 3): nothing repeats, as in a room."""
+    chosen = rng.permutation(max(len(pool), 6))[:6] % len(pool)
+    tiles = [cv2.resize(pool[k], (512, 512), interpolation=cv2.INTER_AREA) for k in chosen]
+    return np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])]).astype(np.float32)
+
+
 def sample_scene(rng: np.random.Generator, options: SequenceOptions, K: Array) -> list[Layer]:
-    """Draw a wall in relief and cards before it, far to near."""
+    """Draw a wall, a ground and cards before them, far to near."""
     pool = photographs("test", options.photos)
-    depths = np.sort(rng.uniform(0.35, 0.8, options.cards))[::-1]
+    slope = np.array([rng.normal(0, 0.05), 1.0, rng.normal(0, 0.05)])
+    places = ((tilted_normal(rng, LARGEST_TILT), 1.0), (slope / np.linalg.norm(slope), GROUND))
+    planes = tuple(
+        Poster(normal=n, offset=far, texture=collage(rng, pool), texels_per_unit=K[0, 0] / far, turn=0.0)
+        for n, far in places
+    )
+    depths = np.sort(rng.uniform(0.5, 0.85, options.cards))[::-1]
     cards = [sample_card(rng, pool, K, options.size, float(depth)) for depth in depths]
-    wall = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, LARGEST_TILT), 1.0)
-    shading = sample_illumination(rng)
-    return [Layer(planes=(wall,), relief=smooth_field(rng, RELIEF), illumination=shading), *cards]
+    still = np.zeros((2, 2), np.float32)
+    return [Layer(planes=planes, relief=still, illumination=sample_illumination(rng)), *cards]
 
 
 def instants(options: SequenceOptions) -> Array:
@@ -163,8 +189,12 @@ def instants(options: SequenceOptions) -> Array:
 def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array:
     """Where (h, w, 2) at time 0 that was which is seen at the ringed grid's points at time tau.
 
-    Fixed-point iteration from `start` (h, w, 2); where a surface turns away from the camera it need not
-    converge, and what is shown there is some other part of the same surface.
+    Fixed-point iteration from `start` (h, w, 2). It converges where a surface has one point for every ray.
+
+    Raises
+    ------
+    ValueError
+        If the background, which is everywhere, has none for a hundredth of them: the path is too long.
     """
     target, x = grid_points(exposure.size, ring=1), start
     for _ in range(STEPS):
@@ -172,6 +202,8 @@ def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array
         x = np.clip(x - step, -3 * max(exposure.size), 4 * max(exposure.size))
         if np.abs(step).max() < SOLVED_PX:
             break
+    if layer.stencil is None and (np.abs(step).max(axis=-1) > 10 * SOLVED_PX).mean() > 0.01:
+        raise ValueError(f"the camera goes too far at time {tau:.2f}: choose shorter smears or fewer frames")
     return x
 
 
