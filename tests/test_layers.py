@@ -34,7 +34,8 @@ LAYERS = [
     {"two_view"},
     {"pipeline", "panel", "intrinsics", "mapping"},
     {"viz", "exposure_views"},
-    {"time_direction", "neighbours"},
+    {"time_direction", "neighbours", "matches_text"},
+    {"hloc_files"},
     {"results"},
     {"__init__"},
     {"cli"},
@@ -47,7 +48,8 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 NUMERIC = {"numpy", "scipy", "cv2"}
 GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - {"image", "predict", "exif", "colmap"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
-PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"}
+EXTRAS = {"h5py": "hloc"}  # what one door alone needs, and the extra that brings it
+PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"} | set(EXTRAS)
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -98,7 +100,10 @@ def test_dependencies_are_what_the_package_imports() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     declared = {re.split(r"[<>=!~]", requirement)[0] for requirement in project["dependencies"]}
     used = set().union(*(third_party(PACKAGE / f"{module}.py") for module in MODULES))
-    assert declared == {DISTRIBUTION.get(name, name) for name in used}
+    assert declared == {DISTRIBUTION.get(name, name) for name in used - set(EXTRAS)}
+    for name in used & set(EXTRAS):
+        extra = project["optional-dependencies"][EXTRAS[name]]
+        assert [re.split(r"[<>=!~]", requirement)[0] for requirement in extra] == [name]
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "tools").rglob("*.py")), ids=lambda path: path.name)
@@ -107,7 +112,7 @@ def test_tools_do_not_use_tests(path: Path) -> None:
 
 
 def test_import_of_the_package_is_light() -> None:
-    heavy = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "skimage", "torch", "tqdm"]
+    heavy = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "skimage", "torch", "tqdm"]
     program = f"import sys, blur2view; print([name for name in {heavy} if name in sys.modules])"
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)

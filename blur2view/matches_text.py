@@ -1,0 +1,116 @@
+"""COLMAP's text formats: keypoints for ``feature_importer``, matches for ``matches_importer``.
+
+    colmap feature_importer --database_path new.db --image_path DIR/images --import_path DIR/keypoints
+    colmap matches_importer --database_path new.db --match_list_path DIR/matches.txt --match_type inliers
+
+(with ``--ImageReader.single_camera 1`` if one camera took all photographs). Both read names up to a blank.
+Keypoints have a scale, an orientation and a SIFT descriptor, which views do not: 1, 0 and zeros stand for
+them, so only these matches are of use. With ``--match_type inliers`` COLMAP takes the matches as they are;
+F, E and the pose have no place in the text (COLMAP 3.8, with which this was checked, writes UNCALIBRATED and
+a zero F). With ``raw`` it would verify them at 4 px, at which most exposures are a plane to it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.colmap import to_colmap
+from blur2view.errors import OutputError
+from blur2view.exposure_views import ExposureViews
+
+Array = NDArray[np.float64]
+DESCRIPTOR = " 0" * 128
+
+
+def keypoints_text(points: Array) -> str:
+    """Give the text of keypoints (N, 2), our pixels: a line of counts, then x y scale orientation zeros."""
+    rows = (f"{x:.6f} {y:.6f} 1 0{DESCRIPTOR}\n" for x, y in to_colmap(points))
+    return f"{len(points)} 128\n" + "".join(rows)
+
+
+def matches_text(views: ExposureViews) -> str:
+    """Give the block of one photograph: both names, a line for each inlier, a blank line."""
+    inliers = np.flatnonzero(views.geometry.inlier_mask)
+    return " ".join(views.names) + "\n" + "".join(f"{index} {index}\n" for index in inliers) + "\n"
+
+
+def write_matches_text(
+    folder: Path, sequence: Sequence[ExposureViews], photographs: Sequence[Path]
+) -> list[Path]:
+    """Write ``matches.txt``, ``keypoints/<view>.txt`` and ``images/<view>`` for all photographs.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if needed; what an earlier call wrote there is replaced.
+    sequence : sequence of ExposureViews
+    photographs : sequence of Path
+        Of the same length. COLMAP reads the size and EXIF of every image it imports, so each view gets a
+        symbolic link to its photograph.
+
+    Returns
+    -------
+    list of Path
+        ``matches.txt`` and the two folders.
+
+    Raises
+    ------
+    ValueError
+        If the lengths differ.
+    OutputError
+        If a name holds a blank, or a file cannot be written.
+    """
+    if len(sequence) != len(photographs):
+        raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
+    for views in sequence:
+        refuse_blank(views.name, "COLMAP's text formats")
+    paths = [folder / "matches.txt", folder / "keypoints", folder / "images"]
+    try:
+        for views, photograph in zip(sequence, photographs, strict=True):
+            for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
+                _write(paths[1] / f"{name}.txt", keypoints_text(points))
+                _link(paths[2] / name, photograph)
+        _write(paths[0], "".join(map(matches_text, sequence)))  # last: it vouches for the others
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+    return paths
+
+
+def refuse_blank(name: str, where: str) -> None:
+    """Refuse a name that a format would cut.
+
+    Raises
+    ------
+    OutputError
+        If it holds a blank.
+    """
+    if any(character.isspace() for character in name):
+        raise OutputError(f"{name}: {where} cut names at a blank; rename the photograph, or write a database")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write beside the path and rename, so that no reader meets half a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        beside.write_text(text)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _link(path: Path, photograph: Path) -> None:
+    """Show a photograph under another name; copied where the file system has no links."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    try:
+        path.symlink_to(photograph.resolve())
+    except OSError:
+        shutil.copyfile(photograph, path)
