@@ -1,4 +1,4 @@
-"""The command line: ``blur2view estimate IMG... [-o DIR]``."""
+"""The command line: ``blur2view estimate IMG... [-o DIR]``, ``blur2view to-colmap --db DB IMG...``."""
 
 import argparse
 import io
@@ -6,22 +6,21 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blur2view import __version__
+from blur2view.cli_colmap import add_to_colmap
+from blur2view.cli_options import add_estimator_options, complain, progress, read_run
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.exif import read_exif
 from blur2view.image import read_image
-from blur2view.intrinsics import Intrinsics
-from blur2view.matches import SelectOptions
 from blur2view.pipeline import estimate
 from blur2view.predict import SmearNetwork
 from blur2view.results import OutputFiles, Run, document, plan_outputs, prepare_folder, summary, write_results
-from blur2view.two_view import EstimatorOptions
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -47,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = int(options.run(options))
         sys.stdout.flush()  # here, where a failure can still be told; at exit Python would print a traceback
     except Blur2ViewError as error:
-        _complain(error)
+        complain(error)
         return FAILED
     except KeyboardInterrupt:
         print("blur2view: interrupted", file=sys.stderr)
@@ -69,6 +68,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_estimate(commands)
+    add_to_colmap(commands)
     return parser
 
 
@@ -81,41 +81,17 @@ def _add_estimate(commands: Any) -> None:
     add("-o", "--output", type=Path, metavar="DIR", help="write DIR/<stem>.json, .smear.npz and .png")
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summary")
-    add(
-        "--beta",
-        type=float,
-        default=SelectOptions.beta,
-        metavar="SHARE",
-        help="share of the smears, the most certain ones, of which "
-        f"at most {SelectOptions.max_matches} are used (default: %(default)s)",
-    )
-    add(
-        "--max-error",
-        type=float,
-        default=EstimatorOptions.max_error_px,
-        metavar="PX",
-        help="error in pixels below which a smear is an inlier, however certain it is "
-        f"(default: {EstimatorOptions.max_error_px:.4g})",
-    )
-    add("--focal", type=float, metavar="PX", help="focal length in pixels: gives E and the pose")
-    add(
-        "--camera",
-        metavar="CAMERA",
-        help='intrinsics instead of --focal: a COLMAP camera, such as "PINHOLE 640 480 525 525 320 240", '
-        'a COLMAP database "DB" or "DB:ID", or "exif" to take the focal length of EXIF for true',
-    )
     add("--exposure", type=float, metavar="S", help="exposure time in seconds (default: that of EXIF)")
-    add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
-    add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")
+    add_estimator_options(parser)
     parser.set_defaults(run=lambda options: run_estimate(options, parser.error))
 
 
 def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Estimate every photograph; a failing one costs a line on stderr, not the others."""
-    run = _read_run(options, usage_error)
+    run = read_run(options, usage_error)
     plan = _plan(options)
     network = SmearNetwork(options.model)
-    jobs, say = _progress(list(zip(options.images, plan, strict=True)))
+    jobs, say = progress(list(zip(options.images, plan, strict=True)))
     estimates: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
     for image, files in jobs:
@@ -123,7 +99,7 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
             facts, lines = _estimate_one(image, files, network, run)
         except Blur2ViewError as error:
             failures.append({"image": str(image), "error": str(error)})
-            _complain(error, say)
+            complain(error, say)
             continue
         estimates.append(facts)
         if not options.json:
@@ -131,25 +107,6 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
     if options.json:
         print(json.dumps({"estimates": estimates, "failures": failures}, indent=2, allow_nan=False))
     return FAILED if failures else DONE
-
-
-def _read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
-    """Turn the options into dataclasses, which check the values; a wrong one is a usage error."""
-    try:
-        if options.seed < 0:
-            raise ValueError(f"seed must not be negative, got {options.seed}")
-        if options.exposure is not None and not 0 < options.exposure < np.inf:
-            raise ValueError(f"exposure must be positive and finite, got {options.exposure}")
-        return Run(
-            select=SelectOptions(beta=options.beta),
-            options=EstimatorOptions(max_error_px=options.max_error),
-            seed=options.seed,
-            intrinsics=Intrinsics(focal_px=options.focal, camera=options.camera),
-            exposure_s=options.exposure,
-        )
-    except ValueError as error:
-        usage_error(str(error))
-        raise
 
 
 def _plan(options: argparse.Namespace) -> Sequence[OutputFiles | OutputError | None]:
@@ -178,17 +135,3 @@ def _estimate_one(
     if files:
         write_results(files, facts, image, found)
     return facts, summary(facts, found, files)
-
-
-def _progress(jobs: list[Any]) -> tuple[Iterable[Any], Callable[..., None]]:
-    """Return the jobs, with a progress bar where a person watches, and a print that keeps it whole."""
-    if len(jobs) < 2 or not sys.stderr.isatty():
-        return jobs, print
-    from tqdm import tqdm  # 0.07 s, so only where it is seen
-
-    return tqdm(jobs, unit="photo"), tqdm.write
-
-
-def _complain(error: Blur2ViewError, say: Callable[..., None] = print) -> None:
-    """Print one line on stderr."""
-    say(f"blur2view: {error}", file=sys.stderr)
