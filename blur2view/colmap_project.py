@@ -92,6 +92,8 @@ def look_over(path: Path, database: sqlite3.Connection) -> None:
         If it is not.
     """
     version = database.execute("PRAGMA user_version").fetchone()[0]
+    if version < 0:
+        raise DatabaseError(f"{path}: says version {version}, which no COLMAP writes; is it COLMAP's?")
     if version > NEWEST_KNOWN:
         raise DatabaseError(
             f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "

@@ -95,7 +95,7 @@ class SampledSmears:
 def sample(field: SmearField, points: Array) -> SampledSmears:
     """Read a field at the pixels nearest to points (N, 2); it is smooth over the four pixels of a cell."""
     height, width = field.shape
-    finite: NDArray[np.bool_] = np.isfinite(points).all(axis=1)
+    finite = np.asarray(np.isfinite(points).all(axis=1), bool)
     nearest = np.rint(np.where(finite[:, None], np.clip(points, -1e9, 1e9), -1.0)).astype(np.int64)
     inside = np.asarray(finite & ((nearest >= 0) & (nearest < [width, height])).all(axis=1), bool)
     cols, rows = np.where(inside[:, None], nearest, 0).T

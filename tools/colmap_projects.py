@@ -1,0 +1,138 @@
+"""Small COLMAP projects as a user may have them, to test what we write into them."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from blur2view.colmap_schema import MAX_IMAGES, SCHEMA_VERSION, TABLES
+
+SIZE = (96, 64)
+OLD_TABLES = """
+CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
+  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
+CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
+  camera_id INTEGER NOT NULL, prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL, prior_tx REAL,
+  prior_ty REAL, prior_tz REAL, CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
+  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
+CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
+  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
+  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
+  data BLOB);
+CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB);
+"""
+
+Rows = dict[str, list[tuple[object, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProjectOptions:
+    """``images`` photographs "a_000.jpg", ... with ``features`` keypoints each, matched with the next.
+
+    ``old`` makes a database of COLMAP 3.9, before rigs; ``frames`` False one that has the tables of rigs and
+    frames but no rows; ``wal`` turns on write-ahead logging, as pycolmap does.
+    """
+
+    images: int = 3
+    features: int = 40
+    size: tuple[int, int] = SIZE
+    old: bool = False
+    frames: bool = True
+    wal: bool = True
+    prior_focal: bool = True
+
+
+def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 0) -> list[str]:
+    """Write a project and return the names of its images."""
+    options = options or ProjectOptions()
+    rng = np.random.default_rng(seed)
+    names = [f"a_{index:03d}.jpg" for index in range(options.images)]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute(f"PRAGMA journal_mode = {'WAL' if options.wal else 'DELETE'}")
+        database.executescript(OLD_TABLES if options.old else TABLES)
+        database.execute(f"PRAGMA user_version = {3900 if options.old else SCHEMA_VERSION}")
+        width, height = options.size
+        params = struct.pack("<4d", 1.1 * width, width / 2, height / 2, 0.01)
+        database.execute(
+            "INSERT INTO cameras VALUES (1, 2, ?, ?, ?, ?)", (*options.size, params, options.prior_focal)
+        )
+        for index, name in enumerate(names, 1):
+            _add_image(database, rng, index, name, options)
+        for index in range(1, options.images):
+            _add_pair(database, rng, index, options)
+        if options.frames and not options.old:
+            database.execute("INSERT INTO rigs VALUES (1, 1, 0)")
+            for index in range(1, options.images + 1):
+                database.execute("INSERT INTO frames VALUES (?, 1)", (index,))
+                database.execute("INSERT INTO frame_data VALUES (?, ?, 1, 0)", (index, index))
+        database.commit()
+    return names
+
+
+def _add_image(
+    database: sqlite3.Connection, rng: np.random.Generator, index: int, name: str, options: ProjectOptions
+) -> None:
+    """Insert an image with keypoints of six columns, as SIFT's, and descriptors."""
+    database.execute("INSERT INTO images(image_id, name, camera_id) VALUES (?, ?, 1)", (index, name))
+    count = options.features
+    keypoints = rng.uniform(0, 1, (count, 6)).astype("<f4")
+    keypoints[:, :2] *= np.array(options.size, "<f4")
+    row = (index, count, 6, keypoints.tobytes())
+    database.execute("INSERT INTO keypoints VALUES (?, ?, ?, ?)", row)
+    descriptors = rng.integers(0, 256, (count, 128), np.uint8).tobytes()
+    kind = () if options.old else (0,)
+    marks = "?, ?, ?, ?" if options.old else "?, ?, ?, ?, ?"
+    database.execute(f"INSERT INTO descriptors VALUES ({marks})", (index, *kind, count, 128, descriptors))
+
+
+def _add_pair(
+    database: sqlite3.Connection, rng: np.random.Generator, index: int, options: ProjectOptions
+) -> None:
+    """Insert the matches of an image with the next, and a geometry."""
+    key = MAX_IMAGES * index + index + 1
+    count = options.features // 2
+    matches = np.stack([rng.permutation(options.features)[:count] for _ in range(2)], axis=1).astype("<u4")
+    data = np.ascontiguousarray(matches).tobytes()
+    database.execute("INSERT INTO matches VALUES (?, ?, 2, ?)", (key, count, data))
+    database.execute(
+        "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) VALUES (?, ?, 2, ?, 3, ?)",
+        (key, count, data, rng.normal(size=9).tobytes()),
+    )
+
+
+def user_rows(path: Path) -> Rows:
+    """Read every row that is not ours of every table, but for SQLite's own counters of ids."""
+    with closing(sqlite3.connect(path)) as database:
+        database.text_factory = bytes
+        sql = "SELECT CAST(name AS BLOB) FROM sqlite_master WHERE type = 'table'"
+        tables = sorted(row[0].decode() for row in database.execute(sql))
+        rows = {table: database.execute(f'SELECT * FROM "{table}"').fetchall() for table in tables}
+    ours = {int(row[0]) for row in rows.pop("blur2view_views", [])}
+    rows.pop("sqlite_sequence", None)
+    frames = {row[0] for row in rows.get("frame_data", []) if row[1] in ours}
+    mine: dict[str, Callable[[tuple[object, ...]], bool]] = {
+        "images": lambda row: row[0] in ours,
+        "keypoints": lambda row: row[0] in ours,
+        "frames": lambda row: row[0] in frames,
+        "frame_data": lambda row: row[1] in ours,
+        "matches": lambda row: _touches(row[0], ours),
+        "two_view_geometries": lambda row: _touches(row[0], ours),
+    }
+    return {
+        table: sorted((row for row in found if not mine.get(table, lambda row: False)(row)), key=repr)
+        for table, found in rows.items()
+    }
+
+
+def _touches(pair: object, ours: set[int]) -> bool:
+    """Whether one image of a pair is ours."""
+    return isinstance(pair, int) and bool({pair % MAX_IMAGES, pair // MAX_IMAGES} & ours)
