@@ -1,0 +1,102 @@
+"""The experiment's figures on models that are exact, reversed or missing; the recordings' true motion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blur2view.errors import Blur2ViewError
+from blur2view.exposure_views import CLOSE, OPEN
+from blur2view.manifold import rotation_matrix
+from tools.alignment import Motion, MotionErrors
+from tools.recording import Recording, motion_per_frame, redkitchen_recording
+from tools.sfm_experiment import Model, Result, markdown
+from tools.sfm_plot import plot
+
+COUNT, SHARE = 8, 0.5
+
+
+def pose_at(time: float) -> np.ndarray:
+    """cam_from_world of a camera that walks and turns steadily."""
+    R = rotation_matrix(np.array([0.02, 0.05, -0.01]) * time)
+    return np.column_stack([R, -R @ (np.array([0.1, 0.03 * time / COUNT, 0.02]) * time)])
+
+
+def recording(known: bool = True) -> Recording:
+    poses = np.stack([pose_at(k) for k in range(COUNT)])
+    first, last = (np.stack([pose_at(k + s * SHARE / 2) for k in range(COUNT)]) for s in (-1, 1))
+    motion = Motion.between(first, last) if known else motion_per_frame(poses)
+    paths = [Path(f"{k}.png") for k in range(COUNT)]
+    return Recording(name="walk", paths=paths, K=np.eye(3), poses=poses, motion=motion, exposure_known=known)
+
+
+def in_another_frame(pose: np.ndarray) -> np.ndarray:
+    """Give the pose in a model's own frame and scale."""
+    S, shift, scale = rotation_matrix(np.array([0.3, -1.0, 0.5])), np.array([1.0, 2, 3]), 4.0
+    return np.column_stack([pose[:, :3] @ S, (pose[:, 3] + pose[:, :3] @ shift) / scale])
+
+
+def model(reverse: bool = False) -> Model:
+    poses = {f"{k}.png": in_another_frame(pose_at(k)) for k in range(COUNT)}
+    ends = (CLOSE, OPEN) if reverse else (OPEN, CLOSE)
+    for k in range(COUNT - 1):  # the last frame's views are missing
+        for end, sign in zip(ends, (-1, 1), strict=True):
+            poses[f"{k}.png{end}"] = in_another_frame(pose_at(k + sign * SHARE / 2))
+    return Model(poses=poses, points=7, error_px=0.5)
+
+
+def result(known: bool = True, reverse: bool = False) -> Result:
+    truth = recording(known)
+    facts = [
+        {"name": path.name, "config": "CALIBRATED", "num_matches": 9, "time_known": True}
+        for path in truth.paths
+    ]
+    lone = Motion(turns=truth.motion.turns * 1.1, moves=truth.motion.moves)
+    joined = model(reverse)
+    return Result(
+        recording=truth, without=model(), joined=joined, estimated=lone, facts=facts, model_id="net"
+    )
+
+
+def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
+    found = result()
+    errors = MotionErrors.of(found.motion, found.true_motion)
+    assert np.nanmax(errors.turn) < 1e-6 and np.nanmax(errors.move) < 1e-6
+    np.testing.assert_array_equal(np.isnan(errors.turn), [False] * (COUNT - 1) + [True])
+    assert found.alignment.scale == pytest.approx(4)
+    assert found.exposure == pytest.approx(1)
+    assert np.nanmean(errors.forward) == 1
+
+
+def test_reversed_views_are_told() -> None:
+    found = result(reverse=True)
+    errors = MotionErrors.of(found.motion, found.true_motion)
+    assert np.nanmean(errors.forward) == 0 and np.nanmin(errors.turn) > 1.9
+
+
+def test_unknown_exposure_is_found_from_the_rotations() -> None:
+    found = result(known=False)
+    assert found.exposure == pytest.approx(SHARE, rel=1e-3)
+    errors = MotionErrors.of(found.motion, found.true_motion)
+    assert np.nanmedian(errors.turn) < 0.01 and np.nanmedian(errors.move) < 0.05
+
+
+def test_tables_and_picture_say_it(tmp_path: Path) -> None:
+    text = markdown(result())
+    assert "| photographs registered | 8 | 8 |" in text
+    assert "| views registered | 14 | 14 |" in text
+    assert "Both views of 7 photographs" in text
+    assert "| single photographs | 8 | 10.0% | 100% |" in text
+    plot([result(), result(known=False)], tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_motion_per_frame_is_that_of_the_neighbours() -> None:
+    motion = motion_per_frame(np.stack([pose_at(k) for k in range(COUNT)]))
+    exact = Motion.between(
+        np.stack([pose_at(k - 0.5) for k in range(COUNT)]), np.stack([pose_at(k + 0.5) for k in range(COUNT)])
+    )
+    np.testing.assert_allclose(motion.turns, exact.turns, atol=1e-3)
+    np.testing.assert_allclose(motion.moves[1:-1], exact.moves[1:-1], atol=5e-3)
+    with pytest.raises(Blur2ViewError, match=r"poses\.npz"):
+        redkitchen_recording(Path("/nowhere"))
