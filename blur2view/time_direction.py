@@ -4,6 +4,12 @@ One photograph does not tell. Its neighbours in a video do: what moves right fro
 and on to the next, moved right during this exposure too. Every match with a neighbour compares its
 displacement with the smear at its place; the displacements to both sides together are the velocity at mid
 exposure, so that the longer one counts for more.
+
+The neighbours decide a second sign with it. With E the order of a smear is told by what turns, and by points
+lying before the camera, which needs the sign of the translation; where the noise has decided that sign, the
+rotation is reversed against the translation, and no flip of time is right. So all four combinations of both
+signs are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
+with the recorder's in 64 of 64 frames, with the flip of time alone in 45.
 """
 
 from __future__ import annotations
@@ -12,57 +18,63 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
+from blur2view.cameras import Camera
+from blur2view.end_order import MotionOrder, motion_order
 from blur2view.exposure_views import ExposureViews, TimeDirection
+from blur2view.manifold import rotation_vector
+from blur2view.matches import SmearMatches
+from blur2view.pose import RigidTransform
 
 Array = NDArray[np.float64]
 Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photographs -> points (M, 2) in both
 
-NEAR = 0.04  # of the longer side: a match takes the order of the nearest used smear within it
+NEAR = 0.04  # of the longer side: a match is compared with the nearest used smear within it
 ENOUGH = 8  # matches; fewer have no vote
 # Smears err together: a vote of hundreds of matches has the noise of about so many independent ones
 # (66 frames of RedKitchen: the signs of neighbours are alike over some 80 px).
 INDEPENDENT = 30
 KNOWN = 0.6  # confidence from which the direction is called known: right in four cases of five
+TURN_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
+MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 
 
-@dataclass(frozen=True, kw_only=True)
-class Vote:
-    """What a neighbour says of the flip of time.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NeighbourMotion:
+    """How the picture moves about the time of a photograph, as one neighbour shows it.
 
     Parameters
     ----------
-    agreement : float
-        Mean cosine, in [-1, 1], between smears, open to close, and the motion of the picture over time.
-    motion_px : float
-        Median length of that motion per frame.
-    count : int
-        Matches.
+    points : ndarray of shape (M, 2)
+        Pixels of the photograph.
+    velocity : ndarray of shape (M, 2)
+        Of what is seen there, pixels per frame, forwards in time.
+    turn : ndarray of shape (3,) or None
+        Rotation vector of the camera per frame, as in ``cam2_from_cam1``; None if its intrinsics or enough
+        matches are not known.
     """
 
-    agreement: float
-    motion_px: float
-    count: int
+    points: Array
+    velocity: Array
+    turn: Array | None = None
 
 
-NO_VOTE = Vote(agreement=0.0, motion_px=0.0, count=0)
-
-
-def vote(views: ExposureViews, here: Array, there: Array, steps: int) -> Vote:
-    """Compare the smears of a photograph with the motion from or to a neighbour.
+def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
+    """Turn matches with a neighbour into motion.
 
     Parameters
     ----------
-    views : ExposureViews
-        Of the photograph, in either flip of time.
     here, there : ndarray of shape (M, 2)
         Matched pixels in the photograph and in the neighbour.
     steps : int
         Frames from the photograph to the neighbour; negative if the neighbour is earlier.
+    camera : Camera, optional
+        Of both; used if it is known.
 
     Raises
     ------
@@ -72,18 +84,47 @@ def vote(views: ExposureViews, here: Array, there: Array, steps: int) -> Vote:
     here, there = np.asarray(here, float).reshape(-1, 2), np.asarray(there, float).reshape(-1, 2)
     if here.shape != there.shape or steps == 0:
         raise ValueError(f"expected points (M, 2) twice and steps, got {here.shape}, {there.shape}, {steps}")
-    smear, near = smears_at(views, here)
-    motion = (there - here)[near] / steps
-    lengths = np.linalg.norm(smear, axis=1) * np.linalg.norm(motion, axis=1)
-    moved = lengths > 0
+    turn = rotation_between(camera, here, there) if camera is not None and camera.known else None
+    velocity = (there - here) / steps
+    return NeighbourMotion(points=here, velocity=velocity, turn=None if turn is None else turn / steps)
+
+
+def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
+    """Rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few."""
+    rays1, rays2 = camera.rays(points1), camera.rays(points2)
+    seen = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
+    if seen.sum() < ENOUGH:
+        return None
+    rays1, rays2 = rays1[seen], rays2[seen]
+    bound = MAX_ERROR_PX / camera.focal_px
+    E, inliers = cv2.findEssentialMat(rays1, rays2, np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)
+    if E is None or E.shape != (3, 3):
+        return None
+    rotation = cv2.recoverPose(E, rays1, rays2, np.eye(3), mask=inliers)[1]
+    return rotation_vector(np.asarray(rotation, float))
+
+
+def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
+    """Mean cosine, in [-1, 1], between smears, open to close, and what neighbours show; 0 without any.
+
+    Each neighbour counts by the median length of the motion that it shows.
+    """
+    votes = [_vote(views, motion) for motion in motions]
+    total = sum(weight for _, weight in votes)
+    return sum(cosine * weight for cosine, weight in votes) / total if total > 0 else 0.0
+
+
+def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
+    """Mean cosine with one neighbour's motion, and that motion's median length in pixels."""
+    smear, near = smears_at(views, motion.points)
+    velocity = motion.velocity[near]
+    length = np.linalg.norm(velocity, axis=1)
+    moved = (length > 0) & (np.linalg.norm(smear, axis=1) > 0)
     if moved.sum() < ENOUGH:
-        return NO_VOTE
-    cosine = (smear * motion).sum(axis=1)[moved] / lengths[moved]
-    return Vote(
-        agreement=float(cosine.mean()),
-        motion_px=float(np.median(np.linalg.norm(motion[moved], axis=1))),
-        count=int(moved.sum()),
-    )
+        return 0.0, 0.0
+    smear, velocity, length = smear[moved], velocity[moved], length[moved]
+    cosine = (smear * velocity).sum(axis=1) / (length * np.linalg.norm(smear, axis=1))
+    return float(cosine.mean()), float(np.median(length))
 
 
 def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -98,12 +139,46 @@ def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bo
     return displacement, near
 
 
-def agreement_of(votes: Sequence[Vote]) -> float:
-    """Mean agreement in [-1, 1], each neighbour weighted by the motion it shows; 0 without votes."""
-    weights = np.array([vote.motion_px for vote in votes])
-    if not weights.sum() > 0:
+def turn_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
+    """Cosine, in [-1, 1], between the pose's rotation and that about its time; 0 where one is not known."""
+    pose, turns = views.geometry.cam2_from_cam1, [m.turn for m in motions if m.turn is not None]
+    if pose is None or not turns:
         return 0.0
-    return float(weights @ [vote.agreement for vote in votes] / weights.sum())
+    own, seen = pose.rotation_vector, np.sum(turns, axis=0)
+    lengths = float(np.linalg.norm(own) * np.linalg.norm(seen))
+    return float(own @ seen) / lengths if lengths > 0 else 0.0
+
+
+def other_translation(views: ExposureViews) -> ExposureViews | None:
+    """Give the views with the translation reversed and the rotation kept: smears are ordered anew.
+
+    None without F. Both have the same F and E, which fix the translation but for its sign.
+    """
+    geometry = views.geometry
+    if geometry.F is None:
+        return None
+    ends = np.stack([views.points_open, views.points_close], axis=1)
+    matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
+    order = motion_order(geometry, matches, views.camera, views.size)
+    if order.pose is None:
+        return None
+    pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
+    swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sigma_px)
+    known, covariance = geometry.cam2_from_cam1 is not None, geometry.covariance
+    if covariance is not None:
+        covariance = replace(covariance, tangents=-covariance.tangents)
+    return replace(
+        views,
+        points_open=np.where(swapped[:, None], ends[:, 1], ends[:, 0]),
+        points_close=np.where(swapped[:, None], ends[:, 0], ends[:, 1]),
+        geometry=replace(
+            geometry,
+            E=None if geometry.E is None else -geometry.E,
+            cam2_from_cam1=pose if known else None,
+            covariance=covariance,
+            swapped=geometry.swapped ^ swapped,
+        ),
+    )
 
 
 def confidence_of(agreement: float) -> float:
@@ -111,16 +186,21 @@ def confidence_of(agreement: float) -> float:
     return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT)) - 1)
 
 
-def directed(views: ExposureViews, votes: Sequence[Vote]) -> ExposureViews:
-    """Turn a photograph's views into the flip of time that its neighbours vote for, and say how surely.
+def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> ExposureViews:
+    """Choose the candidate that neighbours agree with most, and say how surely.
 
-    Below a confidence of `KNOWN` the flip is still the likelier one, but is not called known.
+    Below a confidence of `KNOWN` it is still the likelier direction, but is not called known. Without
+    neighbours the views are returned as they are.
     """
-    agreement = agreement_of(votes)
-    turned = views.reversed() if agreement < 0 else views
-    confidence = confidence_of(agreement)
+    if agreement_of(views, motions) == 0:
+        return replace(views, time=TimeDirection())
+    twins = [views, other_translation(views)]
+    candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
+    scores = [agreement_of(c, motions) + TURN_WEIGHT * turn_agreement(c, motions) for c in candidates]
+    best = candidates[int(np.argmax(scores))]
+    confidence = confidence_of(max(agreement_of(best, motions), 0.0))
     known = confidence >= KNOWN
-    return replace(turned, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
+    return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 
 
 def with_time_direction(
@@ -136,8 +216,8 @@ def with_time_direction(
     sequence : sequence of ExposureViews
         In any order.
     runs : sequence of sequences of int
-        Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run,
-        or alone in one, keeps its arbitrary direction.
+        Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run
+        keeps its arbitrary direction.
     matched : callable
         Gives matched pixels (M, 2) of two photographs by their indices; see :mod:`blur2view.neighbours`.
     reach : int
@@ -157,14 +237,14 @@ def with_time_direction(
         raise ValueError(f"reach must be positive, got {reach}")
     found = list(sequence)
     for run in runs:
-        votes: list[list[Vote]] = [[] for _ in run]
+        motions: list[list[NeighbourMotion]] = [[] for _ in run]
         for first, second in pairs_within(len(run), reach):
             here, there = matched(run[first], run[second])
-            steps = second - first
-            votes[first].append(vote(sequence[run[first]], here, there, steps))
-            votes[second].append(vote(sequence[run[second]], there, here, -steps))
-        for index, given in zip(run, votes, strict=True):
-            found[index] = directed(sequence[index], given)
+            one, other = sequence[run[first]].camera, sequence[run[second]].camera
+            motions[first].append(neighbour_motion(here, there, second - first, one))
+            motions[second].append(neighbour_motion(there, here, first - second, other))
+        for index, seen in zip(run, motions, strict=True):
+            found[index] = directed(sequence[index], seen)
     return found
 
 
