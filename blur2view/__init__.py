@@ -22,9 +22,10 @@ from blur2view.cameras import Camera
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, ModelError, OutputError
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.network_file import ModelInfo
 from blur2view.pipeline import Estimate, Timings, estimate
 from blur2view.pose import PoseCovariance, RigidTransform
-from blur2view.predict import ModelInfo, SmearNetwork, predict
+from blur2view.predict import SmearNetwork, predict
 from blur2view.smear import SmearField
 from blur2view.tiles import TileOptions
 from blur2view.two_view import Configuration, EstimatorOptions, TwoViewGeometry, estimate_two_view

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,11 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         'a COLMAP database "DB" or "DB:ID", or "exif" to take the focal length of EXIF for true',
     )
     add("--seed", type=int, default=0, metavar="N", help="of the random samples (default: %(default)s)")
-    add("--model", type=Path, metavar="ONNX", help="a network of tools/export_onnx.py (default: shipped)")
+    add(
+        "--model",
+        metavar="ONNX",
+        help='"fast": the shipped network in 8-bit integers; or a file of tools/export_onnx.py',
+    )
 
 
 def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:

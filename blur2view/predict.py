@@ -1,20 +1,17 @@
 """The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
 
-import json
 import os
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
+from blur2view.network_file import REMEDY, model_path, open_session, read_info, session_errors
+from blur2view.pyramid import PyramidOptions, blended, halved
 from blur2view.smear import SmearField, from_double_angle, upsample_grid
 from blur2view.tiles import TileOptions, cells, ramps, reflected, spans
 
-FORMAT = "1"
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # only dreams: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
@@ -23,45 +20,14 @@ UNSEEN_SIGMA_PX = 1000.0
 _STRIP_CELLS = 64
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelInfo:
-    """What a network file says of itself.
-
-    Parameters
-    ----------
-    model_id : str
-        Name of the weights.
-    stride : int
-        Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
-    multiple_of : int
-        Height and width of the input must be multiples of this.
-    license : str
-        Licence of the weights.
-    training : dict
-        How they were trained and what was measured, as written by ``tools/export_onnx.py``.
-    """
-
-    model_id: str
-    stride: int
-    multiple_of: int
-    license: str = ""
-    training: dict[str, Any] = field(default_factory=dict)
-
-
-def default_model_path() -> Path:
-    """Return the shipped network: inside the installed package, or ``models/`` of a source checkout."""
-    package = Path(__file__).resolve().parent
-    installed = package / "models" / "smear.onnx"
-    return installed if installed.exists() else package.parent / "models" / "smear.onnx"
-
-
 class SmearNetwork:
     """A loaded smear network; load once, predict many times.
 
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/export_onnx.py``; the shipped one by default.
+        An ONNX file written by ``tools/export_onnx.py``; the shipped one by default, or "fast": the shipped
+        one in 8-bit integers, in half the time.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is
         reproducible for a given number of threads.
@@ -73,11 +39,16 @@ class SmearNetwork:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
-        self.path = default_model_path() if path is None else Path(path)
-        self._session = _open_session(self.path, threads or _usable_cores())
-        self.info = _read_info(self.path, self._session)
+        self.path = model_path(path)
+        self._session = open_session(self.path, threads or _usable_cores())
+        self.info = read_info(self.path, self._session)
 
-    def predict(self, image: NDArray[np.float32], options: TileOptions | None = None) -> SmearField:
+    def predict(
+        self,
+        image: NDArray[np.float32],
+        options: TileOptions | None = None,
+        pyramid: PyramidOptions | None = None,
+    ) -> SmearField:
         """Return the smear and its sigma at every pixel.
 
         Parameters
@@ -86,6 +57,8 @@ class SmearNetwork:
             sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
         options : TileOptions, optional
             Tiling.
+        pyramid : PyramidOptions, optional
+            Smaller copies of the image, for smears longer than the network measures.
 
         Returns
         -------
@@ -101,11 +74,21 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         _check_image(image)
-        grid = self._predict_grid(image, options or TileOptions())
+        grid = self._predict_levels(image, options or TileOptions(), pyramid or PyramidOptions(), 0)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         grid[_flat(image, self.info.stride)] = (0, 0, UNSEEN_SIGMA_PX)
         return _decode_grid(grid, self.info.stride, image.shape[:2])
+
+    def _predict_levels(
+        self, image: NDArray[np.float32], tiling: TileOptions, pyramid: PyramidOptions, level: int
+    ) -> NDArray[np.float32]:
+        """Return double angle and sigma on the grid, (h, w, 3), long smears from smaller copies."""
+        grid, longest_px = self._predict_grid(image, tiling), self.info.longest_px
+        if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
+            return grid
+        coarse = self._predict_levels(halved(image), tiling, pyramid, level + 1)
+        return blended(grid, coarse, longest_px)
 
     def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
         """Return double angle and sigma on the network's grid, (h, w, 3), tiles blended."""
@@ -130,9 +113,9 @@ class SmearNetwork:
         planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
         try:
             output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
-        except _session_errors():
+        except session_errors():
             size = f"{tile.shape[1]}x{tile.shape[0]} pixels"
-            raise ModelError(f"{self.path}: cannot be run on {size}; {_REMEDY}") from None
+            raise ModelError(f"{self.path}: cannot be run on {size}; {REMEDY}") from None
         expected = (1, 3, tile.shape[0] // self.info.stride, tile.shape[1] // self.info.stride)
         if output.shape != expected:
             raise ModelError(
@@ -175,78 +158,6 @@ def predict(
 def _usable_cores() -> int:
     """Count the cores this process may use, which in a container can be fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _open_session(path: Path, threads: int) -> Any:
-    """Open an ONNX Runtime session or raise ModelError."""
-    import onnxruntime  # 0.2 s, so only when a network is used
-
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ModelError(
-            f"{path}: cannot read the network ({error.strerror}); leave the model out to use the shipped one"
-        ) from None
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.use_deterministic_compute = True
-    options.log_severity_level = 4  # only what is fatal: the exception says the rest
-    try:
-        # with its fallback ONNX Runtime would print to stdout and try once more
-        return onnxruntime.InferenceSession(
-            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
-    except _session_errors():
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {_REMEDY}") from None
-
-
-def _session_errors() -> tuple[type[Exception], ...]:
-    """Return what ONNX Runtime raises; UnicodeDecodeError where a name in the file is damaged."""
-    from onnxruntime.capi import onnxruntime_pybind11_state as errors
-
-    return (
-        UnicodeDecodeError,
-        errors.Fail,
-        errors.InvalidArgument,
-        errors.InvalidGraph,
-        errors.InvalidProtobuf,
-        errors.NoModel,
-        errors.NotImplemented,
-        errors.RuntimeException,
-    )
-
-
-_REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
-
-
-def _read_info(path: Path, session: Any) -> ModelInfo:
-    """Return the metadata of a network of our format; refuse any other."""
-    try:
-        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-        signature = [
-            (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
-            for node in (*session.get_inputs(), *session.get_outputs())
-        ]
-    except UnicodeDecodeError:
-        raise ModelError(f"{path}: has damaged metadata (names that are no text); {_REMEDY}") from None
-    if metadata.get("blur2view_format") != FORMAT:
-        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {_REMEDY}")
-    if signature != [("image", "tensor(float)", 4, 3), ("smear", "tensor(float)", 4, 3)]:
-        raise ModelError(f"{path}: has other inputs or outputs than image and smear (N, 3, H, W); {_REMEDY}")
-    try:
-        info = ModelInfo(
-            model_id=metadata["model_id"],
-            stride=int(metadata["stride"]),
-            multiple_of=int(metadata["multiple_of"]),
-            license=metadata.get("license", ""),
-            training=json.loads(metadata.get("training", "{}")),
-        )
-    except (KeyError, ValueError) as error:
-        raise ModelError(f"{path}: has damaged metadata ({error}); {_REMEDY}") from None
-    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
-        raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {_REMEDY}")
-    return info
 
 
 def _check_image(image: NDArray[np.float32]) -> None:

@@ -16,7 +16,8 @@ PACKAGE = ROOT / "blur2view"
 # From the bottom up: a module imports only from layers below its own, so there are no cycles.
 LAYERS = [
     {"errors", "ransac", "drawing"},
-    {"image", "smear", "tiles", "epipolar", "exif", "colmap"},
+    {"image", "smear", "tiles", "network_file", "epipolar", "exif", "colmap"},
+    {"pyramid"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
     | {"cameras"},
     {"manifold", "components", "paper", "sign_free"},
@@ -50,7 +51,8 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 
 # What the geometry may use besides the standard library and this package.
 NUMERIC = {"numpy", "scipy", "cv2"}
-GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - {"image", "predict", "exif", "colmap"}
+BEFORE_MATCHES = {"image", "network_file", "pyramid", "predict", "exif", "colmap"}
+GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - BEFORE_MATCHES
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
 EXTRAS = {"h5py": "hloc"}  # what one door alone needs, and the extra that brings it
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"} | set(EXTRAS)

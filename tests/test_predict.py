@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.predict import UNSEEN_SIGMA_PX, SmearNetwork, default_model_path, predict
+from blur2view.network_file import model_path
+from blur2view.predict import UNSEEN_SIGMA_PX, SmearNetwork, predict
 from blur2view.smear import to_double_angle
 from blur2view.tiles import TileOptions, cells, ramps, spans
 
@@ -157,8 +158,11 @@ def test_network_tells_what_it_is(tiny_model: Path) -> None:
     assert info.training == {"seed": 0}
 
 
-def test_shipped_network_is_found_in_the_source_tree() -> None:
-    assert default_model_path() == Path(__file__).resolve().parents[1] / "models" / "smear.onnx"
+def test_shipped_networks_are_found_in_the_source_tree_and_others_by_their_path() -> None:
+    models = Path(__file__).resolve().parents[1] / "models"
+    assert model_path(None) == model_path("default") == models / "smear.onnx"
+    assert model_path("fast") == models / "smear_fast.onnx"
+    assert model_path("./fast") == model_path(Path("fast")) == Path("fast")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.predict import FORMAT
+from blur2view.network_file import FORMAT
 from tools.checkpoint import load_average, save_average
 from tools.model import MULTIPLE_OF, ExportedSmear, SmearUNet
 from tools.render import RenderOptions, render
@@ -31,6 +31,8 @@ from tools.stem import STRIDE
 Images = NDArray[np.float32]
 
 LARGEST_DIFFERENCE_PX = 1e-3
+LONGEST_PX = 48.0
+"""Smears up to this length are measured at an image's own size; see ``blur2view/pyramid.py``."""
 
 CONVENTION = (
     "input: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; output: smear (N,3,H/stride,W/stride): "
@@ -54,6 +56,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
         "model_id": f"smear-{digest[:12]}",
         "stride": str(STRIDE),
         "multiple_of": str(MULTIPLE_OF),
+        "longest_px": str(LONGEST_PX),
         "convention": CONVENTION,
         "license": "Apache-2.0",
         "training": json.dumps(training),

@@ -1,0 +1,130 @@
+"""The file of a smear network: found, opened, and checked before anything runs."""
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.errors import ModelError
+
+FORMAT = "1"
+SHIPPED = {"default": "smear.onnx", "fast": "smear_fast.onnx"}
+REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelInfo:
+    """What a network file says of itself.
+
+    Parameters
+    ----------
+    model_id : str
+        Name of the weights.
+    stride : int
+        Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
+    multiple_of : int
+        Height and width of the input must be multiples of this.
+    longest_px : float or None
+        Length up to which smears are measured well at an image's own size; longer ones are looked for in
+        smaller copies. None if the file does not say: then there are no smaller copies.
+    license : str
+        Licence of the weights.
+    training : dict
+        How they were trained and what was measured, as written by ``tools/export_onnx.py``.
+    """
+
+    model_id: str
+    stride: int
+    multiple_of: int
+    longest_px: float | None = None
+    license: str = ""
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+def model_path(name: str | os.PathLike[str] | None) -> Path:
+    """Return the file of a network: a shipped one by its name, or the path itself.
+
+    Shipped networks lie inside the installed package, or in ``models/`` of a source checkout. None means
+    "default"; a file that is called like a shipped network is named with its folder, ``./fast``.
+    """
+    name = "default" if name is None else name
+    if not isinstance(name, str) or name not in SHIPPED:
+        return Path(name)
+    package = Path(__file__).resolve().parent
+    installed = package / "models" / SHIPPED[name]
+    return installed if installed.exists() else package.parent / "models" / SHIPPED[name]
+
+
+def open_session(path: Path, threads: int) -> Any:
+    """Open an ONNX Runtime session or raise ModelError."""
+    import onnxruntime  # 0.2 s, so only when a network is used
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(
+            f"{path}: cannot read the network ({error.strerror}); leave the model out to use the shipped one"
+        ) from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # only what is fatal: the exception says the rest
+    try:
+        # with its fallback ONNX Runtime would print to stdout and try once more
+        return onnxruntime.InferenceSession(
+            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except session_errors():
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
+
+
+def session_errors() -> tuple[type[Exception], ...]:
+    """Return what ONNX Runtime raises; UnicodeDecodeError where a name in the file is damaged."""
+    from onnxruntime.capi import onnxruntime_pybind11_state as errors
+
+    return (
+        UnicodeDecodeError,
+        errors.Fail,
+        errors.InvalidArgument,
+        errors.InvalidGraph,
+        errors.InvalidProtobuf,
+        errors.NoModel,
+        errors.NotImplemented,
+        errors.RuntimeException,
+    )
+
+
+def read_info(path: Path, session: Any) -> ModelInfo:
+    """Return the metadata of a network of our format; refuse any other."""
+    try:
+        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+        signature = [
+            (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
+            for node in (*session.get_inputs(), *session.get_outputs())
+        ]
+    except UnicodeDecodeError:
+        raise ModelError(f"{path}: has damaged metadata (names that are no text); {REMEDY}") from None
+    if metadata.get("blur2view_format") != FORMAT:
+        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {REMEDY}")
+    if signature != [("image", "tensor(float)", 4, 3), ("smear", "tensor(float)", 4, 3)]:
+        raise ModelError(f"{path}: has other inputs or outputs than image and smear (N, 3, H, W); {REMEDY}")
+    try:
+        info = ModelInfo(
+            model_id=metadata["model_id"],
+            stride=int(metadata["stride"]),
+            multiple_of=int(metadata["multiple_of"]),
+            longest_px=float(metadata["longest_px"]) if "longest_px" in metadata else None,
+            license=metadata.get("license", ""),
+            training=json.loads(metadata.get("training", "{}")),
+        )
+    except (KeyError, ValueError) as error:
+        raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
+    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
+        raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
+    if info.longest_px is not None and not 0 < info.longest_px < np.inf:
+        raise ModelError(f"{path}: has damaged metadata (longest_px); {REMEDY}")
+    return info

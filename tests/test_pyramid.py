@@ -1,0 +1,119 @@
+"""Long smears from smaller copies: when, how they are blended, and that short ones are left alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from conftest import colour_code, colour_code_network
+from numpy.typing import NDArray
+
+from blur2view.errors import ModelError
+from blur2view.predict import SmearNetwork
+from blur2view.pyramid import PyramidOptions, blended, coarse_share, halved
+from blur2view.tiles import TileOptions
+
+LONGEST_PX = 16.0
+
+
+def grid_of(length: float, shape: tuple[int, int], sigma: float = 1.0) -> NDArray[np.float32]:
+    """Give a grid of equal smears at 45 degrees, whose double angle points along y."""
+    return np.broadcast_to(np.array([0, length, sigma], np.float32), (*shape, 3)).copy()
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> SmearNetwork:
+    """Give the network that reads smears from colours: in a halved copy, too, it sees the painted lengths."""
+    path = tmp_path_factory.mktemp("model") / "reach.onnx"
+    onnx.save(colour_code_network(longest_px=str(LONGEST_PX)), path)
+    return SmearNetwork(path)
+
+
+def painted(length: float, size: tuple[int, int] = (256, 320)) -> NDArray[np.float32]:
+    """Paint smears of one length that turn slowly; sigma is noise, so that nowhere the picture is plain."""
+    phi = np.mgrid[: size[0], : size[1]].sum(0) * 0.004
+    return colour_code(
+        length * np.stack([np.cos(phi), np.sin(phi)], -1), np.random.default_rng(0).uniform(0.5, 4, size)
+    )
+
+
+def test_finer_smears_count_alone_up_to_half_the_length_and_coarser_ones_from_it_on() -> None:
+    fine = grid_of(5, (6, 8))
+    for coarse, share in ((3, 0.0), (4, 0.0), (8 / np.sqrt(2), 0.5), (8, 1.0), (40, 1.0)):
+        mixed = blended(fine, grid_of(coarse, (3, 4), sigma=3.0), LONGEST_PX)
+        expected = (1 - share) * np.array([0, 5, 1]) + share * np.array([0, 2 * coarse, 6])
+        np.testing.assert_allclose(mixed, np.broadcast_to(expected, mixed.shape), rtol=1e-5, atol=1e-6)
+
+
+def test_share_grows_with_length() -> None:
+    share = coarse_share(np.linspace(0, 50, 300, dtype=np.float32), LONGEST_PX)
+    assert share[0] == 0 and share[-1] == 1 and (np.diff(share) >= 0).all()
+
+
+@pytest.mark.parametrize("shape", [(5, 8), (6, 7), (5, 5)])
+def test_grid_of_odd_size_continues_at_its_border(shape: tuple[int, int]) -> None:
+    mixed = blended(grid_of(1, shape), grid_of(20, (shape[0] // 2, shape[1] // 2)), LONGEST_PX)
+    np.testing.assert_allclose(mixed, grid_of(40, shape, sigma=2.0), rtol=1e-6)
+
+
+def test_halving_averages_blocks() -> None:
+    image = np.random.default_rng(0).random((7, 10, 3), dtype=np.float32)
+    expected = image[:6].reshape(3, 2, 5, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(halved(image), expected, rtol=1e-5)
+
+
+def test_place_is_kept() -> None:
+    x = np.arange(16, dtype=np.float32) * 4 + 1.5  # centres of cells
+    ramp = np.dstack([np.zeros((16, 16)), np.broadcast_to(x, (16, 16)), np.ones((16, 16))]).astype(np.float32)
+    coarse = np.asarray((ramp[::2, ::2] + ramp[1::2, 1::2]) / 2 / 2, np.float32)  # in its own, double pixels
+    mixed = blended(ramp, coarse, 1e-3)
+    np.testing.assert_allclose(mixed[:, 1:-1, 1], ramp[:, 1:-1, 1], rtol=1e-5)
+
+
+def test_long_smears_come_from_the_smaller_copies_and_short_ones_do_not(network: SmearNetwork) -> None:
+    two = PyramidOptions(levels=2)
+    for length, seen in ((3.0, 3.0), (12.0, 24.0)):  # the copy shows this network the same colours
+        found = network.predict(painted(length), pyramid=two).length_px
+        np.testing.assert_allclose(found, seen, rtol=5e-3)
+    deeper = network.predict(painted(12.0, (400, 400)), pyramid=PyramidOptions(levels=3)).length_px
+    np.testing.assert_allclose(deeper, 48, rtol=5e-3)
+
+
+def test_smaller_copies_are_looked_at_only_where_they_may_help(network: SmearNetwork) -> None:
+    long = grid_of(12, (10, 10))
+    few = grid_of(1, (10, 10))
+    few[0, :2] = long[0, 0]
+    options = PyramidOptions(long_share=0.02)
+    assert options.halves(0, (192, 300, 3), long, LONGEST_PX) and options.halves(
+        0, (192, 300, 3), few, LONGEST_PX
+    )
+    assert not replace(options, long_share=0.03).halves(0, (192, 300, 3), few, LONGEST_PX)
+    assert not options.halves(0, (191, 300, 3), long, LONGEST_PX)
+    assert not options.halves(3, (900, 900, 3), long, LONGEST_PX) and options.halves(
+        2, (900, 900, 3), long, LONGEST_PX
+    )
+
+
+def test_tiles_and_copies_go_together(network: SmearNetwork) -> None:
+    tiling = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
+    found = network.predict(painted(12.0, (300, 420)), tiling, PyramidOptions(levels=2)).length_px
+    np.testing.assert_allclose(found, 24, rtol=5e-3)
+
+
+def test_network_that_does_not_tell_its_reach_sees_only_the_photograph(tiny_model: Path) -> None:
+    assert SmearNetwork(tiny_model).info.longest_px is None
+    np.testing.assert_allclose(SmearNetwork(tiny_model).predict(painted(40.0)).length_px, 40, rtol=5e-3)
+
+
+@pytest.mark.parametrize("values", [{"levels": 0}, {"long_share": 1.5}, {"smallest_px": 1}])
+def test_pyramid_that_cannot_work_is_refused(values: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="expected levels"):
+        PyramidOptions(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("reach", ["0", "-3", "nan", "far"])
+def test_reach_that_cannot_be_is_refused(tmp_path: Path, reach: str) -> None:
+    onnx.save(colour_code_network(longest_px=reach), tmp_path / "odd.onnx")
+    with pytest.raises(ModelError, match="damaged metadata"):
+        SmearNetwork(tmp_path / "odd.onnx")
