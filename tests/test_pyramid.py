@@ -77,7 +77,7 @@ def test_long_smears_come_from_the_smaller_copies_and_short_ones_do_not(network:
         found = network.predict(painted(length), pyramid=two).length_px
         np.testing.assert_allclose(found, seen, rtol=5e-3)
     deeper = network.predict(painted(12.0, (400, 400)), pyramid=PyramidOptions(levels=3)).length_px
-    np.testing.assert_allclose(deeper, 48, rtol=5e-3)
+    np.testing.assert_allclose(deeper, 48, rtol=1e-2)
 
 
 def test_smaller_copies_are_looked_at_only_where_they_may_help(network: SmearNetwork) -> None:
