@@ -197,6 +197,14 @@ def train(options: TrainOptions, rank: int = 0) -> Run:
     return run
 
 
+def train_all(options: TrainOptions) -> None:
+    """Train in one process or in several."""
+    if options.processes > 1:
+        train_in_parallel(options)
+    else:
+        train(options)
+
+
 def report(run: Run, log: Path, crops_per_s: float, losses: list[Loss]) -> None:
     """Print one line, and append it to the log: step, speed, figures, mean losses since the line before."""
     rows = [loss.values() for loss in losses]
@@ -223,17 +231,14 @@ def parse() -> TrainOptions:
 
 
 def main() -> None:
-    """Train in one process or in several."""
+    """Command line."""
     options = parse()
     try:
         for folder in (options.train, options.val):
             require_shards(folder)
     except Blur2ViewError as error:
         raise SystemExit(str(error)) from None
-    if options.processes > 1:
-        train_in_parallel(options)
-    else:
-        train(options)
+    train_all(options)
 
 
 if __name__ == "__main__":

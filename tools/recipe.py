@@ -1,0 +1,91 @@
+"""Make the shipped networks from nothing: render, train, export, quantize.
+
+``python -m tools.recipe --photos KODAK --work runs/recipe --models models`` does all of it, with the figures
+below; each stage goes on where it was when the line is run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+from dataclasses import dataclass
+from pathlib import Path
+
+from tools.dataset import write_shards
+from tools.export_onnx import export
+from tools.quantize import SCENES, quantize
+from tools.render import RenderOptions
+from tools.train import TrainOptions, train_all
+
+SHARD = 50
+"""Scenes in one file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What the shipped network was made of.
+
+    Attributes
+    ----------
+    scenes : int
+        Rendered scenes, seeds 0 on.
+    size : tuple of int
+        Their width and height in pixels.
+    val_scenes, val_seed : int
+        Scenes of the held-out textures for the figures on the way, and the first of their seeds.
+    steps, processes : int
+        Optimiser steps; training processes, whose number decides the result.
+    calibration_scenes : int
+        Rendered photographs that set the ranges of the integers of the fast network.
+    """
+
+    scenes: int = 4050
+    size: tuple[int, int] = RenderOptions.size
+    val_scenes: int = 100
+    val_seed: int = 900_000
+    steps: int = 11_500
+    processes: int = 2
+    calibration_scenes: int = SCENES
+
+
+def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, Path]:
+    """Render what is missing of both sets; give their folders."""
+    train, val = work / "train", work / "val"
+    sets = (
+        (train, range(recipe.scenes), "train"),
+        (val, range(recipe.val_seed, recipe.val_seed + recipe.val_scenes), "test"),
+    )
+    for folder, seeds, split in sets:
+        options = RenderOptions(size=recipe.size, split=split, photos=photos)
+        for path in write_shards(folder, seeds, options, multiprocessing.cpu_count(), SHARD):
+            print(path, flush=True)
+    return train, val
+
+
+def make(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
+    """Run all stages."""
+    train, val = render_all(recipe, photos, work)
+    out = work / "run"
+    train_all(TrainOptions(train=train, val=val, out=out, steps=recipe.steps, processes=recipe.processes))
+    models.mkdir(parents=True, exist_ok=True)
+    export(out / "last.pt", models / "smear.onnx")
+    quantize(models / "smear.onnx", models / "smear_fast.onnx", recipe.calibration_scenes)
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--photos", type=Path, help="folder of the Kodak suite's 24 PNG files")
+    parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
+    parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
+    parser.add_argument("--scenes", type=int, default=Recipe.scenes, help="(default: %(default)s)")
+    parser.add_argument("--val-scenes", type=int, default=Recipe.val_scenes, help="(default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=Recipe.steps, help="(default: %(default)s)")
+    arguments = parser.parse_args()
+    recipe = Recipe(scenes=arguments.scenes, val_scenes=arguments.val_scenes, steps=arguments.steps)
+    make(recipe, arguments.photos, arguments.work, arguments.models)
+
+
+if __name__ == "__main__":
+    main()
