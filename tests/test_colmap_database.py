@@ -1,0 +1,184 @@
+"""Fresh COLMAP databases, read back by pycolmap."""
+
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.cameras import Camera
+from blur2view.colmap import fundamental_to_colmap
+from blur2view.colmap_check import check_database
+from blur2view.colmap_database import write_database
+from blur2view.colmap_rows import camera_facts
+from blur2view.errors import DatabaseError
+from blur2view.exposure_views import ExposureViews, TimeDirection
+from blur2view.geometry import Configuration, TwoViewGeometry
+from blur2view.manifold import rotation_matrix
+from blur2view.pose import RigidTransform
+
+SIZE = (640, 480)
+CAMERA = Camera.from_focal(525.0, SIZE)
+
+
+def make_views(name: str = "a.jpg", camera: Camera | None = CAMERA, count: int = 30) -> ExposureViews:
+    rng = np.random.default_rng(0)
+    pose = RigidTransform(
+        rotation=rotation_matrix(np.array([0.01, -0.02, 0.03])), translation=np.array([0.6, 0, 0.8])
+    )
+    geometry = TwoViewGeometry(
+        F=rng.normal(size=(3, 3)), E=pose.essential, H=np.eye(3), cam2_from_cam1=pose, reason="",
+        config=Configuration.CALIBRATED, inlier_mask=rng.random(count) < 0.7, swapped=np.zeros(count, bool),
+    )  # fmt: skip
+    first = rng.uniform(0, 400, (count, 2))
+    return ExposureViews(
+        name=name, size=SIZE, points_open=first, points_close=first + 5, sigma_px=np.ones(count),
+        geometry=geometry, camera=camera,
+    )  # fmt: skip
+
+
+def without_geometry(views: ExposureViews) -> ExposureViews:
+    found = replace(
+        views.geometry, F=None, E=None, H=None, cam2_from_cam1=None, config=Configuration.DEGENERATE
+    )
+    return replace(views, geometry=found)
+
+
+def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
+    path, views = tmp_path / "new.db", make_views()
+    write_database(path, [views])
+    assert check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        images = {image.name: image for image in database.read_all_images()}
+        assert list(images) == ["a.jpg#open", "a.jpg#close"]
+        first, last = (images[name] for name in views.names)
+        assert len({image.frame_id for image in images.values()}) == 2
+        camera = database.read_camera(first.camera_id)
+        found = database.read_two_view_geometry(first.image_id, last.image_id)
+        keypoints = database.read_keypoints(last.image_id)
+        matches = database.read_matches(first.image_id, last.image_id)
+    assert (camera.model_name, camera.has_prior_focal_length) == ("SIMPLE_PINHOLE", True)
+    np.testing.assert_allclose(camera.params, [525, 320, 240])
+    np.testing.assert_allclose(keypoints, views.points_close + 0.5, atol=1e-4)
+    np.testing.assert_array_equal(matches, np.stack([np.arange(30)] * 2, axis=1))
+    geometry, pose = views.geometry, views.geometry.cam2_from_cam1
+    assert geometry.F is not None and pose is not None
+    used = np.flatnonzero(geometry.inlier_mask)
+    np.testing.assert_array_equal(found.inlier_matches, np.stack([used, used], axis=1))
+    assert found.config == int(pycolmap.TwoViewGeometryConfiguration.CALIBRATED)
+    np.testing.assert_allclose(found.F, fundamental_to_colmap(geometry.F))
+    np.testing.assert_allclose(found.E, geometry.E)
+    np.testing.assert_allclose(found.cam2_from_cam1.rotation.matrix(), pose.rotation, atol=1e-12)
+    np.testing.assert_allclose(found.cam2_from_cam1.translation, pose.translation)
+
+
+def test_database_holds_what_to_pycolmap_says(tmp_path: Path) -> None:
+    path, views = tmp_path / "new.db", make_views()
+    write_database(path, [views])
+    with pycolmap.Database.open(path) as database:
+        found = database.read_two_view_geometry(1, 2)
+    said = views.geometry.to_pycolmap()
+    for name in ("F", "E", "H"):
+        np.testing.assert_allclose(getattr(found, name), getattr(said, name), atol=1e-12)
+    np.testing.assert_array_equal(found.inlier_matches, said.inlier_matches)
+    assert found.config == said.config
+
+
+def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    write_database(path, [without_geometry(make_views())])
+    assert check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        found = database.read_two_view_geometry(1, 2)
+        assert len(found.inlier_matches) == len(database.read_matches(1, 2)) == 0
+        assert found.config == int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
+        assert found.F is None and found.cam2_from_cam1 is None
+        assert len(database.read_keypoints(1)) == 30
+
+
+def test_equal_cameras_are_shared(tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    other = Camera.from_focal(600.0, SIZE)
+    write_database(path, [make_views("a.jpg"), make_views("b.jpg"), make_views("c.jpg", other)])
+    assert check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        assert (database.num_cameras(), database.num_rigs(), database.num_frames()) == (2, 2, 6)
+        assert [image.camera_id for image in database.read_all_images()] == [1, 1, 1, 1, 2, 2]
+
+
+def test_cameras_say_how_sure_they_are() -> None:
+    guess = "SIMPLE_RADIAL", 640, 480, (1.2 * 640, 320.0, 240.0, 0.0)
+    assert camera_facts(None, SIZE) == (*guess, 0)
+    default = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", 1.2 * 640, 640, 480)
+    np.testing.assert_allclose(default.params, guess[3])
+    hint = replace(CAMERA, log_focal_sigma=0.1)
+    assert camera_facts(hint, SIZE) == ("SIMPLE_RADIAL", 640, 480, (525.0, 320.0, 240.0, 0.0), 1)
+    assert camera_facts(Camera(K=CAMERA.K, width=640, height=480), SIZE)[::3] == (
+        "PINHOLE",
+        (525.0, 525.0, 320.0, 240.0),
+    )
+    lens = Camera.from_string("OPENCV 640 480 500 510 320 240 0.1 0.01 0 0")
+    assert camera_facts(lens, SIZE) == ("OPENCV", 640, 480, lens.params, 1)
+
+
+def test_time_direction_is_marked(tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    known = replace(make_views("b.jpg"), time=TimeDirection(known=True, confidence=0.8))
+    write_database(path, [make_views("a.jpg"), known])
+    with closing(sqlite3.connect(path)) as database:
+        sql = "SELECT photograph, role, config, time_known, time_confidence FROM blur2view_views"
+        rows = database.execute(sql).fetchall()
+    assert rows == [
+        ("a.jpg", "open", "CALIBRATED", 0, 0.0),
+        ("a.jpg", "close", "CALIBRATED", 0, 0.0),
+        ("b.jpg", "open", "CALIBRATED", 1, 0.8),
+        ("b.jpg", "close", "CALIBRATED", 1, 0.8),
+    ]
+
+
+def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    path.write_text("mine")
+    with pytest.raises(DatabaseError, match="exists; add to it with --link"):
+        write_database(path, [make_views()])
+    assert path.read_text() == "mine"
+    with pytest.raises(DatabaseError, match="no folder"):
+        write_database(tmp_path / "none" / "new.db", [make_views()])
+
+
+def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
+    broken = replace(make_views(), name="\udcff.jpg")  # no text that SQLite can hold
+    with pytest.raises(UnicodeEncodeError):
+        write_database(tmp_path / "new.db", [make_views(), broken])
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="different names"):
+        write_database(tmp_path / "new.db", [make_views(), make_views()])
+
+
+@pytest.mark.parametrize(
+    ("harm", "finding"),
+    [
+        ("UPDATE keypoints SET rows = 31 WHERE image_id = 1", "keypoints of image 1"),
+        ("UPDATE images SET camera_id = 7", "camera"),
+        ("DELETE FROM frame_data WHERE data_id = 2", "no frame"),
+        ("UPDATE rigs SET ref_sensor_id = 5", "rig 1 of its frame has no camera 1"),
+        ("UPDATE matches SET data = x'', rows = 0", "inliers that are no matches"),
+        ("UPDATE matches SET rows = 29", "bytes for 29 x 2"),
+        ("UPDATE keypoints SET rows = 5, data = substr(data, 1, 40)", "beyond the keypoints"),
+        ("UPDATE matches SET pair_id = pair_id + 5", "no such images"),
+        ("UPDATE matches SET rows = 2, data = zeroblob(16)", "occurs twice"),
+        ("UPDATE two_view_geometries SET qvec = zeroblob(32)", "qvec"),
+        ("UPDATE two_view_geometries SET F = zeroblob(71)", "71 bytes"),
+        ("INSERT INTO keypoints VALUES (77, 0, 2, NULL)", "foreign key"),
+    ],
+)  # fmt: skip
+def test_the_check_finds_what_is_wrong(tmp_path: Path, harm: str, finding: str) -> None:
+    path = tmp_path / "new.db"
+    write_database(path, [make_views()])
+    with closing(sqlite3.connect(path)) as database:
+        database.execute(harm)
+        database.commit()
+    assert any(finding in line for line in check_database(path))
