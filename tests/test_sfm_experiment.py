@@ -54,7 +54,13 @@ def result(known: bool = True, reverse: bool = False) -> Result:
     lone = Motion(turns=truth.motion.turns * 1.1, moves=truth.motion.moves)
     joined = model(reverse)
     return Result(
-        recording=truth, without=model(), joined=joined, estimated=lone, facts=facts, model_id="net"
+        recording=truth,
+        without=model(),
+        joined=joined,
+        averaged=joined,
+        estimated=lone,
+        facts=facts,
+        model_id="net",
     )
 
 
@@ -63,7 +69,7 @@ def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
     errors = MotionErrors.of(found.motion, found.true_motion)
     assert np.nanmax(errors.turn) < 1e-6 and np.nanmax(errors.move) < 1e-6
     np.testing.assert_array_equal(np.isnan(errors.turn), [False] * (COUNT - 1) + [True])
-    assert found.alignment.scale == pytest.approx(4)
+    assert found.alignment_of(found.joined).scale == pytest.approx(4)
     assert found.exposure == pytest.approx(1)
     assert np.nanmean(errors.forward) == 1
 
@@ -83,10 +89,11 @@ def test_unknown_exposure_is_found_from_the_rotations() -> None:
 
 def test_tables_and_picture_say_it(tmp_path: Path) -> None:
     text = markdown(result())
-    assert "| photographs registered | 8 | 8 |" in text
-    assert "| views registered | 14 | 14 |" in text
+    assert "| photographs registered | 8 | 8 | 8 |" in text
+    assert "| views registered | 14 | 14 | 14 |" in text
     assert "Both views of 7 photographs" in text
     assert "| single photographs | 8 | 10.0% | 100% |" in text
+    assert "| model with views, global mapping | 7 |" in text
     plot([result(), result(known=False)], tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 

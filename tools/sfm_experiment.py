@@ -32,7 +32,7 @@ from blur2view.colmap import to_colmap
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure_views import CLOSE, OPEN
 from blur2view.manifold import rotation_vector
-from blur2view.mapping import mapper_options
+from blur2view.mapping import global_options, mapper_options
 from tools.alignment import (
     Motion,
     MotionErrors,
@@ -70,6 +70,8 @@ class Result:
     ----------
     recording : Recording
     without, joined : Model
+    averaged : Model or None
+        With views, by global mapping; None where it builds nothing.
     estimated : Motion
         From the database: single photographs, translations of unit length; NaN without a pose.
     facts : list of dict
@@ -80,6 +82,7 @@ class Result:
     recording: Recording
     without: Model
     joined: Model
+    averaged: Model | None
     estimated: Motion
     facts: list[dict[str, Any]]
     model_id: str
@@ -89,10 +92,10 @@ class Result:
         """Of the photographs."""
         return [path.name for path in self.recording.paths]
 
-    @property
-    def alignment(self) -> Similarity:
-        """Of the joined model's photographs to the truth."""
-        return self.alignment_of(self.joined)
+    def motion_of(self, model: Model) -> Motion:
+        """Motion during the exposures by a model's views, in the truth's scale."""
+        first, last = (model.of([name + end for name in self.names]) for end in (OPEN, CLOSE))
+        return Motion.between(first, last).scaled(1.0, self.alignment_of(model).scale)
 
     def alignment_of(self, model: Model) -> Similarity:
         """Align a model's photographs to the truth."""
@@ -101,15 +104,9 @@ class Result:
         return align(poses[seen], self.recording.poses[seen])
 
     @property
-    def views(self) -> tuple[Array, Array]:
-        """Poses (N, 3, 4) of the open and the close views in the joined model; NaN where not registered."""
-        first, last = (self.joined.of([name + end for name in self.names]) for end in (OPEN, CLOSE))
-        return first, last
-
-    @property
     def motion(self) -> Motion:
-        """Motion during the exposures by the joined model, in the truth's scale."""
-        return Motion.between(*self.views).scaled(1.0, self.alignment.scale)
+        """Motion during the exposures by the joined model."""
+        return self.motion_of(self.joined)
 
     @property
     def true_motion(self) -> Motion:
@@ -149,7 +146,7 @@ def fresh_database(path: Path, recording: Recording) -> None:
 
 
 def run_mapper(database: Path, images: Path, options: Any) -> Model:
-    """Map, and take the largest model.
+    """Map, incrementally or globally as the options are, and take the largest model.
 
     Raises
     ------
@@ -159,8 +156,10 @@ def run_mapper(database: Path, images: Path, options: Any) -> Model:
     import pycolmap
 
     options.num_threads = 1
+    step_by_step = isinstance(options, pycolmap.IncrementalPipelineOptions)
+    mapping = pycolmap.incremental_mapping if step_by_step else pycolmap.global_mapping
     with tempfile.TemporaryDirectory() as folder:
-        models = pycolmap.incremental_mapping(database, images, folder, options)
+        models = mapping(database, images, folder, options)
     if not models:
         raise Blur2ViewError(f"{database}: COLMAP finds no model in it; are the frames of one scene?")
     largest = max(models.values(), key=lambda model: int(model.num_reg_images()))
@@ -170,6 +169,14 @@ def run_mapper(database: Path, images: Path, options: Any) -> Model:
     return Model(
         poses=posed, points=largest.num_points3D(), error_px=largest.compute_mean_reprojection_error()
     )
+
+
+def run_global(database: Path, images: Path) -> Model | None:
+    """Map globally as the recipe of `global_options` says; None if nothing is built."""
+    try:
+        return run_mapper(database, images, global_options(refine_intrinsics=False))
+    except Blur2ViewError:
+        return None
 
 
 def plain_options() -> Any:
@@ -234,11 +241,13 @@ def experiment(recording: Recording, model: Path | None) -> Result:
         facts = link(linked, recording, model)
         options = mapper_options(linked=True, refine_intrinsics=False)
         joined = run_mapper(linked, images, options)
+        averaged = run_global(linked, images)
         estimated = estimated_motion(linked, [path.name for path in recording.paths])
     return Result(
         recording=recording,
         without=without,
         joined=joined,
+        averaged=averaged,
         estimated=estimated,
         facts=facts,
         model_id=SmearNetwork(model).info.model_id,
@@ -254,8 +263,8 @@ def markdown(result: Result) -> str:
     rows = [
         f"## {result.recording.name}: {photographs} frames",
         "",
-        "| | without views | with views |",
-        "|---|---|---|",
+        "| | without views | with views | with views, global mapping |",
+        "|---|---|---|---|",
         *model_rows(result),
         "",
         f"Both views of {registered.sum()} photographs are registered; time direction called known for "
@@ -265,6 +274,7 @@ def markdown(result: Result) -> str:
         "| translation's direction, degrees | translation error |",
         "|---|---|---|---|---|---|",
         motion_row("model with views", joined),
+        *global_row(result),
         motion_row("single photographs", single, scaled=False),
         "",
         "| frame | configuration | usable | true rotation, degrees | model's error | single's | time right |",
@@ -276,27 +286,38 @@ def markdown(result: Result) -> str:
 
 
 def model_rows(result: Result) -> list[str]:
-    """Sizes and pose errors of both models."""
-    columns = []
-    extent = float(np.linalg.norm(np.ptp(centres(result.recording.poses), axis=0)))
-    for model in (result.without, result.joined):
-        poses = model.of(result.names)
-        seen = np.isfinite(poses).all(axis=(1, 2))
-        aligned, true = result.alignment_of(model).poses(poses[seen]), result.recording.poses[seen]
-        off = np.linalg.norm(centres(aligned) - centres(true), axis=1) / extent
-        columns.append(
-            [
-                f"{seen.sum()}",
-                f"{len(model.poses) - seen.sum()}",
-                f"{model.points}",
-                f"{model.error_px:.3f}",
-                f"{np.median(rotation_errors_deg(aligned, true)):.3f}",
-                f"{np.median(off):.2%}",
-            ]
-        )
+    """Sizes and pose errors of the models."""
+    columns = [model_column(result, model) for model in (result.without, result.joined, result.averaged)]
     labels = ["photographs registered", "views registered", "points", "reprojection error, px"]
     labels += ["median rotation error, degrees", "median position error, of the path's extent"]
-    return [f"| {label} | {a} | {b} |" for label, a, b in zip(labels, *columns, strict=True)]
+    return [f"| {label} | {' | '.join(cells)} |" for label, *cells in zip(labels, *columns, strict=True)]
+
+
+def model_column(result: Result, model: Model | None) -> list[str]:
+    """Size and pose errors of a model."""
+    if model is None:
+        return ["0", "0", "0", "-", "-", "-"]
+    extent = float(np.linalg.norm(np.ptp(centres(result.recording.poses), axis=0)))
+    poses = model.of(result.names)
+    seen = np.isfinite(poses).all(axis=(1, 2))
+    aligned, true = result.alignment_of(model).poses(poses[seen]), result.recording.poses[seen]
+    off = np.linalg.norm(centres(aligned) - centres(true), axis=1) / extent
+    return [
+        f"{seen.sum()}",
+        f"{len(model.poses) - seen.sum()}",
+        f"{model.points}",
+        f"{model.error_px:.3f}",
+        f"{np.median(rotation_errors_deg(aligned, true)):.3f}",
+        f"{np.median(off):.2%}",
+    ]
+
+
+def global_row(result: Result) -> list[str]:
+    """Motion by the model of global mapping, if there is one."""
+    if result.averaged is None:
+        return []
+    errors = MotionErrors.of(result.motion_of(result.averaged), result.true_motion)
+    return [motion_row("model with views, global mapping", errors)]
 
 
 def motion_row(name: str, errors: MotionErrors, scaled: bool = True) -> str:
