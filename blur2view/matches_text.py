@@ -12,7 +12,6 @@ a zero F). With ``raw`` it would verify them at 4 px, at which most exposures ar
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from blur2view.colmap import to_colmap
 from blur2view.errors import OutputError
 from blur2view.exposure_views import ExposureViews
+from blur2view.results import write_atomically
 
 Array = NDArray[np.float64]
 DESCRIPTOR = " 0" * 128
@@ -96,14 +96,8 @@ def refuse_blank(name: str, where: str) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write beside the path and rename, so that no reader meets half a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        beside.write_text(text)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_atomically(path, lambda file: file.write(text.encode()))
 
 
 def _link(path: Path, photograph: Path) -> None:

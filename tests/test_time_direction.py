@@ -1,0 +1,317 @@
+"""The flip of time: exact videos of smears, what is known of them and what must stay open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from blur2view.cameras import Camera
+from blur2view.epipolar import Array, cross_matrix, fundamental_from_pose
+from blur2view.exposure_views import ExposureViews, TimeDirection
+from blur2view.geometry import Configuration, TwoViewGeometry
+from blur2view.manifold import rotation_matrix, rotation_vector
+from blur2view.pose import RigidTransform
+from blur2view.time_direction import (
+    NeighbourMotion,
+    agreement_of,
+    confidence_of,
+    consecutive_runs,
+    directed,
+    neighbour_motion,
+    pairs_within,
+    rotation_between,
+    smears_at,
+    turn_agreement,
+    with_time_direction,
+)
+from blur2view.translation_sign import other_translation, share_before
+
+SIZE = (640, 480)
+CAMERA = Camera.from_focal(600.0, SIZE)
+INTERVAL = 2.0  # exposures from frame to frame
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clip:
+    """A camera at constant velocity before scattered points, at mid exposure of the middle frame."""
+
+    pixels: Array
+    depth: Array
+    turn: Array  # per exposure
+    move: Array
+
+    def pose(self, tau: float) -> RigidTransform:
+        """cam_from_middle at a time in exposures; the translation is scaled to unit length or zero."""
+        length = float(np.linalg.norm(tau * self.move))
+        t = tau * self.move / length if length > 0 else np.zeros(3)
+        return RigidTransform(rotation=rotation_matrix(tau * self.turn), translation=t)
+
+    def seen(self, tau: float) -> Array:
+        """Where the points are at a time in exposures, pixels."""
+        rays = np.column_stack([CAMERA.rays(self.pixels), np.ones(len(self.pixels))]) * self.depth[:, None]
+        moved = (rays @ self.pose(tau).rotation.T + tau * self.move) @ CAMERA.K.T
+        return moved[:, :2] / moved[:, 2:]
+
+
+def clip(rng: np.random.Generator, count: int = 300, turn: float = 0.008) -> Clip:
+    """Smears of about ten pixels, of rotation and translation alike."""
+    axis, heading = rng.normal(size=3), rng.normal(size=3)
+    return Clip(
+        pixels=rng.uniform(0.1, 0.9, (count, 2)) * SIZE,
+        depth=np.exp(rng.uniform(np.log(1.0), np.log(5.0), count)),
+        turn=turn * axis / np.linalg.norm(axis),
+        move=0.03 * heading / np.linalg.norm(heading),
+    )
+
+
+def views(scene: Clip, sign: int = 1) -> ExposureViews:
+    """Exact views of the middle frame; sign -1: in the wrong flip of time."""
+    first, last = scene.seen(-0.5), scene.seen(0.5)
+    opened, closed = scene.pose(-0.5), scene.pose(0.5)
+    R = closed.rotation @ opened.rotation.T
+    t = 0.5 * scene.move + R @ (0.5 * scene.move)
+    t /= np.linalg.norm(t)
+    geometry = TwoViewGeometry(
+        F=fundamental_from_pose(CAMERA.K, R, t),
+        E=cross_matrix(t) @ R,
+        cam2_from_cam1=RigidTransform(rotation=R, translation=t),
+        config=Configuration.CALIBRATED,
+        reason="exact",
+        inlier_mask=np.ones(len(first), bool),
+        swapped=np.zeros(len(first), bool),
+    )
+    found = ExposureViews(
+        name="a.jpg",
+        size=SIZE,
+        points_open=first,
+        points_close=last,
+        sigma_px=np.full(len(first), 0.5),
+        geometry=geometry,
+        camera=CAMERA,
+    )
+    return found if sign > 0 else found.reversed()
+
+
+def motions(scene: Clip, camera: Camera | None = CAMERA) -> list[NeighbourMotion]:
+    """Give what the frames before and after show."""
+    return [
+        neighbour_motion(scene.seen(0.0), scene.seen(INTERVAL * steps), steps, camera) for steps in (-1, 1)
+    ]
+
+
+def open_first(found: ExposureViews, scene: Clip) -> float:
+    """Share of the smears whose open end is where the point was at shutter-open."""
+    near = np.linalg.norm(found.points_open - scene.seen(-0.5), axis=1)
+    far = np.linalg.norm(found.points_open - scene.seen(0.5), axis=1)
+    return float((near < far).mean())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_both_flips_of_time_end_with_open_first(seed: int) -> None:
+    scene = clip(np.random.default_rng(seed))
+    for sign in (1, -1):
+        found = directed(views(scene, sign), motions(scene))
+        assert open_first(found, scene) == 1
+        assert found.time.known and found.time.confidence > 0.95
+        pose = found.geometry.cam2_from_cam1
+        assert pose is not None and pose.rotation_vector @ scene.turn > 0
+        assert pose.translation @ scene.move > 0
+
+
+def test_wrong_smears_and_wrong_matches_leave_most_directions_right() -> None:
+    right = 0
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 1])
+        scene = clip(rng)
+        given = views(scene, int(rng.choice([-1, 1])))
+        exchanged = (rng.random(len(scene.pixels)) < 0.3)[:, None]
+        given = replace(
+            given,
+            points_open=np.where(exchanged, given.points_close, given.points_open),
+            points_close=np.where(exchanged, given.points_open, given.points_close),
+        )
+        seen = [
+            replace(m, velocity=np.where(rng.random((300, 1)) < 0.3, rng.normal(0, 20, (300, 2)), m.velocity))
+            for m in motions(scene, None)
+        ]
+        found = directed(given, seen)
+        right += agreement_of(found, motions(scene, None)) > 0 and found.time.known
+    assert right >= 38
+
+
+def test_rotation_that_neighbours_show_decides_the_translations_sign() -> None:
+    """Smears ordered for the other translation give no flip of time right; both signs together do."""
+    for seed in range(10):
+        scene = clip(np.random.default_rng([seed, 2]))
+        wrong = other_translation(views(scene))
+        assert wrong is not None
+        found = directed(wrong, motions(scene))
+        pose = found.geometry.cam2_from_cam1
+        assert pose is not None
+        assert pose.rotation_vector @ scene.turn > 0 and pose.translation @ scene.move > 0
+        assert open_first(found, scene) == 1
+
+
+def test_other_translation_twice_is_where_it_began() -> None:
+    given = views(clip(np.random.default_rng(3)))
+    once = other_translation(given)
+    assert once is not None
+    twice = other_translation(once)
+    assert twice is not None
+    assert once.geometry.cam2_from_cam1 is not None and given.geometry.cam2_from_cam1 is not None
+    np.testing.assert_allclose(
+        once.geometry.cam2_from_cam1.translation, -given.geometry.cam2_from_cam1.translation
+    )
+    np.testing.assert_array_equal(twice.points_open, given.points_open)
+    np.testing.assert_array_equal(twice.geometry.swapped, given.geometry.swapped)
+    assert twice.geometry.E is not None and given.geometry.E is not None
+    np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
+    moved = (once.points_open != given.points_open).any(axis=1)
+    np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
+
+
+def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
+    given = views(clip(np.random.default_rng(3)))
+    pose = given.geometry.cam2_from_cam1
+    assert pose is not None and share_before(given) == 1
+    behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
+    assert share_before(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
+    assert share_before(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
+
+
+def test_photographs_too_far_apart_have_no_vote() -> None:
+    given = views(clip(np.random.default_rng(4)))
+    middle, d = (given.points_open + given.points_close) / 2, given.points_close - given.points_open
+    assert agreement_of(given, [NeighbourMotion(points=middle, velocity=20 * d)]) == pytest.approx(1)
+    assert agreement_of(given, [NeighbourMotion(points=middle, velocity=30 * d)]) == 0
+
+
+def test_without_F_there_is_no_other_translation() -> None:
+    given = views(clip(np.random.default_rng(0)))
+    rotation_only = replace(given.geometry, F=None, E=None)
+    assert other_translation(replace(given, geometry=rotation_only)) is None
+
+
+def test_longer_motion_outweighs_the_shorter() -> None:
+    """A hand that turns back: at mid exposure it moves as the larger of both displacements says."""
+    given = views(clip(np.random.default_rng(4)))
+    middle, d = (given.points_open + given.points_close) / 2, given.points_close - given.points_open
+    forth = NeighbourMotion(points=middle, velocity=3 * d)
+    back = NeighbourMotion(points=middle, velocity=-d)
+    assert agreement_of(given, [forth, back]) == pytest.approx(0.5)
+    assert agreement_of(given, [back, replace(forth, velocity=0.2 * d)]) == pytest.approx(-2 / 3, abs=1e-9)
+
+
+def test_unrelated_motion_is_mostly_not_called_known() -> None:
+    """Photographs that only have consecutive names: smears point anywhere against the motion."""
+    known = 0
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 5])
+        given, angle = views(clip(rng), 1), rng.uniform(0.42, 0.58) * np.pi * rng.choice([-1, 1])
+        d = given.points_close - given.points_open
+        turned = d @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        middle = (given.points_open + given.points_close) / 2
+        flat = replace(given, geometry=replace(given.geometry, F=None, E=None, cam2_from_cam1=None))
+        known += directed(flat, [NeighbourMotion(points=middle, velocity=turned)]).time.known
+    assert known <= 12  # a fifth
+
+
+def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> None:
+    scene = clip(np.random.default_rng(6))
+    given = views(scene)
+    few = NeighbourMotion(points=scene.pixels[:5], velocity=np.ones((5, 2)))
+    still = NeighbourMotion(points=scene.pixels, velocity=np.zeros_like(scene.pixels))
+    none = replace(given, geometry=replace(given.geometry, inlier_mask=np.zeros(300, bool)))
+    for found in (
+        directed(given, []),
+        directed(given, [few]),
+        directed(given, [still]),
+        directed(none, motions(scene)),
+    ):
+        assert found.time == TimeDirection(known=False, confidence=0.0)
+        np.testing.assert_array_equal(found.points_open, given.points_open)
+
+
+def test_far_smears_have_no_say() -> None:
+    given = views(clip(np.random.default_rng(7)))
+    displacement, near = smears_at(given, np.array([[-300.0, -300.0], *given.points_open[:2]]))
+    assert near.tolist() == [False, True, True] and displacement.shape == (2, 2)
+
+
+def test_rotation_between_frames_is_the_cameras() -> None:
+    scene = clip(np.random.default_rng(8))
+    found = rotation_between(CAMERA, scene.seen(0.0), scene.seen(2.0))
+    assert found is not None
+    np.testing.assert_allclose(found, rotation_vector(scene.pose(2.0).rotation), atol=1e-5)
+    backwards = neighbour_motion(scene.seen(0.0), scene.seen(-2.0), -1, CAMERA).turn
+    assert backwards is not None
+    np.testing.assert_allclose(backwards, found, atol=2e-4)  # per frame, forwards in time
+    assert rotation_between(CAMERA, scene.pixels[:5], scene.pixels[:5]) is None
+
+
+def test_turn_agreement_is_the_cosine_of_rotations() -> None:
+    scene = clip(np.random.default_rng(9))
+    given, seen = views(scene), motions(scene)
+    assert turn_agreement(given, seen) == pytest.approx(1, abs=1e-3)
+    assert turn_agreement(given.reversed(), seen) == pytest.approx(-1, abs=1e-3)
+    assert turn_agreement(given, motions(scene, None)) == 0
+
+
+def test_confidence_grows_with_agreement_and_ignores_its_sign() -> None:
+    values = [confidence_of(a) for a in (0.0, 0.1, 0.3, 0.6, 1.0)]
+    assert values[0] == 0 and values == sorted(values) and values[-1] <= 1
+    assert confidence_of(-0.3) == confidence_of(0.3)
+
+
+def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
+    scene = clip(np.random.default_rng(10))
+    sequence = [views(scene, sign) for sign in (1, -1, -1, 1)]
+
+    def matched(first: int, second: int) -> tuple[Array, Array]:
+        assert {first, second} <= {3, 0, 1}  # frame 2 is in no run
+        order = {3: 0, 0: 1, 1: 2}
+        return scene.seen(0.0), scene.seen(INTERVAL * (order[second] - order[first]))
+
+    found = with_time_direction(sequence, [[3, 0, 1]], matched)
+    assert [open_first(frame, scene) for frame in found] == [1, 1, 0, 1]
+    assert [frame.time.known for frame in found] == [True, True, False, True]
+    twice = with_time_direction(found, [[3, 0, 1]], matched, reach=2)
+    assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
+
+
+def test_pairs_reach_as_far_as_asked() -> None:
+    assert list(pairs_within(3, 1)) == [(0, 1), (1, 2)]
+    assert list(pairs_within(4, 2)) == [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
+    assert list(pairs_within(1, 1)) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "runs"),
+    [
+        (["f_2.jpg", "f_1.jpg", "f_10.jpg", "f_3.jpg"], [[1, 0, 3]]),
+        (["a/000009.png", "a/000010.png", "b/000011.png"], [[0, 1]]),
+        (["left1.jpg", "right2.jpg", "one.jpg"], []),
+        (["f_1.jpg", "f_2.png"], []),
+        (["v2_f1.jpg", "v2_f2.jpg", "v3_f3.jpg"], [[0, 1]]),
+        (["IMG_7.jpg", "IMG_8.jpg", "IMG_20.jpg", "IMG_21.jpg"], [[0, 1], [2, 3]]),
+        ([], []),
+    ],
+)
+def test_runs_follow_the_numbers_in_names(names: list[str], runs: list[list[int]]) -> None:
+    assert consecutive_runs(names) == runs
+
+
+def test_a_given_order_is_one_run() -> None:
+    assert consecutive_runs(["b", "a", "z9"], in_order=True) == [[0, 1, 2]]
+    assert consecutive_runs(["b"], in_order=True) == []
+
+
+def test_wrong_arguments_are_named() -> None:
+    with pytest.raises(ValueError, match="steps"):
+        neighbour_motion(np.zeros((3, 2)), np.zeros((3, 2)), 0)
+    with pytest.raises(ValueError, match=r"\(3, 2\), \(2, 2\)"):
+        neighbour_motion(np.zeros((3, 2)), np.zeros((2, 2)), 1)
+    with pytest.raises(ValueError, match="reach"):
+        with_time_direction([], [], lambda i, j: (np.zeros((0, 2)), np.zeros((0, 2))), reach=0)
