@@ -106,15 +106,16 @@ class SelectOptions:
 
     ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at
     most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
-    direction worth the name; ``rank`` "relative" prefers small sigma over length, "absolute" small sigma
-    (which favours short smears).
+    direction worth the name; ``rank`` "direction" prefers sure directions, which decide F (where the network
+    does not tell, as "absolute"), "relative" small sigma over length, "absolute" small sigma (which favours
+    short smears).
     """
 
     beta: float = 0.35
     max_matches: int = 2000
     min_length_px: float = 1.5
     cells: int = 16
-    rank: Literal["relative", "absolute"] = "absolute"
+    rank: Literal["direction", "relative", "absolute"] = "direction"
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
@@ -122,8 +123,8 @@ class SelectOptions:
             raise ValueError(f"beta must be in (0, 1], got {self.beta}")
         if self.max_matches < 1 or self.cells < 1 or not 0 <= self.min_length_px < np.inf:
             raise ValueError(f"max_matches, cells must be positive, min_length_px not negative, got {self}")
-        if self.rank not in ("relative", "absolute"):
-            raise ValueError(f"rank must be 'relative' or 'absolute', got {self.rank!r}")
+        if self.rank not in ("direction", "relative", "absolute"):
+            raise ValueError(f"rank must be 'direction', 'relative' or 'absolute', got {self.rank!r}")
 
 
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
@@ -146,6 +147,8 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     length = np.hypot(*displacement.T)
     points = np.stack([cols, rows], axis=1).astype(np.float64)
     quality = sigma / np.maximum(length, 1e-3) if options.rank == "relative" else sigma
+    if options.rank == "direction" and field.sigma_rad is not None:
+        quality = field.sigma_rad[rows, cols].astype(np.float64)
     long = np.flatnonzero(length >= options.min_length_px)
     sure = long[np.argsort(quality[long], kind="stable")][: int(np.ceil(options.beta * len(length)))]
     chosen = sure[spread(points[sure], field.shape, options)]

@@ -11,6 +11,7 @@ import numpy as np
 from blur2view.errors import ModelError
 
 FORMAT = "1"
+OUTPUTS = [("smear", "tensor(float)", 4, channels) for channels in (3, 4)]
 SHIPPED = {"default": "smear.onnx", "fast": "smear_fast.onnx"}
 REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
 
@@ -27,6 +28,9 @@ class ModelInfo:
         Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
     multiple_of : int
         Height and width of the input must be multiples of this.
+    channels : int
+        Of the output: the double angle's x and y, sigma in pixels and, if four, sigma of the direction in
+        radians.
     longest_px : float or None
         Length up to which smears are measured well at an image's own size; longer ones are looked for in
         smaller copies. None if the file does not say: then there are no smaller copies.
@@ -39,6 +43,7 @@ class ModelInfo:
     model_id: str
     stride: int
     multiple_of: int
+    channels: int = 3
     longest_px: float | None = None
     license: str = ""
     training: dict[str, Any] = field(default_factory=dict)
@@ -110,13 +115,17 @@ def read_info(path: Path, session: Any) -> ModelInfo:
         raise ModelError(f"{path}: has damaged metadata (names that are no text); {REMEDY}") from None
     if metadata.get("blur2view_format") != FORMAT:
         raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {REMEDY}")
-    if signature != [("image", "tensor(float)", 4, 3), ("smear", "tensor(float)", 4, 3)]:
-        raise ModelError(f"{path}: has other inputs or outputs than image and smear (N, 3, H, W); {REMEDY}")
+    image, *outputs = signature
+    if image != ("image", "tensor(float)", 4, 3) or outputs not in [[output] for output in OUTPUTS]:
+        raise ModelError(
+            f"{path}: has other inputs or outputs than image (N, 3, H, W), smear (N, 3 or 4, H, W); {REMEDY}"
+        )
     try:
         info = ModelInfo(
             model_id=metadata["model_id"],
             stride=int(metadata["stride"]),
             multiple_of=int(metadata["multiple_of"]),
+            channels=outputs[0][3],
             longest_px=float(metadata["longest_px"]) if "longest_px" in metadata else None,
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),

@@ -15,7 +15,7 @@ from blur2view.tiles import TileOptions, cells, ramps, reflected, spans
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # only dreams: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
-UNSEEN_SIGMA_PX = 1000.0
+UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
 _STRIP_CELLS = 64
 
@@ -77,13 +77,13 @@ class SmearNetwork:
         grid = self._predict_levels(image, options or TileOptions(), pyramid or PyramidOptions(), 0)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[_flat(image, self.info.stride)] = (0, 0, UNSEEN_SIGMA_PX)
+        grid[_flat(image, self.info.stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
         return _decode_grid(grid, self.info.stride, image.shape[:2])
 
     def _predict_levels(
         self, image: NDArray[np.float32], tiling: TileOptions, pyramid: PyramidOptions, level: int
     ) -> NDArray[np.float32]:
-        """Return double angle and sigma on the grid, (h, w, 3), long smears from smaller copies."""
+        """Return double angle and sigmas on the grid, (h, w, C), long smears from smaller copies."""
         grid, longest_px = self._predict_grid(image, tiling), self.info.longest_px
         if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
             return grid
@@ -91,12 +91,14 @@ class SmearNetwork:
         return blended(grid, coarse, longest_px)
 
     def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
-        """Return double angle and sigma on the network's grid, (h, w, 3), tiles blended."""
+        """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""
         height, width = image.shape[:2]
         step, stride = self.info.multiple_of, self.info.stride
         tiling = options if height * width > options.max_pixels else None
         rows, columns = (spans(side, step, tiling) for side in (height, width))
-        total = np.zeros((rows[-1].stop // stride, columns[-1].stop // stride, 3), np.float32)
+        total = np.zeros(
+            (rows[-1].stop // stride, columns[-1].stop // stride, self.info.channels), np.float32
+        )
         weight = np.zeros((*total.shape[:2], 1), np.float32)
         for row, row_weight in ramps(rows, stride):
             for column, column_weight in ramps(columns, stride):
@@ -109,14 +111,15 @@ class SmearNetwork:
         return total[: -(-height // stride), : -(-width // stride)]
 
     def _run(self, tile: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, 3)."""
+        """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, C)."""
         planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
         try:
             output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
         except session_errors():
             size = f"{tile.shape[1]}x{tile.shape[0]} pixels"
             raise ModelError(f"{self.path}: cannot be run on {size}; {REMEDY}") from None
-        expected = (1, 3, tile.shape[0] // self.info.stride, tile.shape[1] // self.info.stride)
+        cells_of_tile = (side // self.info.stride for side in tile.shape[:2])
+        expected = (1, self.info.channels, *cells_of_tile)
         if output.shape != expected:
             raise ModelError(
                 f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
@@ -183,12 +186,15 @@ def _decode_grid(grid: NDArray[np.float32], stride: int, shape: tuple[int, ...])
     """Resample the grid to pixels in double angle and decode, a strip of rows at a time."""
     height, width = shape[:2]
     displacement = np.empty((height, width, 2), np.float32)
-    sigma_px = np.empty((height, width), np.float32)
+    sigmas = [np.empty((height, width), np.float32) for _ in range(grid.shape[2] - 2)]
     for first in range(0, grid.shape[0], _STRIP_CELLS):
         above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
         pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
         rows = slice(first * stride, min((first + _STRIP_CELLS) * stride, height))
         strip = pixels[: rows.stop - rows.start, :width]
         displacement[rows] = from_double_angle(strip[..., :2])
-        np.maximum(strip[..., 2], 0, out=sigma_px[rows])
-    return SmearField(displacement=displacement, sigma_px=sigma_px)
+        for k, sigma in enumerate(sigmas):
+            np.maximum(strip[..., 2 + k], 0, out=sigma[rows])
+    return SmearField(
+        displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1] if sigmas[1:] else None
+    )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from blur2view.smear import upsample_grid
 
 Grid = NDArray[np.float32]
+PIXEL_CHANNELS = 3  # double angle and sigma; an angle does not grow with the picture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ class PyramidOptions:
             )
 
     def halves(self, level: int, shape: tuple[int, ...], grid: Grid, longest_px: float) -> bool:
-        """Whether the image (H, W, ...) of a level with this grid (h, w, 3) is looked at in half its size."""
+        """Whether the image (H, W, ...) of a level with this grid (h, w, C) is looked at in half its size."""
         if level + 1 >= self.levels or min(shape[:2]) < self.smallest_px:
             return False
         return bool((length_of(grid) > longest_px / 4).mean() >= self.long_share)
@@ -62,11 +63,13 @@ def halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def blended(fine: Grid, coarse: Grid, longest_px: float) -> Grid:
-    """Blend the grid (h, w, 3) of an image with that of its half, in the former's pixels.
+    """Blend the grid (h, w, C) of an image with that of its half, in the former's pixels.
 
-    Channels are the double angle and sigma. The smaller grid may end a cell early; its border continues.
+    Channels are the double angle and sigma in pixels, and perhaps that of the direction in radians. The
+    smaller grid may end a cell early; its border continues.
     """
-    lifted = 2 * upsample_grid(np.ascontiguousarray(coarse), 2)
+    lifted = upsample_grid(np.ascontiguousarray(coarse), 2)
+    lifted[..., :PIXEL_CHANNELS] *= 2
     missing = [(0, max(0, fine.shape[axis] - lifted.shape[axis])) for axis in (0, 1)]
     lifted = np.pad(lifted, (*missing, (0, 0)), mode="edge")[: fine.shape[0], : fine.shape[1]]
     return fine + coarse_share(length_of(lifted), longest_px)[..., None] * (lifted - fine)
@@ -80,6 +83,6 @@ def coarse_share(length_px: Grid, longest_px: float) -> Grid:
 
 
 def length_of(grid: Grid) -> Grid:
-    """Smear lengths (h, w) of a grid (h, w, 3), pixels."""
+    """Smear lengths (h, w) of a grid (h, w, C), pixels."""
     length: Grid = np.hypot(grid[..., 0], grid[..., 1])
     return length

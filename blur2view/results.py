@@ -242,6 +242,7 @@ def write_results(
     picture = draw_overlay(image, field, estimate.matches, geometry)
     encoded = cv2.imencode(".png", picture[..., ::-1], _PNG_EFFORT)[1].tobytes()
     text = json.dumps(facts, indent=2, allow_nan=False) + "\n"
+    told: Any = {} if field.sigma_rad is None else {"sigma_rad": field.sigma_rad}
     try:
         files.document.unlink(missing_ok=True)  # an older one must not vouch for new arrays if we are killed
         write_atomically(
@@ -251,6 +252,7 @@ def write_results(
                 file,
                 displacement=field.displacement,
                 sigma_px=field.sigma_px,
+                **told,
                 inlier_mask=geometry.inlier_mask,
                 swapped=geometry.swapped,
                 ends=estimate.matches.ends,

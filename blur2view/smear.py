@@ -20,6 +20,9 @@ class SmearField:
         Full displacement d = end - start in pixels, (x, y); its sign is arbitrary in every pixel.
     sigma_px : ndarray of shape (H, W), float32
         Standard deviation of the end-point error |d - d*|, in pixels; not negative.
+    sigma_rad : ndarray of shape (H, W), float32, optional
+        Standard deviation of the smear's direction, radians; not negative. None where the network does not
+        tell.
 
     Raises
     ------
@@ -29,6 +32,7 @@ class SmearField:
 
     displacement: NDArray[np.float32]
     sigma_px: NDArray[np.float32]
+    sigma_rad: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Convert to float32 and check shapes and values."""
@@ -44,6 +48,11 @@ class SmearField:
             raise ValueError(f"sigma_px must not be negative, got {sigma_px.min()}")
         object.__setattr__(self, "displacement", displacement)
         object.__setattr__(self, "sigma_px", sigma_px)
+        if self.sigma_rad is not None:
+            sigma_rad = np.asarray(self.sigma_rad, dtype=np.float32)
+            if sigma_rad.shape != sigma_px.shape or not 0 <= sigma_rad.min() <= sigma_rad.max() < np.inf:
+                raise ValueError(f"expected a sigma_rad of shape {sigma_px.shape}, finite and not negative")
+            object.__setattr__(self, "sigma_rad", sigma_rad)
 
     @property
     def shape(self) -> tuple[int, int]:

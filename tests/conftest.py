@@ -45,12 +45,16 @@ def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
     return path
 
 
-def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
-    """Return the tiny network; with ``blur`` it averages 3x3 cells, zero-padded as a trained one would be."""
-    scale = np.diag([2 * CODE_RANGE_PX, 2 * CODE_RANGE_PX, SIGMA_RANGE_PX]).astype(np.float32)
+def colour_code_network(blur: bool = False, channels: int = 3, **metadata: str) -> onnx.ModelProto:
+    """Return the tiny network; with ``blur`` it averages 3x3 cells, zero-padded as a trained one would be.
+
+    A fourth channel, the direction's sigma in radians, is 1 - B.
+    """
+    code = np.diag([2 * CODE_RANGE_PX, 2 * CODE_RANGE_PX, SIGMA_RANGE_PX])
+    scale = np.vstack([code, [0.0, 0.0, -1.0]])[:channels].astype(np.float32)
     size = 3 if blur else 1
     kernel = np.repeat(np.repeat(scale[..., None, None], size, 2), size, 3) / size**2
-    bias = np.array([-CODE_RANGE_PX, -CODE_RANGE_PX, 0], np.float32)
+    bias = np.array([-CODE_RANGE_PX, -CODE_RANGE_PX, 0, 1], np.float32)[:channels]
     nodes = [
         helper.make_node("AveragePool", ["image"], ["cells"], kernel_shape=[4, 4], strides=[4, 4]),
         helper.make_node("Conv", ["cells", "kernel", "bias"], ["smear"], pads=[size // 2] * 4),
@@ -59,7 +63,7 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         nodes,
         "colour_code",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 3, "h", "w"])],
-        [helper.make_tensor_value_info("smear", TensorProto.FLOAT, ["n", 3, "h4", "w4"])],
+        [helper.make_tensor_value_info("smear", TensorProto.FLOAT, ["n", channels, "h4", "w4"])],
         [onnx.numpy_helper.from_array(kernel, "kernel"), onnx.numpy_helper.from_array(bias, "bias")],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

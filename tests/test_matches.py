@@ -71,6 +71,23 @@ def test_the_surest_share_is_kept(rank: str) -> None:
     assert np.allclose(matches.sigma_px, 0.2)
 
 
+def test_sure_directions_come_first_where_the_network_tells_them() -> None:
+    rng = np.random.default_rng(0)
+    displacement, sigma, direction = (
+        rng.normal(0, 20, (64, 64, 2)),
+        rng.uniform(1, 4, (64, 64)),
+        rng.random((64, 64)),
+    )
+    told = SmearField(displacement=displacement, sigma_px=sigma, sigma_rad=direction)
+    untold = SmearField(displacement=displacement, sigma_px=sigma)
+    options = SelectOptions(beta=0.3, min_length_px=0)
+    columns, rows = select_matches(told, options).midpoint.astype(int).T
+    assert direction[rows, columns].max() <= np.quantile(direction[1::4, 1::4], 0.31)
+    absolute = select_matches(told, SelectOptions(beta=0.3, min_length_px=0, rank="absolute"))
+    np.testing.assert_array_equal(select_matches(untold, options).ends, absolute.ends)
+    assert not np.array_equal(select_matches(told, options).ends, absolute.ends)
+
+
 def test_relative_rank_prefers_long_smears_absolute_rank_short_ones() -> None:
     smears = field()
     displacement, sigma = smears.displacement.copy(), smears.sigma_px.copy()

@@ -21,8 +21,8 @@ def network() -> SmearUNet:
 def test_output_has_a_cell_per_stride(network: SmearUNet, height: int, width: int) -> None:
     with torch.no_grad():
         output = ExportedSmear(network)(torch.rand(2, 3, height, width))
-    assert output.shape == (2, 3, height // STRIDE, width // STRIDE)
-    assert torch.isfinite(output).all() and (output[:, 2] > 0).all()
+    assert output.shape == (2, 4, height // STRIDE, width // STRIDE)
+    assert torch.isfinite(output).all() and (output[:, 2:] > 0).all()
 
 
 def test_names_of_the_weights_stay_those_of_existing_checkpoints() -> None:
@@ -45,7 +45,8 @@ def test_untrained_network_expects_short_uncertain_smears() -> None:
         assert head.bias is not None
         output = decode(head.bias[None, :, None, None])
     assert output[0, 2].item() == pytest.approx(np.sqrt(2) * np.e, rel=1e-5)
-    assert decode(torch.tensor([1.0, 0, 2, 1])[None, :, None, None])[0, 0].item() == pytest.approx(
+    assert output[0, 3].item() == pytest.approx(np.sqrt(2) / np.e, rel=1e-5)
+    assert decode(torch.tensor([1.0, 0, 2, 1, 0])[None, :, None, None])[0, 0].item() == pytest.approx(
         np.e**2 - 1, rel=1e-4
     )
 
@@ -60,18 +61,22 @@ def test_decoding_is_length_times_unit_double_angle() -> None:
     d = rng.normal(0, 10, (40, 2))
     unit = to_double_angle(d) / np.linalg.norm(d, axis=1, keepdims=True)
     any_scale = unit * rng.uniform(0.5, 20, (40, 1))
-    raw = np.column_stack([any_scale, np.log1p(np.linalg.norm(d, axis=1)), np.full(40, 0.7)])
+    raw = np.column_stack(
+        [any_scale, np.log1p(np.linalg.norm(d, axis=1)), np.full(40, 0.7), np.full(40, -1.2)]
+    )
     decoded = decode(torch.from_numpy(raw.T[None, :, :, None]))[0, :, :, 0].numpy().T
     np.testing.assert_allclose(decoded[:, :2], to_double_angle(d), atol=1e-5, rtol=3e-4)
     np.testing.assert_allclose(decoded[:, 2], np.sqrt(2) * np.exp(0.7))
+    np.testing.assert_allclose(decoded[:, 3], np.sqrt(2) * np.exp(-1.2))
 
 
 def test_decoding_bounds_length_and_sigma() -> None:
-    raw = torch.tensor([[1.0, 0, 99, 99], [1.0, 0, -99, -99]])[..., None, None]
+    raw = torch.tensor([[1.0, 0, 99, 99, 99], [1.0, 0, -99, -99, -99]])[..., None, None]
     decoded = decode(raw)[:, :, 0, 0]
     assert torch.isfinite(decoded).all()
     assert decoded[0, 0] == pytest.approx(np.exp(5.5) - 1, rel=1e-4)
     assert decoded[:, 2].numpy() == pytest.approx(np.sqrt(2) * np.exp([4.5, -3.0]))
+    assert decoded[:, 3].numpy() == pytest.approx(np.sqrt(2) * np.exp([0.5, -5.0]))
     assert decoded[1, 0] == 0
 
 

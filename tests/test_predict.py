@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from conftest import CODE_RANGE_PX, colour_code, colour_code_network
+from conftest import CODE_RANGE_PX, SIGMA_RANGE_PX, colour_code, colour_code_network
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
@@ -108,6 +108,18 @@ def test_sigma_is_kept_but_never_negative(tmp_path: Path, offset: float, expecte
     onnx.save(biased_network([-CODE_RANGE_PX, -CODE_RANGE_PX, offset]), tmp_path / "biased.onnx")
     field = predict(colour_code(turning_field(64, 64), 0.25), tmp_path / "biased.onnx")
     np.testing.assert_allclose(field.sigma_px, expected, atol=1e-4)
+
+
+def test_sigma_of_the_direction_is_what_the_fourth_channel_says(tmp_path: Path, tiny_model: Path) -> None:
+    onnx.save(colour_code_network(channels=4), tmp_path / "four.onnx")
+    sigma = np.random.default_rng(0).uniform(1, 7, (64, 96))
+    image = colour_code(turning_field(64, 96), sigma)
+    field, without = predict(image, tmp_path / "four.onnx"), predict(image, tiny_model)
+    assert without.sigma_rad is None and field.sigma_rad is not None
+    np.testing.assert_allclose(field.sigma_rad, 1 - field.sigma_px / SIGMA_RANGE_PX, atol=1e-4)
+    np.testing.assert_array_equal(field.sigma_px, without.sigma_px)
+    plain = predict(np.full((64, 64, 3), 0.5, np.float32), tmp_path / "four.onnx")
+    assert plain.sigma_rad is not None and (plain.sigma_rad == np.float32(np.pi / 2)).all()
 
 
 def test_neighbouring_opposite_codes_blend_without_cancelling(tiny_model: Path) -> None:

@@ -46,6 +46,14 @@ def test_finer_smears_count_alone_up_to_half_the_length_and_coarser_ones_from_it
         np.testing.assert_allclose(mixed, np.broadcast_to(expected, mixed.shape), rtol=1e-5, atol=1e-6)
 
 
+def test_sigma_of_the_direction_does_not_grow_with_the_picture() -> None:
+    fine, coarse = (
+        np.dstack([grid_of(40, shape), np.full(shape, 0.3, np.float32)]) for shape in ((6, 8), (3, 4))
+    )
+    mixed = blended(fine, coarse, LONGEST_PX)
+    np.testing.assert_allclose(mixed, np.broadcast_to(np.float32([0, 80, 2, 0.3]), (6, 8, 4)), rtol=1e-6)
+
+
 def test_share_grows_with_length() -> None:
     share = coarse_share(np.linspace(0, 50, 300, dtype=np.float32), LONGEST_PX)
     assert share[0] == 0 and share[-1] == 1 and (np.diff(share) >= 0).all()

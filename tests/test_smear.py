@@ -103,3 +103,10 @@ def test_field_refuses_values_that_mean_nothing(value: float, sigma: float) -> N
     displacement[1, 0, 1], sigma_px[0, 1] = value, sigma
     with pytest.raises(ValueError, match=r"finite|negative"):
         SmearField(displacement=displacement, sigma_px=sigma_px)
+
+
+@pytest.mark.parametrize("sigma_rad", [np.zeros((4, 5)), np.full((4, 6), -0.1), np.full((4, 6), np.nan)])
+def test_sigma_of_the_direction_must_fit_the_field(sigma_rad: np.ndarray) -> None:
+    displacement, sigma_px = np.zeros((4, 6, 2)), np.zeros((4, 6))
+    with pytest.raises(ValueError, match="sigma_rad"):
+        SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)

@@ -35,9 +35,9 @@ LONGEST_PX = 48.0
 """Smears up to this length are measured at an image's own size; see ``blur2view/pyramid.py``."""
 
 CONVENTION = (
-    "input: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; output: smear (N,3,H/stride,W/stride): "
-    "|d| cos 2phi, |d| sin 2phi, sigma, in input pixels; d = end - start up to sign; cell j is centred at "
-    "pixel stride*j + (stride-1)/2"
+    "input: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; output: smear (N,4,H/stride,W/stride): "
+    "|d| cos 2phi, |d| sin 2phi, sigma of d, in input pixels, sigma of phi in radians; "
+    "d = end - start up to sign; cell j is centred at pixel stride*j + (stride-1)/2"
 )
 
 

@@ -68,7 +68,7 @@ def target_parts(target: Tensor) -> Target:
 
 
 def smear_error(predicted: Tensor, target: Target) -> Tensor:
-    """Give EPE-S (N, 1, h, w), px, of decoded predictions (N, 3, h, w): min(|d - d*|, |d + d*|)."""
+    """Give EPE-S (N, 1, h, w), px, of decoded predictions (N, 3 or 4, h, w): min(|d - d*|, |d + d*|)."""
     double, length = predicted[:, :2], target.length
     mine = torch.sqrt((double * double).sum(1, keepdim=True) + 1e-12)
     cosine = ((double * target.unit).sum(1, keepdim=True) / mine).clamp(-1, 1)

@@ -105,14 +105,16 @@ class SmearUNet(nn.Module):
 
 
 def decode(raw: Tensor) -> Tensor:
-    """Turn raw heads (N, 5, h, w) into the output (N, 3, h, w): |d| cos 2phi, |d| sin 2phi, sigma, in px.
+    """Turn raw heads (N, 5, h, w) into the output (N, 4, h, w).
 
-    Sigma is the root mean square of an end-point error with the mean and the exponential law of the loss.
+    It is |d| cos 2phi, |d| sin 2phi, sigma of d, in px, and sigma of phi in radians. The sigmas are root mean
+    squares of errors with the mean and the exponential law of the loss.
     """
     direction = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     length = torch.clamp(torch.exp(torch.clamp(raw[:, 2:3], 0.0, 5.5)) - 1, min=0.0)
     mean_error = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))  # what the Laplace likelihood fits
-    return torch.cat([direction * length, math.sqrt(2) * mean_error], 1)
+    mean_angle = torch.exp(torch.clamp(raw[:, 4:5], -5.0, 0.5))
+    return torch.cat([direction * length, math.sqrt(2) * mean_error, math.sqrt(2) * mean_angle], 1)
 
 
 class ExportedSmear(nn.Module):

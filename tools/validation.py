@@ -49,7 +49,7 @@ def validation_crops(folder: Path) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def predict(network: SmearUNet, images: Tensor, device: torch.device) -> Tensor:
-    """Run the network in inference mode on images (N, 3, H, W), 32 at a time: decoded (N, 3, H/4, W/4)."""
+    """Run the network in inference mode on images (N, 3, H, W), 32 at a time: decoded (N, 4, H/4, W/4)."""
     was_training = network.training
     network.eval()
     parts = [decode(network(images[k : k + 32].to(device))).cpu() for k in range(0, len(images), 32)]
@@ -58,10 +58,10 @@ def predict(network: SmearUNet, images: Tensor, device: torch.device) -> Tensor:
 
 
 def figures_of(decoded: Tensor, truth: Tensor) -> Figures:
-    """Compare decoded predictions (N, 3, h, w) with the truth (N, 3, h, w) of the crops."""
+    """Compare decoded predictions (N, 3 or 4, h, w) with the truth (N, 3, h, w) of the crops."""
     target = target_parts(truth)
     seen = target.valid > 0
-    error, sigma, true = smear_error(decoded, target)[seen], decoded[:, 2:][seen], target.length[seen]
+    error, sigma, true = smear_error(decoded, target)[seen], decoded[:, 2:3][seen], target.length[seen]
     certain, long = sigma <= sigma.median(), true >= DIRECTION_MIN_PX
     mine = torch.linalg.norm(decoded[:, :2], dim=1, keepdim=True)
     cosine = ((decoded[:, :2] * target.unit).sum(1, keepdim=True) / (mine + 1e-6)).clamp(-1, 1)[seen]
