@@ -51,7 +51,7 @@ def test_sigma_of_the_direction_does_not_grow_with_the_picture() -> None:
         np.dstack([grid_of(40, shape), np.full(shape, 0.3, np.float32)]) for shape in ((6, 8), (3, 4))
     )
     mixed = blended(fine, coarse, LONGEST_PX)
-    np.testing.assert_allclose(mixed, np.broadcast_to(np.float32([0, 80, 2, 0.3]), (6, 8, 4)), rtol=1e-6)
+    np.testing.assert_allclose(mixed, np.broadcast_to([0, 80, 2, 0.3], (6, 8, 4)), rtol=1e-6)
 
 
 def test_share_grows_with_length() -> None:
