@@ -107,6 +107,6 @@ def test_field_refuses_values_that_mean_nothing(value: float, sigma: float) -> N
 
 @pytest.mark.parametrize("sigma_rad", [np.zeros((4, 5)), np.full((4, 6), -0.1), np.full((4, 6), np.nan)])
 def test_sigma_of_the_direction_must_fit_the_field(sigma_rad: np.ndarray) -> None:
-    displacement, sigma_px = np.zeros((4, 6, 2)), np.zeros((4, 6))
+    displacement, sigma_px = np.zeros((4, 6, 2), np.float32), np.zeros((4, 6), np.float32)
     with pytest.raises(ValueError, match="sigma_rad"):
         SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
