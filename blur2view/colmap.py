@@ -212,7 +212,7 @@ def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=2)) as database:
             rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
             images = database.execute("SELECT name, camera_id FROM images").fetchall()
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeError) as error:
         hint = "wait for the program that uses it" if "locked" in str(error) else "is it COLMAP's?"
         raise CameraError(f"{path}: cannot be read as a COLMAP database ({error}); {hint}") from None
     return cast(list[Row], rows), dict(images)

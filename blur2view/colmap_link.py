@@ -172,13 +172,14 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     image, views = job.plan.image, job.linked.views
     own = own_views(database, image.name)
     frames = has_frames(database)
-    ids = [
-        own[role][0] if role in own else add_image(database, name, image.camera_id, with_frame=frames)
-        for role, name in zip(("open", "close"), views.names, strict=True)
-    ]
+    sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
+    ids = []
+    for role, (name, points) in sides.items():
+        there = own[role][0] if role in own else None
+        number = there or add_image(database, name, image.camera_id, with_frame=frames)
+        put_keypoints(database, number, points, replace=there is not None)
+        ids.append(number)
     first, last = ids
-    put_keypoints(database, first, views.points_open)
-    put_keypoints(database, last, views.points_close)
     matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
     whole = views.geometry
     geometries = {
@@ -188,7 +189,8 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     }
     for (one, other), geometry in geometries.items():
         pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        put_pair(database, one, other, pair, replace=bool(own))
+        known = {number for number, _ in own.values()}  # a pair of a new image can be no row of ours
+        put_pair(database, one, other, pair, replace={one, other} <= known | {image.image_id})
     mark_views(database, views, ids, digest(image))
 
 

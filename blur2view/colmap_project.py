@@ -78,7 +78,7 @@ def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connect
             look_over(path, database)
             yield database
             database.execute("COMMIT" if write else "ROLLBACK")
-    except (sqlite3.Error, OverflowError) as error:
+    except (sqlite3.Error, OverflowError, UnicodeError) as error:  # of a schema that is no text
         hint = next((hint for key, hint in HINTS.items() if key in str(error)), "is it whole, and COLMAP's?")
         raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({error}); {hint}") from None
 

@@ -103,9 +103,10 @@ def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bo
     return image_id
 
 
-def put_keypoints(database: Connection, image_id: int, points: Array) -> None:
-    """Write our pixels (N, 2) as the keypoints of an image of ours, in place of those it had."""
-    database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
+def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
+    """Write our pixels (N, 2) as the keypoints of an image of ours, with ``replace`` for those it had."""
+    if replace:
+        database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
     row = (image_id, len(points), 2, keypoints_blob(to_colmap(points)))
     database.execute("INSERT INTO keypoints(image_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
 

@@ -19,11 +19,13 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from blur2view import cli_colmap
 from blur2view.cli import main as blur2view
 from blur2view.colmap_schema import MAX_IMAGES
 from tools.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
@@ -214,6 +216,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--model", type=Path, help="a network; default the shipped one")
     options = parser.parse_args()
+    setattr(cli_colmap, "SmearNetwork", lru_cache(cli_colmap.SmearNetwork))  # loaded once for all
     outcomes: Counter[str] = Counter()
     shown: set[tuple[str, str]] = set()
     with tempfile.TemporaryDirectory() as name:
@@ -224,7 +227,7 @@ def main() -> None:
             outcomes[outcome] += 1
             if (kind, outcome) not in shown:
                 shown.add((kind, outcome))
-                print(f"{kind}: {outcome}: {line.replace(name, '')}")
+                print(f"{kind}: {outcome}: {line.replace(name, '')}", flush=True)
     print(dict(outcomes))
 
 
