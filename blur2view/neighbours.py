@@ -62,7 +62,8 @@ def detect(grey: NDArray[np.uint8]) -> Features:
     scale = min(1.0, MAX_SIDE / max(grey.shape))
     if scale < 1:
         grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=FAINT)
+    # without the last option OpenCV's features lie a quarter of a pixel off
+    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=FAINT, enable_precise_upscale=True)
     found, descriptors = sift.detectAndCompute(grey, None)
     if not found:
         return NONE, np.zeros((0, 128), np.float32)
