@@ -3,12 +3,21 @@
 The virtual images of one exposure (:mod:`blur2view.exposure_views`) lie millimetres to centimetres apart:
 the rays of a point meet at hundredths or tenths of a degree, where COLMAP asks for 16 degrees to begin a
 model and for 1.5 to keep a point; and without other images every track has two views, which COLMAP ignores.
-The functions return pycolmap's own options, to be changed at will.
+The options are pycolmap's own, to be changed at will.
+
+A mapper adjusts both poses to all smears alike: it knows neither their standard deviations, nor that
+neighbours err together, nor how a hand moves, all of which our estimate uses. `triangulate_exposure` keeps
+the estimate's poses and makes the points alone.
 """
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
 from typing import Any
+
+from blur2view.errors import DatabaseError
+from blur2view.exposure_views import CLOSE, OPEN
 
 MIN_ANGLE_DEG = 0.02
 """Least angle between the rays of a point: a hand that moves by 5 mm sees 3 m away at 0.1 degrees."""
@@ -35,12 +44,13 @@ def mapper_options(*, linked: bool = False, refine_intrinsics: bool | None = Non
         What differs from the defaults of pycolmap 4.2, for exposures alone:
 
         - ``triangulation.ignore_two_view_tracks`` off: a smear is a track of two views; there is no other.
-        - ``triangulation.min_angle``, ``mapper.filter_min_tri_angle`` and ``mapper.init_min_tri_angle`` at
-          `MIN_ANGLE_DEG`: the defaults (1.5, 1.5, 16) drop most points and every pair.
+        - ``mapper.init_min_tri_angle`` and ``mapper.filter_min_tri_angle`` at `MIN_ANGLE_DEG`: the defaults
+          (16, 1.5) refuse every pair and drop most points; ``triangulation.min_angle`` (1.5) likewise, for
+          points made later and by `triangulate_exposure`.
         - ``mapper.init_max_forward_motion`` 1: the default 0.95 refuses who walks forward.
-        - ``mapper.init_max_error`` 2 px: at the default 4 most exposures pass for a plane.
+        - ``mapper.init_max_error`` 2 px: the default 4 forgives a third of a smear.
         - ``mapper.init_min_num_inliers`` 50, not 100: a small or plain picture has few sure smears.
-        - ``min_model_size`` 2: every exposure is a model of its own, of two images.
+        - ``min_model_size`` 2: in a database of many exposures each is a model of two images.
         - ``extract_colors`` off: no file holds the pixels of a virtual image.
 
         Linked: ``min_model_size`` 3 and ``extract_colors`` off.
@@ -101,3 +111,53 @@ def global_options(*, refine_intrinsics: bool = True, seed: int = 0) -> Any:
     options.mapper.bundle_adjustment.refine_focal_length = refine_intrinsics
     options.mapper.bundle_adjustment.refine_extra_params = refine_intrinsics
     return options
+
+
+def triangulate_exposure(database: Path, name: str) -> Any:
+    """Build the model of one exposure with the poses of our estimate, as they are.
+
+    Parameters
+    ----------
+    database : Path
+        That ``blur2view to-colmap`` wrote with known intrinsics; pycolmap opens it.
+    name : str
+        Of the photograph.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
+        length, and a point for every inlier whose rays meet before both cameras.
+
+    Raises
+    ------
+    DatabaseError
+        If the database lacks the views or a pose between them.
+    """
+    import pycolmap
+
+    if not database.is_file():
+        raise DatabaseError(f"{database}: no such database; write it with blur2view to-colmap")
+    camera, images, geometry = _read_exposure(database, name)
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(camera)
+    for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
+        view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+        model.add_image_with_trivial_frame(view, pose)
+    options = mapper_options()
+    with tempfile.TemporaryDirectory() as folder:
+        return pycolmap.triangulate_points(model, database, folder, folder, True, options, False)
+
+
+def _read_exposure(database: Path, name: str) -> tuple[Any, list[Any], Any]:
+    """Read camera, both images and the geometry between them."""
+    import pycolmap
+
+    with pycolmap.Database.open(database) as opened:
+        images = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
+        if None in images:
+            raise DatabaseError(f"{database}: has no views of {name}; add them with blur2view to-colmap")
+        geometry = opened.read_two_view_geometry(*(image.image_id for image in images))
+        if geometry.cam2_from_cam1 is None:
+            raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
+        return opened.read_camera(images[0].camera_id), images, geometry

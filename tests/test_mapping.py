@@ -79,7 +79,6 @@ def test_defaults_find_nothing(database: Path, tmp_path: Path) -> None:
     "group, name",
     [
         ("triangulation", "ignore_two_view_tracks"),
-        ("triangulation", "min_angle"),
         ("mapper", "init_min_tri_angle"),
         ("mapper", "filter_min_tri_angle"),
     ],

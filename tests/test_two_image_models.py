@@ -7,9 +7,12 @@ import pycolmap
 import pytest
 
 from blur2view.cameras import Camera
+from blur2view.colmap_database import write_database
+from blur2view.errors import DatabaseError
 from blur2view.exposure_views import ExposureViews
+from blur2view.geometry import Configuration, TwoViewGeometry
 from blur2view.manifold import rotation_matrix
-from blur2view.mapping import mapper_options
+from blur2view.mapping import mapper_options, triangulate_exposure
 from blur2view.matches import SmearMatches
 from blur2view.pose import RigidTransform
 from blur2view.two_view import estimate_two_view
@@ -21,6 +24,7 @@ from tools.two_image_models import (
     MotionError,
     Outcome,
     counts,
+    keep_poses,
     markdown,
     reconstruct,
     smear_px,
@@ -69,7 +73,12 @@ def test_motion_error_takes_the_nearer_flip_of_time() -> None:
         rotation=rotation_matrix(np.radians([0, 2.5, 0])),
         translation=np.array([np.cos(0.2), np.sin(0.2), 0]),
     )
+    still = RigidTransform(rotation=np.eye(3), translation=np.array([1.0, 0, 0]))
+    turned = RigidTransform(rotation=true.rotation, translation=np.array([-1.0, 0, 0]))
+    error = MotionError.of(turned, still)  # without a rotation the translation decides
+    assert error.translation_deg < 1e-4 and np.isnan(error.rotation) and not error.good
     error = MotionError.of(off, true)
+    assert error.good
     assert error.rotation_deg == pytest.approx(0.5) and error.rotation == pytest.approx(0.25)
     assert error.translation_deg == pytest.approx(np.degrees(0.2))
 
@@ -114,9 +123,33 @@ def test_exposure_goes_through_colmap_and_into_the_tables() -> None:
         name="a", image_path=Path("a.png"), displacement=grid, valid=np.ones((2, 2), bool),
         static=np.ones((2, 2), bool), K=truth.K, R=truth.R, t=truth.t, F=truth.F, kind="mixed",
     )  # fmt: skip
-    outcome = Outcome(scene=scene, views=views, model=model)
-    assert outcome.distance is not None and outcome.distance < 9.2
+    kept = keep_poses(views)
+    assert kept is not None and kept.points > 0.8 * count and kept.error_px < 1
+    outcome = Outcome(scene=scene, views=views, model=model, kept=kept)
+    free, same = outcome.distance(model), outcome.distance(kept)
+    assert free is not None and 1e-9 < free < 9.2
+    assert same is not None and same < 1e-9
     error = MotionError.of(model.pose, outcome.true)
     assert error.rotation < 0.15 and error.translation_deg < 5
-    text = markdown([outcome, Outcome(scene=scene, views=views, model=None)], {"min_model_size": 1}, "net")
-    assert "reconstructs 1 of 2" in text and "for 1 of 1" in text and "`min_model_size` | 1" in text
+    missing = Outcome(scene=scene, views=views, model=None, kept=None)
+    text = markdown([outcome, missing], {"min_model_size": 1}, "net")
+    assert "`mapper_options()` | 1 of 2 | 1 of 1 |" in text and "`min_model_size` | 1" in text
+
+
+def test_exposure_without_intrinsics_has_no_pose_to_keep(tmp_path: Path) -> None:
+    none = np.zeros(3, bool)
+    geometry = TwoViewGeometry(
+        F=np.diag([1.0, -1, 0]), config=Configuration.UNCALIBRATED, reason="", inlier_mask=~none, swapped=none
+    )
+    views = ExposureViews(
+        name="a.png", size=SIZE, points_open=np.zeros((3, 2)), points_close=np.ones((3, 2)),
+        sigma_px=np.ones(3), geometry=geometry, camera=None,
+    )  # fmt: skip
+    assert keep_poses(views) is None
+    write_database(tmp_path / "a.db", [views])
+    for name, why in (("a.png", "--focal"), ("b.png", "no views of b.png")):
+        with pytest.raises(DatabaseError, match=why):
+            triangulate_exposure(tmp_path / "a.db", name)
+    with pytest.raises(DatabaseError, match="no such database"):
+        triangulate_exposure(tmp_path / "b.db", "a.png")
+    assert not (tmp_path / "b.db").exists()

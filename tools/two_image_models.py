@@ -7,8 +7,9 @@ estimates each photograph with its intrinsics known, writes a database of its tw
 ``blur2view to-colmap`` does, and lets ``pycolmap.incremental_mapping`` reconstruct it under
 `blur2view.mapping.mapper_options`. Photographs count whose median smear is longer than 12 px and whose
 camera's translation makes more than a fifth of it. Told are the models that COLMAP builds, how far their
-motion is from the estimate's in the estimate's own covariance, and both motions' errors against the truth;
-then how many models are left if one option is COLMAP's again.
+motion is from the estimate's in the estimate's own covariance, and the errors of both against the truth;
+the same where the estimate's poses are kept (`blur2view.mapping.triangulate_exposure`); and how many models
+are left if one option is COLMAP's again.
 """
 
 from __future__ import annotations
@@ -25,13 +26,17 @@ import numpy as np
 import blur2view
 from blur2view.cameras import Camera
 from blur2view.colmap_database import write_database
+from blur2view.epipolar import Array
+from blur2view.errors import DatabaseError
 from blur2view.exposure_views import ExposureViews, views_of
 from blur2view.geometry import TwoViewGeometry
-from blur2view.mapping import mapper_options
+from blur2view.mapping import mapper_options, triangulate_exposure
 from blur2view.pose import CHI_SQUARED_90, RigidTransform
 from tools.testset import TestScene, read_test_set
 
 LEAST_SMEAR_PX, LEAST_TRANSLATION = 12.0, 0.2
+STEADY_DEG = 0.2
+"""True rotation below which its relative error means nothing."""
 ALONE = (
     "mapper.init_max_error",
     "mapper.init_max_forward_motion",
@@ -49,8 +54,8 @@ ALONE = (
 class MotionError:
     """A motion against the true one, the nearer of both flips of time.
 
-    ``rotation_deg`` is the angle between the rotations, ``rotation`` the same over the true angle,
-    ``translation_deg`` the angle between the translations.
+    ``rotation_deg`` is the angle between the rotations, ``rotation`` the same over the true angle (NaN if
+    that is below `STEADY_DEG`), ``translation_deg`` the angle between the translations.
     """
 
     rotation_deg: float
@@ -59,15 +64,27 @@ class MotionError:
 
     @classmethod
     def of(cls, pose: RigidTransform, true: RigidTransform) -> MotionError:
-        """Compare two poses."""
-        flip = min((true, true.inverse()), key=lambda flip: _apart_deg(pose, flip))
-        apart = _apart_deg(pose, flip)
-        cosine = float(np.clip(pose.translation @ flip.translation, -1, 1))
-        return cls(
-            rotation_deg=apart,
-            rotation=apart / max(true.angle_deg, 1e-9),
-            translation_deg=float(np.degrees(np.arccos(cosine))),
+        """Compare two poses; rotation and translation decide the flip together."""
+        turn = max(true.angle_deg, STEADY_DEG)
+        found = min(
+            (
+                (_apart_deg(pose, flip), _between_deg(pose.translation, flip.translation))
+                for flip in (true, true.inverse())
+            ),
+            key=lambda error: error[0] / turn + error[1] / 90,
         )
+        relative = found[0] / true.angle_deg if true.angle_deg > STEADY_DEG else float("nan")
+        return cls(rotation_deg=found[0], rotation=relative, translation_deg=found[1])
+
+    @property
+    def good(self) -> bool:
+        """Rotation to 0.3 of itself or 0.2 degrees."""
+        return self.rotation_deg < 0.2 or self.rotation < 0.3
+
+
+def _between_deg(a: Array, b: Array) -> float:
+    """Angle between unit vectors, degrees."""
+    return float(np.degrees(np.arccos(np.clip(a @ b, -1, 1))))
 
 
 def _apart_deg(pose: RigidTransform, true: RigidTransform) -> float:
@@ -87,11 +104,12 @@ class Model:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """One photograph: its facts, its geometry, and COLMAP's model, None if there is none."""
+    """One photograph: its facts, its geometry, and COLMAP's models, poses free and kept; None if none."""
 
     scene: TestScene
     views: ExposureViews
     model: Model | None
+    kept: Model | None
 
     @property
     def geometry(self) -> TwoViewGeometry:
@@ -103,13 +121,12 @@ class Outcome:
         """The true motion, the translation of unit length."""
         return RigidTransform(rotation=self.scene.R, translation=self.scene.t / np.linalg.norm(self.scene.t))
 
-    @property
-    def distance(self) -> float | None:
-        """Squared Mahalanobis distance of the model's motion from the estimate's, by its covariance."""
+    def distance(self, model: Model | None) -> float | None:
+        """Squared Mahalanobis distance of a model's motion from the estimate's, by its covariance."""
         pose, covariance = self.geometry.cam2_from_cam1, self.geometry.covariance
-        if self.model is None or pose is None or covariance is None:
+        if model is None or pose is None or covariance is None:
             return None
-        return covariance.squared_distance(pose, self.model.pose)
+        return covariance.squared_distance(pose, model.pose)
 
 
 def smear_px(scene: TestScene) -> float:
@@ -148,16 +165,29 @@ def reconstruct(views: ExposureViews, options: Any) -> Model | None:
         path = Path(folder) / "exposure.db"
         write_database(path, [views])
         models = pycolmap.incremental_mapping(path, folder, folder, options)
-    for model in models.values():
-        posed = {image.name: image.cam_from_world() for image in model.images.values() if image.has_pose}
-        if set(views.names) <= set(posed):
-            motion = posed[views.names[1]] * posed[views.names[0]].inverse()
-            return Model(
-                points=model.num_points3D(),
-                error_px=model.compute_mean_reprojection_error(),
-                pose=unit_pose(motion),
-            )
-    return None
+    found = (model_of(model, views) for model in models.values())
+    return next((model for model in found if model is not None), None)
+
+
+def keep_poses(views: ExposureViews) -> Model | None:
+    """Write the same database and triangulate with the estimate's poses; None if there is no pose."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "exposure.db"
+        write_database(path, [views])
+        try:
+            return model_of(triangulate_exposure(path, views.name), views)
+        except DatabaseError:
+            return None
+
+
+def model_of(model: Any, views: ExposureViews) -> Model | None:
+    """Read a pycolmap.Reconstruction of both views; None if one is missing or there are no points."""
+    posed = {image.name: image.cam_from_world() for image in model.images.values() if image.has_pose}
+    if not set(views.names) <= set(posed) or model.num_points3D() == 0:
+        return None
+    motion = posed[views.names[1]] * posed[views.names[0]].inverse()
+    points, error_px = model.num_points3D(), model.compute_mean_reprojection_error()
+    return Model(points=points, error_px=error_px, pose=unit_pose(motion))
 
 
 def unit_pose(motion: Any) -> RigidTransform:
@@ -179,47 +209,61 @@ def with_default(name: str) -> Any:
 
 def markdown(outcomes: Sequence[Outcome], left: dict[str, int], model_id: str) -> str:
     """All tables."""
-    built = [o for o in outcomes if o.model is not None]
-    posed = [o for o in built if o.distance is not None]
-    within = sum(o.distance < CHI_SQUARED_90[5] for o in posed if o.distance is not None)
     rows = [
         f"Model {model_id}; {len(outcomes)} rendered photographs, median smear over {LEAST_SMEAR_PX:g} px, "
         f"translation over {LEAST_TRANSLATION:.0%} of it.",
         "",
-        f"COLMAP reconstructs {len(built)} of {len(outcomes)}; the model's motion lies in the 90 % region of "
-        f"the estimate's covariance for {within} of {len(posed)}.",
-        "",
-        "| median | rotation error, degrees | over the rotation | translation error, degrees |",
-        "|---|---|---|---|",
-        error_row("our estimate", [(o.geometry.cam2_from_cam1, o.true) for o in outcomes]),
-        error_row("COLMAP's model", [(o.model.pose if o.model else None, o.true) for o in outcomes]),
+        "| | models of both views | in the 90 % region of the estimate's covariance "
+        "| rotation error, degrees | over the rotation "
+        "| to 0.3 or 0.2 degrees | translation error, degrees |",
+        "|---|---|---|---|---|---|---|",
+        summary_row("our estimate", outcomes, None),
+        summary_row("COLMAP's model, `mapper_options()`", outcomes, [o.model for o in outcomes]),
+        summary_row("poses kept, `triangulate_exposure`", outcomes, [o.kept for o in outcomes]),
         "",
         "| option put back to COLMAP's default | models left |",
         "|---|---|",
         *(f"| `{name}` | {count} |" for name, count in left.items()),
         "",
         "| photograph | smear, px | translation | configuration | points | error, px | distance^2 "
-        "| rotation error | estimate's | translation error, degrees | estimate's |",
+        "| rotation error, degrees | estimate's | translation error, degrees | estimate's |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
         *map(outcome_row, outcomes),
     ]
     return "\n".join(rows) + "\n"
 
 
-def error_row(name: str, pairs: Sequence[tuple[RigidTransform | None, RigidTransform]]) -> str:
-    """Medians over the photographs that have a pose."""
-    errors = [MotionError.of(pose, true) for pose, true in pairs if pose is not None]
+def summary_row(name: str, outcomes: Sequence[Outcome], models: Sequence[Model | None] | None) -> str:
+    """Give counts, and medians over photographs with a motion: the estimate's, or those of models."""
+    if models is None:
+        poses, cells = [o.geometry.cam2_from_cam1 for o in outcomes], ["-", "-"]
+    else:
+        poses = [None if model is None else model.pose for model in models]
+        distances = [o.distance(model) for o, model in zip(outcomes, models, strict=True)]
+        known = [distance for distance in distances if distance is not None]
+        within = sum(distance < CHI_SQUARED_90[5] for distance in known)
+        cells = [f"{sum(pose is not None for pose in poses)} of {len(poses)}", f"{within} of {len(known)}"]
+    pairs = zip(poses, outcomes, strict=True)
+    errors = [MotionError.of(pose, o.true) for pose, o in pairs if pose is not None]
+    return f"| {name} | {' | '.join([*cells, *medians(errors)])} |"
+
+
+def medians(errors: Sequence[MotionError]) -> list[str]:
+    """Median rotation error (degrees; relative), share that is good, median translation error (degrees)."""
     if not errors:
-        return f"| {name} | - | - | - |"
-    turned, share, moved = np.median(
-        [[e.rotation_deg, e.rotation, e.translation_deg] for e in errors], axis=0
-    )
-    return f"| {name} ({len(errors)}) | {turned:.3f} | {share:.2f} | {moved:.1f} |"
+        return ["-"] * 4
+    relative = [e.rotation for e in errors if not np.isnan(e.rotation)]
+    return [
+        f"{np.median([e.rotation_deg for e in errors]):.3f}",
+        f"{np.median(relative):.2f}" if relative else "-",
+        f"{np.mean([e.good for e in errors]):.0%}",
+        f"{np.median([e.translation_deg for e in errors]):.1f}",
+    ]
 
 
 def outcome_row(o: Outcome) -> str:
     """One photograph."""
-    pose, distance = o.geometry.cam2_from_cam1, o.distance
+    pose, distance = o.geometry.cam2_from_cam1, o.distance(o.model)
     head = f"| {o.scene.name} | {smear_px(o.scene):.1f} | {translation_share(o.scene):.2f} "
     head += f"| {o.geometry.config.name} "
     ours = None if pose is None else MotionError.of(pose, o.true)
@@ -227,7 +271,7 @@ def outcome_row(o: Outcome) -> str:
     model = "| - | - " if o.model is None else f"| {o.model.points} | {o.model.error_px:.2f} "
     cells = [
         "-" if distance is None else f"{distance:.1f}",
-        *("-" if e is None else f"{e.rotation:.2f}" for e in (theirs, ours)),
+        *("-" if e is None else f"{e.rotation_deg:.2f}" for e in (theirs, ours)),
         *("-" if e is None else f"{e.translation_deg:.1f}" for e in (theirs, ours)),
     ]
     return f"{head}{model}| {' | '.join(cells)} |"
@@ -247,7 +291,8 @@ def main() -> None:
     outcomes = []
     for scene in scenes:
         views = estimate_views(scene, network)
-        outcomes.append(Outcome(scene=scene, views=views, model=reconstruct(views, mapper_options())))
+        free, kept = reconstruct(views, mapper_options()), keep_poses(views)
+        outcomes.append(Outcome(scene=scene, views=views, model=free, kept=kept))
     left = {
         name: sum(reconstruct(o.views, with_default(name)) is not None for o in outcomes) for name in ALONE
     }
