@@ -2,9 +2,9 @@
 
 hloc (Hierarchical-Localization 1.5) keeps a group of datasets per image name in one HDF5 file, and one per
 pair of names, "/" in them turned to "-", in another. Its pixels are ours, (0, 0) at the centre of the first
-one; it adds the half pixel itself when it fills a database. A database that holds the views' names is needed
-for that (``hloc.triangulation.import_features`` and ``import_matches``), as ``--format database`` writes it,
-or ``hloc.reconstruction.import_images`` on the pictures of ``--format matches``.
+one; it adds the half pixel itself when it fills a database. For that (``hloc.triangulation.import_features``
+and ``import_matches``) a database must hold the views' names: ``hloc.reconstruction.import_images`` makes one
+from the pictures of ``--format matches``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blur2view.errors import OutputError
 from blur2view.exposure_views import ExposureViews
-from blur2view.matches_text import refuse_blank
+from blur2view.matches_text import refuse_names
 
 UNMATCHED = -1
 
@@ -57,28 +57,17 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     Raises
     ------
     OutputError
-        If h5py is missing, a name holds a blank, or a file cannot be written.
+        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written.
     """
-    for views in sequence:
-        refuse_blank(views.name, "hloc's lists of pairs")
+    refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
     paths = [folder / name for name in ("features.h5", "matches.h5", "pairs.txt")]
-    beside = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with h5py.File(beside[0], "w") as features, h5py.File(beside[1], "w") as matches:
-            for views in sequence:
-                _add_features(features, views)
-                _add_matches(matches, views)
-        beside[2].write_text("".join(" ".join(views.names) + "\n" for views in sequence))
-        for temporary, path in zip(beside, paths, strict=True):
-            temporary.replace(path)
+        _write(paths, sequence, h5py)
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
-    finally:
-        for temporary in beside:
-            temporary.unlink(missing_ok=True)
     return paths
 
 
@@ -95,6 +84,22 @@ def _h5py() -> Any:
     except ImportError:
         raise OutputError("hloc's files need h5py; install it with: pip install 'blur2view[hloc]'") from None
     return h5py
+
+
+def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) -> None:
+    """Write all files beside their paths, then rename them; nothing is left of a failure."""
+    beside = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
+    try:
+        with h5py.File(beside[0], "w") as features, h5py.File(beside[1], "w") as matches:
+            for views in sequence:
+                _add_features(features, views)
+                _add_matches(matches, views)
+        beside[2].write_text("".join(" ".join(views.names) + "\n" for views in sequence))
+        for temporary, path in zip(beside, paths, strict=True):
+            temporary.replace(path)
+    finally:
+        for temporary in beside:
+            temporary.unlink(missing_ok=True)
 
 
 def _add_features(file: Any, views: ExposureViews) -> None:

@@ -64,12 +64,11 @@ def write_matches_text(
     ValueError
         If the lengths differ.
     OutputError
-        If a name holds a blank, or a file cannot be written.
+        If a name holds a blank or is there twice, or a file cannot be written.
     """
     if len(sequence) != len(photographs):
         raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
-    for views in sequence:
-        refuse_blank(views.name, "COLMAP's text formats")
+    refuse_names(sequence, "COLMAP's text formats")
     paths = [folder / "matches.txt", folder / "keypoints", folder / "images"]
     try:
         for views, photograph in zip(sequence, photographs, strict=True):
@@ -83,16 +82,20 @@ def write_matches_text(
     return paths
 
 
-def refuse_blank(name: str, where: str) -> None:
-    """Refuse a name that a format would cut.
+def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
+    """Refuse names that a format would cut or mix up.
 
     Raises
     ------
     OutputError
-        If it holds a blank.
+        If one holds a blank or is there twice.
     """
-    if any(character.isspace() for character in name):
-        raise OutputError(f"{name}: {where} cut names at a blank; rename the photograph, or write a database")
+    names = [views.name for views in sequence]
+    for name in names:
+        if any(character.isspace() for character in name):
+            raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
+        if names.count(name) > 1:
+            raise OutputError(f"{name}: is there twice; name each photograph once")
 
 
 def _write(path: Path, text: str) -> None:
