@@ -20,9 +20,11 @@ from blur2view.colmap_project import storable
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
 from blur2view.exif import read_exif
 from blur2view.exposure_views import ExposureViews, views_of
+from blur2view.hloc_files import write_hloc
 from blur2view.image import read_image
 from blur2view.intrinsics import EXIF_LOG_FOCAL
 from blur2view.keypoint_views import KeypointViews, keypoint_views
+from blur2view.matches_text import write_matches_text
 from blur2view.neighbours import DatabaseMatcher, PhotographMatcher
 from blur2view.pipeline import estimate
 from blur2view.predict import SmearNetwork
@@ -30,6 +32,7 @@ from blur2view.results import Run
 from blur2view.time_direction import consecutive_runs, with_time_direction
 
 DONE, FAILED = 0, 1
+DATABASE, MATCHES, HLOC = "database", "matches", "hloc"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +84,7 @@ def add_to_colmap(commands: Any) -> None:
     parser = commands.add_parser("to-colmap", help=about, description=about)
     add = parser.add_argument
     add("images", nargs="+", type=Path, metavar="IMG", help="photographs: JPEG, PNG, TIFF, ...")
-    add("--db", type=Path, required=True, metavar="DB", help="the database: a new one, or with --link yours")
+    add("--db", type=Path, metavar="DB", help="the database: a new one, or with --link yours")
     add("--link", action="store_true", help="add to a database that holds the photographs and their features")
     add("--replace", action="store_true", help="with --link: write anew what an earlier call has written")
     add(
@@ -98,6 +101,14 @@ def add_to_colmap(commands: Any) -> None:
         "--no-sequence nothing is concluded from neighbours (default: from those whose names differ by one "
         "in their number)",
     )
+    add(
+        "--format",
+        choices=(DATABASE, MATCHES, HLOC),
+        default=DATABASE,
+        help="instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files "
+        "(default: %(default)s)",
+    )
+    add("-o", "--output", type=Path, metavar="DIR", help="where --format matches and hloc write")
     add("--json", action="store_true", help="print one JSON document instead of the summary")
     add_estimator_options(parser)
     parser.set_defaults(run=lambda options: run_to_colmap(options, parser.error))
@@ -106,8 +117,7 @@ def add_to_colmap(commands: Any) -> None:
 def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Estimate every photograph and write all of them at once; a failing one costs a line on stderr."""
     run = read_run(options, usage_error)
-    if not options.link and (options.replace or options.no_backup):
-        usage_error("--replace and --no-backup go with --link")
+    _check_usage(options, usage_error)
     subjects, failures = _subjects(options)
     made = _make(options, run, [subject for subject in subjects if not _kept(subject)], failures)
     made = _with_time(options, made)
@@ -117,6 +127,16 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     kept = [subject for subject in subjects if _kept(subject)]
     _report(options, written, skipped, kept, failures, backup)
     return FAILED if failures else DONE
+
+
+def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], object]) -> None:
+    """Refuse options that do not go together."""
+    if not options.link and (options.replace or options.no_backup):
+        usage_error("--replace and --no-backup go with --link")
+    if options.format == DATABASE and (options.db is None or options.output is not None):
+        usage_error("name the database with --db; -o goes with --format matches or hloc")
+    if options.format != DATABASE and (options.output is None or options.db is not None):
+        usage_error(f"--format {options.format} needs -o DIR and no --db")
 
 
 def _kept(subject: Subject) -> bool:
@@ -130,7 +150,7 @@ def _subjects(options: argparse.Namespace) -> tuple[list[Subject], list[dict[str
     plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(options.images)
     if options.link:
         plans = plan_links(options.db, options.images, replace=options.replace)
-    else:
+    elif options.db is not None:
         refuse_existing(options.db)
     subjects: list[Subject] = []
     for path, name, plan in zip(options.images, fresh_names(options.images), plans, strict=True):
@@ -169,7 +189,7 @@ def _make(
     return made
 
 
-def _make_one(database: Path, subject: Subject, network: SmearNetwork, run: Run) -> Made:
+def _make_one(database: Path | None, subject: Subject, network: SmearNetwork, run: Run) -> Made:
     """Read and estimate one photograph."""
     image = read_image(subject.path)
     size = (image.shape[1], image.shape[0])
@@ -182,10 +202,10 @@ def _make_one(database: Path, subject: Subject, network: SmearNetwork, run: Run)
     return Made(subject=subject, views=linked.views, usable=linked.usable)
 
 
-def _camera(database: Path, subject: Subject, run: Run, size: tuple[int, int]) -> Camera | None:
+def _camera(database: Path | None, subject: Subject, run: Run, size: tuple[int, int]) -> Camera | None:
     """Intrinsics: what the user says; else what the project has, as a hint; else what EXIF says."""
     said = run.intrinsics.of(subject.path, size, read_exif(subject.path))
-    if subject.plan is None:
+    if subject.plan is None or database is None:
         return said
     image = subject.plan.image
     own = Camera.from_database(database, image.camera_id)
@@ -217,8 +237,13 @@ def _write(options: argparse.Namespace, made: Sequence[Made]) -> Path | None:
     """Write everything at once; return the backup."""
     if options.link:
         return write_links(options.db, [one.job for one in made], backup=not options.no_backup)
-    if made:
-        write_database(options.db, [one.views for one in made])
+    views = [one.views for one in made]
+    if options.format == MATCHES:
+        write_matches_text(options.output, views, [one.subject.path for one in made])
+    elif options.format == HLOC:
+        write_hloc(options.output, views)
+    elif made:
+        write_database(options.db, views)
     return None
 
 
@@ -233,7 +258,8 @@ def _report(
     """Print what was written, or would be."""
     if options.json:
         document = {
-            "database": str(options.db),
+            "format": options.format,
+            "target": str(options.db or options.output),
             "dry_run": options.dry_run,
             "backup": None if backup is None else str(backup),
             "photographs": [one.facts() for one in written],
@@ -251,8 +277,8 @@ def _report(
         print(f"{subject.name}: has its views already")
     verb = "would write" if options.dry_run else "wrote"
     pairs = len(written) * (3 if options.link else 1)
-    total = f"{options.db}: {verb} {2 * len(written)} images and {pairs} pairs of {len(written)} photographs"
-    print(total + (f"; backup {backup}" if backup else ""))
+    counts = f"{2 * len(written)} images and {pairs} pairs of {len(written)} photographs"
+    print(f"{options.db or options.output}: {verb} {counts}" + (f"; backup {backup}" if backup else ""))
 
 
 def _line(one: Made) -> str:

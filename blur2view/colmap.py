@@ -192,7 +192,8 @@ Row = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, param
 def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
     """Read the cameras of a COLMAP database and the camera of every image, without writing to it.
 
-    pycolmap's ``Database.open`` would upgrade the file, so SQLite reads it here, read-only.
+    pycolmap's ``Database.open`` would upgrade the file, so SQLite reads it here. It is opened for writing all
+    the same: a read-only connection leaves the files of a write-ahead log behind.
 
     Returns
     -------
@@ -209,7 +210,7 @@ def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
     if not path.is_file():
         raise CameraError(f"{path}: no such database; check the path")
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=2)) as database:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)) as database:
             rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
             images = database.execute("SELECT name, camera_id FROM images").fetchall()
     except (sqlite3.Error, UnicodeError) as error:

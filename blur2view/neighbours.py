@@ -104,7 +104,7 @@ class DatabaseMatcher:
     Parameters
     ----------
     path : Path
-        The database; it is opened read-only for each pair.
+        The database; it is opened for each pair and only read.
     names : sequence of str
         Of the photographs, as the database has them.
     """
@@ -121,7 +121,7 @@ class DatabaseMatcher:
             If the database cannot be read.
         """
         try:
-            with closing(_read_only(self._path)) as database:
+            with closing(_opened(self._path)) as database:
                 return _database_matches(database, self._names[first], self._names[second])
         except (sqlite3.Error, TypeError, ValueError) as error:
             raise DatabaseError(
@@ -129,8 +129,9 @@ class DatabaseMatcher:
             ) from None
 
 
-def _read_only(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=2)
+def _opened(path: Path) -> sqlite3.Connection:
+    # for writing, which is not done: a read-only connection leaves the files of a write-ahead log behind
+    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)
 
 
 def _database_matches(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:

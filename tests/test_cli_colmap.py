@@ -123,10 +123,25 @@ def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path],
 
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    for wrong in (["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"]):
+    target = ["--db", tmp_path / "new.db"]
+    for wrong in (
+        *([*target, *more] for more in (["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"])),
+        *([], ["--format", "hloc"], [*target, "-o", "x"], [*target, "--format", "matches", "-o", "x"]),
+    ):
         with pytest.raises(SystemExit) as stop:
-            run("--db", tmp_path / "new.db", *wrong, *photos)
+            run(*photos, *wrong)
         assert stop.value.code == 2
+
+
+def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    folder = tmp_path / "text"
+    code, out, _ = run("--format", "matches", "-o", folder, *CAMERA, *photos)
+    assert code == 0 and f"{folder}: wrote 4 images and 2 pairs" in out
+    lines = (folder / "matches.txt").read_text().splitlines()
+    assert lines[0] == "moving.png#open moving.png#close" and len(lines) > 500
+    pytest.importorskip("h5py")
+    code, _, _ = run("--format", "hloc", "-o", tmp_path / "hloc", *CAMERA, *photos)
+    assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
 
 
 def test_names_are_below_the_folder_that_all_share() -> None:

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -216,10 +217,10 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--model", type=Path, help="a network; default the shipped one")
     options = parser.parse_args()
-    setattr(cli_colmap, "SmearNetwork", lru_cache(cli_colmap.SmearNetwork))  # loaded once for all
     outcomes: Counter[str] = Counter()
     shown: set[tuple[str, str]] = set()
-    with tempfile.TemporaryDirectory() as name:
+    once = patch.object(cli_colmap, "SmearNetwork", lru_cache(cli_colmap.SmearNetwork))  # loaded once for all
+    with once, tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_photograph(folder / NAME)
         for number in range(options.count):
