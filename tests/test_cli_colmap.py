@@ -123,13 +123,12 @@ def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path],
 
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    target = ["--db", tmp_path / "new.db"]
-    for wrong in (
-        *([*target, *more] for more in (["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"])),
-        *([], ["--format", "hloc"], [*target, "-o", "x"], [*target, "--format", "matches", "-o", "x"]),
-    ):
+    target = ["--db", str(tmp_path / "new.db")]
+    wrong = [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
+    wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
+    for words in (*wrong, [], ["--format", "hloc"]):
         with pytest.raises(SystemExit) as stop:
-            run(*photos, *wrong)
+            run(*photos, *words)
         assert stop.value.code == 2
 
 

@@ -65,14 +65,16 @@ def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(keypoints, views.points_close + 0.5, atol=1e-4)
     np.testing.assert_array_equal(matches, np.stack([np.arange(30)] * 2, axis=1))
     geometry, pose = views.geometry, views.geometry.cam2_from_cam1
-    assert geometry.F is not None and pose is not None
+    assert geometry.F is not None and geometry.E is not None and pose is not None
+    stored = found.cam2_from_cam1
+    assert found.F is not None and found.E is not None and stored is not None
     used = np.flatnonzero(geometry.inlier_mask)
     np.testing.assert_array_equal(found.inlier_matches, np.stack([used, used], axis=1))
     assert found.config == int(pycolmap.TwoViewGeometryConfiguration.CALIBRATED)
     np.testing.assert_allclose(found.F, fundamental_to_colmap(geometry.F))
     np.testing.assert_allclose(found.E, geometry.E)
-    np.testing.assert_allclose(found.cam2_from_cam1.rotation.matrix(), pose.rotation, atol=1e-12)
-    np.testing.assert_allclose(found.cam2_from_cam1.translation, pose.translation)
+    np.testing.assert_allclose(stored.rotation.matrix(), pose.rotation, atol=1e-12)
+    np.testing.assert_allclose(stored.translation, pose.translation)
 
 
 def test_database_holds_what_to_pycolmap_says(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from blur2view.colmap_check import check_database
 from blur2view.colmap_link import LinkJob, LinkStep, Step, plan_links, write_links
 from blur2view.colmap_project import image_names, name_in_project, open_project
+from blur2view.epipolar import unit_norm
 from blur2view.errors import DatabaseError
 from blur2view.keypoint_views import KeypointViews
 from tools.colmap_projects import ProjectOptions, make_project, user_rows
@@ -82,7 +83,7 @@ def test_half_geometries_lead_from_the_photograph(tmp_path: Path) -> None:
     write_links(path, [LinkJob(plan=job.plan, linked=replace(job.linked, views=views))], backup=False)
     with pycolmap.Database.open(path) as database:
         geometries = [database.read_two_view_geometry(*pair).F for pair in ((2, 4), (2, 5), (4, 5))]
-    to_open, to_close, whole = (found / np.linalg.norm(found) for found in geometries)
+    to_open, to_close, whole = (unit_norm(np.asarray(found, float)) for found in geometries)
     np.testing.assert_allclose(to_close, whole, atol=1e-9)
     np.testing.assert_allclose(to_open, -whole, atol=1e-9)
 

@@ -85,7 +85,7 @@ def test_pycolmap_writes_the_blobs_that_we_pack(tmp_path: Path) -> None:
         camera.camera_id = database.write_camera(camera)
         ids = [database.write_image(pycolmap.Image(name=n, camera_id=camera.camera_id)) for n in "ab"]
         database.write_keypoints(ids[0], points.astype(np.float32))
-        database.write_two_view_geometry(*ids, geometry)
+        database.write_two_view_geometry(ids[0], ids[1], geometry)
     with closing(sqlite3.connect(path)) as database:
         stored = database.execute("SELECT rows, cols, data FROM keypoints").fetchone()
         columns = "pair_id, data, F, E, H, qvec, tvec"

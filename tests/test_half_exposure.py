@@ -17,10 +17,10 @@ def middle_and_close(seed: int) -> tuple[Scene, RigidTransform, np.ndarray, np.n
     """Make a scene, its motion, and points as seen half-way and at the end of that screw."""
     scene = make_scene(np.random.default_rng(seed), count=300, length_px=20)
     width, height = IMAGE_SIZE
-    points = np.random.default_rng(seed + 99).uniform(0, 1, (300, 2)) * [width, height]
-    depth = np.random.default_rng(seed).uniform(2, 8, 300) * np.linalg.norm(scene.t) * 10
+    points = np.random.default_rng(seed + 99).uniform(0, 1, (300, 2)) * np.array([width, height], float)
+    depth = np.random.default_rng(seed).uniform(2, 8, 300) * float(np.linalg.norm(scene.t)) * 10
     R = rotation_matrix(0.5 * RigidTransform(rotation=scene.R, translation=np.zeros(3)).rotation_vector)
-    t = np.linalg.solve(R + np.eye(3), scene.t)
+    t = np.asarray(np.linalg.solve(R + np.eye(3), scene.t), np.float64)
     ends = project_smears(scene.K, R, t, points, depth)
     pose = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
     return scene, pose, ends[:, 0], ends[:, 1]

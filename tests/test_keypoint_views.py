@@ -24,8 +24,10 @@ def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
     scene = make_scene(np.random.default_rng(3), count=2000, length_px=20, rotation_share=0.5)
     width, height = SIZE
     x, y = np.meshgrid(np.arange(width), np.arange(height))
-    points = 4 * np.stack([x, y], axis=-1).reshape(-1, 2) + 1.5  # the scene's picture is 640x480
-    depth = layered_depth(np.random.default_rng(1), points) * np.linalg.norm(scene.t) * 4
+    points = np.asarray(
+        4 * np.stack([x, y], axis=-1).reshape(-1, 2) + 1.5, np.float64
+    )  # the scene's picture is 640x480
+    depth = layered_depth(np.random.default_rng(1), points) * float(np.linalg.norm(scene.t)) * 4
     K = np.diag([0.25, 0.25, 1.0]) @ scene.K
     K[:2, 2] -= 0.375  # a quarter of the size: pixel j is 4 j + 1.5
     ends = project_smears(K, scene.R, scene.t, (points - 1.5) / 4, depth)

@@ -127,10 +127,9 @@ def user_rows(path: Path) -> Rows:
         "matches": lambda row: _touches(row[0], ours),
         "two_view_geometries": lambda row: _touches(row[0], ours),
     }
-    return {
-        table: sorted((row for row in found if not mine.get(table, lambda row: False)(row)), key=repr)
-        for table, found in rows.items()
-    }
+    for table, is_ours in mine.items():
+        rows[table] = [row for row in rows.get(table, []) if not is_ours(row)]
+    return {table: sorted(found, key=repr) for table, found in rows.items() if found}
 
 
 def _touches(pair: object, ours: set[int]) -> bool:

@@ -29,6 +29,7 @@ import numpy as np
 from blur2view import cli_colmap
 from blur2view.cli import main as blur2view
 from blur2view.colmap_schema import MAX_IMAGES
+from blur2view.predict import SmearNetwork
 from tools.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
 
 NAME = "a_001.jpg"
@@ -219,7 +220,7 @@ def main() -> None:
     options = parser.parse_args()
     outcomes: Counter[str] = Counter()
     shown: set[tuple[str, str]] = set()
-    once = patch.object(cli_colmap, "SmearNetwork", lru_cache(cli_colmap.SmearNetwork))  # loaded once for all
+    once = patch.object(cli_colmap, "SmearNetwork", lru_cache(SmearNetwork))  # loaded once for all
     with once, tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_photograph(folder / NAME)
