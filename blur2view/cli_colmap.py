@@ -25,7 +25,7 @@ from blur2view.image import read_image
 from blur2view.intrinsics import EXIF_LOG_FOCAL
 from blur2view.keypoint_views import KeypointViews, keypoint_views
 from blur2view.matches_text import write_matches_text
-from blur2view.neighbours import DatabaseMatcher, PhotographMatcher
+from blur2view.neighbours import DatabaseMatcher, PhotographMatcher, database_names
 from blur2view.pipeline import estimate
 from blur2view.predict import SmearNetwork
 from blur2view.results import Run
@@ -223,6 +223,8 @@ def _with_time(options: argparse.Namespace, made: list[Made]) -> list[Made]:
     if options.sequence is False:
         return made
     names = [one.subject.name for one in made]
+    if options.link and made and not options.sequence:  # photographs that are not linked have a vote too
+        names += sorted(set(database_names(options.db)) - set(names))
     runs = consecutive_runs(names, in_order=bool(options.sequence))
     matcher: Callable[[int, int], Any]
     if options.link:

@@ -193,7 +193,8 @@ def with_time_direction(
         In any order.
     runs : sequence of sequences of int
         Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run
-        keeps its arbitrary direction.
+        keeps its arbitrary direction. Indices beyond the sequence are photographs without views, sharp ones
+        perhaps, that have a vote and no question.
     matched : callable
         Gives matched pixels (M, 2) of two photographs by their indices; see :mod:`blur2view.neighbours`.
     reach : int
@@ -213,13 +214,19 @@ def with_time_direction(
         raise ValueError(f"reach must be positive, got {reach}")
     found = list(sequence)
     for run in runs:
-        motions: list[list[NeighbourMotion]] = [[] for _ in run]
+        motions: dict[int, list[NeighbourMotion]] = {index: [] for index in run if index < len(sequence)}
         for first, second in pairs_within(len(run), reach):
-            here, there = matched(run[first], run[second])
-            one, other = sequence[run[first]].camera, sequence[run[second]].camera
-            motions[first].append(neighbour_motion(here, there, second - first, one))
-            motions[second].append(neighbour_motion(there, here, first - second, other))
-        for index, seen in zip(run, motions, strict=True):
+            pair = run[first], run[second]
+            if not motions.keys() & set(pair):
+                continue
+            points = matched(*pair)
+            for index, steps, (here, there) in (
+                (pair[0], second - first, points),
+                (pair[1], first - second, points[::-1]),
+            ):
+                if index in motions:
+                    motions[index].append(neighbour_motion(here, there, steps, sequence[index].camera))
+        for index, seen in motions.items():
             found[index] = directed(sequence[index], seen)
     return found
 

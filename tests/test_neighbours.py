@@ -9,7 +9,14 @@ import pytest
 
 from blur2view.epipolar import Array
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.neighbours import DatabaseMatcher, PhotographMatcher, detect, match_features, verified
+from blur2view.neighbours import (
+    DatabaseMatcher,
+    PhotographMatcher,
+    database_names,
+    detect,
+    match_features,
+    verified,
+)
 
 SHIFT = np.array([12.0, -5.0])
 
@@ -108,6 +115,7 @@ def test_database_gives_verified_matches_in_our_pixels_in_either_order(tmp_path:
     np.testing.assert_array_equal(again_a, a)
     np.testing.assert_array_equal(again_b, b)
     assert len(matcher(0, 2)[0]) == 0 and len(matcher(0, 0)[0]) == 0
+    assert database_names(path) == ["b.jpg", "a.jpg"]
 
 
 def test_unverified_matches_serve_where_there_are_no_others(tmp_path: Path) -> None:
@@ -141,4 +149,7 @@ def test_a_damaged_database_is_named(tmp_path: Path, damage: str) -> None:
     before = path.read_bytes()
     with pytest.raises(DatabaseError, match="project.db"):
         DatabaseMatcher(path, ["a.jpg", "b.jpg"])(0, 1)
+    if damage == "text":
+        with pytest.raises(DatabaseError, match="project.db"):
+            database_names(path)
     assert path.read_bytes() == before

@@ -281,6 +281,19 @@ def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
 
 
+def test_photographs_without_views_have_a_vote() -> None:
+    scene = clip(np.random.default_rng(11))
+    asked: list[tuple[int, int]] = []
+
+    def matched(first: int, second: int) -> tuple[Array, Array]:
+        asked.append((first, second))
+        return scene.seen(0.0), scene.seen(INTERVAL)
+
+    found = with_time_direction([views(scene, -1)], [[1, 2, 0], [3, 4]], matched)
+    assert len(found) == 1 and open_first(found[0], scene) == 1 and found[0].time.known
+    assert asked == [(2, 0)]  # what has no views is not asked of others without
+
+
 def test_pairs_reach_as_far_as_asked() -> None:
     assert list(pairs_within(3, 1)) == [(0, 1), (1, 2)]
     assert list(pairs_within(4, 2)) == [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
