@@ -191,7 +191,7 @@ def _make(
 
 def _make_one(database: Path | None, subject: Subject, network: SmearNetwork, run: Run) -> Made:
     """Read and estimate one photograph."""
-    image = read_image(subject.path)
+    image = read_image(subject.path, as_stored=True)  # COLMAP does not turn pictures upright
     size = (image.shape[1], image.shape[0])
     camera = _camera(database, subject, run, size)
     rng = np.random.default_rng(run.seed)

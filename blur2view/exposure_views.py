@@ -118,7 +118,8 @@ def views_of(name: str, found: Estimate) -> ExposureViews:
     name : str
         Of the photograph, as the database is to name it.
     found : Estimate
-        Also one without F: then the order of the ends means nothing, and the geometry says so.
+        Also one without F: then the order of the ends means nothing, and the geometry says so. With F every
+        smear's order is decided by F and by depth (`end_order`), and ``geometry.swapped`` is that order.
     """
     ends = found.matches.ends
     height, width = found.field.shape

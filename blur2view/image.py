@@ -24,7 +24,7 @@ BACKDROP = 0.5
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def read_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_image(path: str | os.PathLike[str], *, as_stored: bool = False) -> NDArray[np.float32]:
     """Read a photograph as upright float32 sRGB-coded RGB.
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
@@ -36,6 +36,8 @@ def read_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     ----------
     path : path-like
         The file.
+    as_stored : bool
+        Leave the picture as its pixels are stored, as COLMAP does, instead of turning it upright by EXIF.
 
     Returns
     -------
@@ -52,7 +54,7 @@ def read_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     encoded = _read_bytes(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        photo = _decode(path, encoded)
+        photo = _decode(path, encoded, as_stored)
     return _to_rgb(photo)
 
 
@@ -80,8 +82,8 @@ def _read_bytes(path: Path) -> bytes:
     return encoded
 
 
-def _decode(path: Path, encoded: bytes) -> _Decoded:
-    """Decode every pixel and turn the picture upright."""
+def _decode(path: Path, encoded: bytes, as_stored: bool) -> _Decoded:
+    """Decode every pixel and turn the picture upright, unless it is wanted as it is stored."""
     try:
         with Image.open(io.BytesIO(encoded)) as photo:
             _check_size(path, *photo.size)
@@ -89,12 +91,12 @@ def _decode(path: Path, encoded: bytes) -> _Decoded:
             deep = len(photo.getbands()) > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
-            if deep and orientation == 1:
+            if deep and (orientation == 1 or as_stored):
                 return _Decoded(pixels=_decode_deep(encoded), white=65535)
             # Pillow's TIFF reader has turned the picture by now, so ask again
             turn = photo.getexif().get(ExifTags.Base.Orientation, 1)
             pixels, white = _pixels(path, photo)
-            return _Decoded(pixels=_upright(pixels, turn), white=white)
+            return _Decoded(pixels=pixels if as_stored else _upright(pixels, turn), white=white)
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:

@@ -46,14 +46,14 @@ class PhotographMatcher:
 
 
 def grey_photograph(path: Path) -> NDArray[np.uint8]:
-    """Read a photograph as (H, W) uint8, upright.
+    """Read a photograph as (H, W) uint8, as it is stored, in which COLMAP's pixels are.
 
     Raises
     ------
     ImageError
         If it cannot be read.
     """
-    grey = cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY)
+    grey = cv2.cvtColor(read_image(path, as_stored=True), cv2.COLOR_RGB2GRAY)
     return np.asarray(np.rint(255 * grey), np.uint8)
 
 
@@ -127,6 +127,22 @@ class DatabaseMatcher:
             raise DatabaseError(
                 f"{self._path}: matches cannot be read ({error}); is it a COLMAP database?"
             ) from None
+
+
+def database_names(path: Path) -> list[str]:
+    """Names of a COLMAP database's images, by their ids.
+
+    Raises
+    ------
+    DatabaseError
+        If the database cannot be read.
+    """
+    try:
+        with closing(_opened(path)) as database:
+            rows = database.execute("SELECT name FROM images ORDER BY image_id").fetchall()
+    except (sqlite3.Error, UnicodeError) as error:
+        raise DatabaseError(f"{path}: images cannot be read ({error}); is it a COLMAP database?") from None
+    return [name for (name,) in rows if isinstance(name, str)]
 
 
 def _opened(path: Path) -> sqlite3.Connection:

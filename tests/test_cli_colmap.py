@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 import pytest
 from conftest import colour_code, write_picture
+from PIL import ExifTags, Image
 from test_cli_camera import SIZE, smears
 
 from blur2view import cli
@@ -120,6 +121,20 @@ def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path],
     write_picture(photos[0], colour_code(np.ones((64, 80, 2)), 1.0))
     code, _, err = run("--db", project, "--link", photos[0])
     assert code == 1 and "is of 80x64 pixels" in err and "320x240" in err
+
+
+def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    turned = photos[0].with_name("turned.jpg")
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6  # upright it is 240 wide and 320 high
+    pixels = np.round(255 * colour_code(smears(), 1.0)).astype(np.uint8)
+    Image.fromarray(pixels).save(turned, quality=95, subsampling=0, exif=exif)
+    code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
+    assert (code, err) == (0, "") and "CALIBRATED" in out
+    with pycolmap.Database.open(tmp_path / "new.db") as database:
+        camera = database.read_camera(1)
+        assert (camera.width, camera.height) == (320, 240)
+        assert database.read_keypoints(1)[:, 0].max() > 245
 
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:

@@ -71,6 +71,21 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
     assert {"a_000.jpg#open", "a_002.jpg#close"} <= {image.name for image in cache.images.values()}
 
 
+def test_a_camera_of_a_rig_keeps_its_rig(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    _run(path, "UPDATE rigs SET ref_sensor_id = 9")  # the camera is the second of a rig
+    _run(path, "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras")
+    _run(path, "INSERT INTO rig_sensors VALUES (1, 1, 0, NULL)")
+    before = user_rows(path)
+    link(path, "a_000.jpg")
+    assert user_rows(path) == before and check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        assert database.num_rigs() == 1
+        frames = database.read_all_frames()
+    assert [frame.rig_id for frame in frames] == [1] * 5
+
+
 def test_half_geometries_lead_from_the_photograph(tmp_path: Path) -> None:
     path = tmp_path / "project.db"
     make_project(path)
