@@ -19,7 +19,16 @@ Viksten), called "the paper" in this package.
 """
 
 from blur2view.cameras import Camera
-from blur2view.errors import Blur2ViewError, CameraError, ImageError, ModelError, OutputError
+from blur2view.colmap_database import write_database
+from blur2view.errors import (
+    Blur2ViewError,
+    CameraError,
+    DatabaseError,
+    ImageError,
+    ModelError,
+    OutputError,
+)
+from blur2view.exposure_views import ExposureViews, TimeDirection, views_of
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.network_file import ModelInfo
@@ -38,8 +47,10 @@ __all__ = [
     "Camera",
     "CameraError",
     "Configuration",
+    "DatabaseError",
     "Estimate",
     "EstimatorOptions",
+    "ExposureViews",
     "ImageError",
     "ModelError",
     "ModelInfo",
@@ -51,6 +62,7 @@ __all__ = [
     "SmearMatches",
     "SmearNetwork",
     "TileOptions",
+    "TimeDirection",
     "Timings",
     "TwoViewGeometry",
     "__version__",
@@ -60,4 +72,6 @@ __all__ = [
     "predict",
     "read_image",
     "select_matches",
+    "views_of",
+    "write_database",
 ]
