@@ -23,7 +23,13 @@ MIN_ANGLE_DEG = 0.02
 """Least angle between the rays of a point: a hand that moves by 5 mm sees 3 m away at 0.1 degrees."""
 
 
-def mapper_options(*, linked: bool = False, refine_intrinsics: bool | None = None, seed: int = 0) -> Any:
+def mapper_options(
+    *,
+    linked: bool = False,
+    keep_photographs: bool = False,
+    refine_intrinsics: bool | None = None,
+    seed: int = 0,
+) -> Any:
     """Options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
     Parameters
@@ -32,6 +38,10 @@ def mapper_options(*, linked: bool = False, refine_intrinsics: bool | None = Non
         False: a database of exposures alone, each of which is a model of two images. True: the views stand
         beside the photographs of an ordinary project (``--link``). Its wide baselines then begin the model
         and make the points, and only what would refuse the views is changed.
+    keep_photographs : bool
+        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
+        are, and the intrinsics. So views join the model that was there before them; smears, which err more
+        than features do, cannot bend it.
     refine_intrinsics : bool, optional
         Whether bundle adjustment refines focal length and distortion. Default: in linked projects, as COLMAP
         does. Two views of one exposure cannot tell a focal length from a depth: give it to ``to-colmap``.
@@ -53,7 +63,16 @@ def mapper_options(*, linked: bool = False, refine_intrinsics: bool | None = Non
         - ``min_model_size`` 2: in a database of many exposures each is a model of two images.
         - ``extract_colors`` off: no file holds the pixels of a virtual image.
 
-        Linked: ``min_model_size`` 3 and ``extract_colors`` off.
+        Linked:
+
+        - ``mapper.abs_pose_min_num_inliers`` 8, not 30: a view sees only points whose smears are sure. No
+          match of a view is a mistake of appearance, as its keypoints are the photograph's, moved.
+        - ``min_model_size`` 3, and ``extract_colors`` off.
+
+    Raises
+    ------
+    ValueError
+        If photographs are to be kept where there are none, or intrinsics refined with them.
 
     Examples
     --------
@@ -62,14 +81,19 @@ def mapper_options(*, linked: bool = False, refine_intrinsics: bool | None = Non
     """
     import pycolmap
 
+    if keep_photographs and (not linked or refine_intrinsics):
+        raise ValueError("keep_photographs is for linked projects, and keeps their intrinsics")
     options = pycolmap.IncrementalPipelineOptions()
-    refine = linked if refine_intrinsics is None else refine_intrinsics
+    refine = linked and not keep_photographs if refine_intrinsics is None else refine_intrinsics
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
     options.random_seed = seed
     options.extract_colors = False
     options.min_model_size = 3
-    if not linked:
+    options.fix_existing_frames = keep_photographs
+    if linked:
+        options.mapper.abs_pose_min_num_inliers = 8
+    else:
         _accept_exposures(options)
     return options
 

@@ -97,6 +97,11 @@ def test_linked_projects_keep_colmaps_angles() -> None:
     assert options.mapper.init_min_tri_angle == defaults.mapper.init_min_tri_angle > MIN_ANGLE_DEG
     assert options.ba_refine_focal_length and not mapper_options().ba_refine_focal_length
     assert not mapper_options(linked=True, refine_intrinsics=False).ba_refine_focal_length
+    kept = mapper_options(linked=True, keep_photographs=True)
+    assert kept.fix_existing_frames and not kept.ba_refine_focal_length and not options.fix_existing_frames
+    for wrong in ({"linked": False}, {"linked": True, "refine_intrinsics": True}):
+        with pytest.raises(ValueError, match="keep_photographs"):
+            mapper_options(keep_photographs=True, **wrong)
 
 
 def test_options_are_valid() -> None:

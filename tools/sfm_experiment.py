@@ -5,10 +5,10 @@
         --redkitchen ../shared/data/redkitchen_sequence
 
 Each video goes through SIFT, sequential matching and incremental mapping with COLMAP's defaults and the true
-intrinsics, once as it is and once after ``blur2view to-colmap --link --sequence``, under
-`blur2view.mapping.mapper_options`. Told are what was registered, errors against the true poses after one
-similarity, and the motion during every exposure: of the model's virtual views, and of the single photographs
-as they were estimated. Writes OUT.md and OUT.png.
+intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views, and the mapper adds them to that
+model under ``mapper_options(linked=True, keep_photographs=True)``; and all is mapped anew globally. Told are
+what was registered, errors against the true poses after one similarity, and the motion during every exposure:
+of the models' virtual views, and of the single photographs as they were estimated. Writes OUT.md and OUT.png.
 """
 
 from __future__ import annotations
@@ -145,8 +145,13 @@ def fresh_database(path: Path, recording: Recording) -> None:
     pycolmap.match_sequential(path, matching, pairing, verification)
 
 
-def run_mapper(database: Path, images: Path, options: Any) -> Model:
-    """Map, incrementally or globally as the options are, and take the largest model.
+def run_mapper(database: Path, images: Path, options: Any, out: Path, start: Path | None = None) -> Path:
+    """Map, incrementally (from a model on disk, if given) or globally as the options are.
+
+    Returns
+    -------
+    Path
+        The folder of the largest model: a numbered one below ``out``, or of a continued model ``out`` itself.
 
     Raises
     ------
@@ -156,25 +161,32 @@ def run_mapper(database: Path, images: Path, options: Any) -> Model:
     import pycolmap
 
     options.num_threads = 1
-    step_by_step = isinstance(options, pycolmap.IncrementalPipelineOptions)
-    mapping = pycolmap.incremental_mapping if step_by_step else pycolmap.global_mapping
-    with tempfile.TemporaryDirectory() as folder:
-        models = mapping(database, images, folder, options)
+    out.mkdir()
+    if isinstance(options, pycolmap.IncrementalPipelineOptions):
+        models = pycolmap.incremental_mapping(database, images, out, options, str(start or ""))
+    else:
+        models = pycolmap.global_mapping(database, images, out, options)
     if not models:
         raise Blur2ViewError(f"{database}: COLMAP finds no model in it; are the frames of one scene?")
-    largest = max(models.values(), key=lambda model: int(model.num_reg_images()))
-    posed = {
-        image.name: image.cam_from_world().matrix() for image in largest.images.values() if image.has_pose
-    }
-    return Model(
-        poses=posed, points=largest.num_points3D(), error_px=largest.compute_mean_reprojection_error()
-    )
+    if start is not None:
+        return out
+    return out / str(max(models, key=lambda key: int(models[key].num_reg_images())))
 
 
-def run_global(database: Path, images: Path) -> Model | None:
+def read_model(folder: Path) -> Model:
+    """Read a model that COLMAP wrote."""
+    import pycolmap
+
+    model = pycolmap.Reconstruction(folder)
+    posed = {image.name: image.cam_from_world().matrix() for image in model.images.values() if image.has_pose}
+    error_px = model.compute_mean_reprojection_error()
+    return Model(poses=posed, points=model.num_points3D(), error_px=error_px)
+
+
+def run_global(database: Path, images: Path, out: Path) -> Model | None:
     """Map globally as the recipe of `global_options` says; None if nothing is built."""
     try:
-        return run_mapper(database, images, global_options(refine_intrinsics=False))
+        return read_model(run_mapper(database, images, global_options(refine_intrinsics=False), out))
     except Blur2ViewError:
         return None
 
@@ -232,21 +244,22 @@ def experiment(recording: Recording, model: Path | None) -> Result:
     from blur2view.predict import SmearNetwork
 
     images = recording.paths[0].parent
-    with tempfile.TemporaryDirectory() as folder:
-        database = Path(folder) / "plain.db"
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        database, linked = folder / "plain.db", folder / "linked.db"
         fresh_database(database, recording)
-        without = run_mapper(database, images, plain_options())
-        linked = Path(folder) / "linked.db"
+        without = run_mapper(database, images, plain_options(), folder / "without")
         shutil.copy(database, linked)
         facts = link(linked, recording, model)
-        options = mapper_options(linked=True, refine_intrinsics=False)
-        joined = run_mapper(linked, images, options)
-        averaged = run_global(linked, images)
+        options = mapper_options(linked=True, keep_photographs=True)
+        joined = run_mapper(linked, images, options, folder / "joined", start=without)
+        averaged = run_global(linked, images, folder / "averaged")
         estimated = estimated_motion(linked, [path.name for path in recording.paths])
+        models = read_model(without), read_model(joined)
     return Result(
         recording=recording,
-        without=without,
-        joined=joined,
+        without=models[0],
+        joined=models[1],
         averaged=averaged,
         estimated=estimated,
         facts=facts,
@@ -360,9 +373,11 @@ def main() -> None:
     arguments = parser.parse_args()
     recordings = [] if arguments.sequence is None else [rendered_recording(arguments.sequence)]
     recordings += [] if arguments.redkitchen is None else [redkitchen_recording(arguments.redkitchen)]
-    results = [experiment(recording.first(arguments.frames), arguments.model) for recording in recordings]
+    results = []
+    for recording in recordings:
+        results.append(experiment(recording.first(arguments.frames), arguments.model))
+        print(markdown(results[-1]), flush=True)
     text = "\n".join([f"Network {r.model_id}.\n" for r in results[:1]] + [markdown(r) for r in results])
-    print(text)
     if arguments.out is not None:
         from tools.sfm_plot import plot
 
