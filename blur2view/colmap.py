@@ -211,6 +211,7 @@ def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
         raise CameraError(f"{path}: no such database; check the path")
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)) as database:
+            database.text_factory = lambda name: name.decode("utf-8", "surrogateescape")  # some other image's
             rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
             images = database.execute("SELECT name, camera_id FROM images").fetchall()
     except (sqlite3.Error, UnicodeError) as error:

@@ -130,7 +130,7 @@ class DatabaseMatcher:
 
 
 def database_names(path: Path) -> list[str]:
-    """Names of a COLMAP database's images, by their ids.
+    """Names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out.
 
     Raises
     ------
@@ -139,10 +139,16 @@ def database_names(path: Path) -> list[str]:
     """
     try:
         with closing(_opened(path)) as database:
+            database.text_factory = lambda name: name.decode() if _is_text(name) else name
             rows = database.execute("SELECT name FROM images ORDER BY image_id").fetchall()
     except (sqlite3.Error, UnicodeError) as error:
         raise DatabaseError(f"{path}: images cannot be read ({error}); is it a COLMAP database?") from None
     return [name for (name,) in rows if isinstance(name, str)]
+
+
+def _is_text(name: bytes) -> bool:
+    """Whether bytes are UTF-8."""
+    return name.decode("utf-8", "ignore").encode() == name
 
 
 def _opened(path: Path) -> sqlite3.Connection:

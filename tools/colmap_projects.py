@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INT
   cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB);
 """
 
-Rows = dict[str, list[tuple[object, ...]]]
+Rows = dict[str, list[tuple[Any, ...]]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,11 +116,11 @@ def user_rows(path: Path) -> Rows:
         database.text_factory = bytes
         sql = "SELECT CAST(name AS BLOB) FROM sqlite_master WHERE type = 'table'"
         tables = sorted(row[0].decode() for row in database.execute(sql))
-        rows = {table: database.execute(f'SELECT * FROM "{table}"').fetchall() for table in tables}
+        rows = {table: _table_rows(database, table) for table in tables}
     ours = {int(row[0]) for row in rows.pop("blur2view_views", [])}
     rows.pop("sqlite_sequence", None)
     frames = {row[0] for row in rows.get("frame_data", []) if row[1] in ours}
-    mine: dict[str, Callable[[tuple[object, ...]], bool]] = {
+    mine: dict[str, Callable[[tuple[Any, ...]], bool]] = {
         "images": lambda row: row[0] in ours,
         "keypoints": lambda row: row[0] in ours,
         "frames": lambda row: row[0] in frames,
@@ -130,6 +131,13 @@ def user_rows(path: Path) -> Rows:
     for table, is_ours in mine.items():
         rows[table] = [row for row in rows.get(table, []) if not is_ours(row)]
     return {table: sorted(found, key=repr) for table, found in rows.items() if found}
+
+
+def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
+    """Read all rows; columns get names of ours, as those of a damaged schema may be no text."""
+    count = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()[0]
+    columns = ", ".join(f"c{index}" for index in range(count))
+    return database.execute(f'WITH t({columns}) AS (SELECT * FROM "{table}") SELECT * FROM t').fetchall()
 
 
 def _touches(pair: object, ours: set[int]) -> bool:
