@@ -19,7 +19,7 @@ from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import EstimatorOptions
 
 Array = NDArray[np.float64]
-MAX_SIGMA_PX = 4.0  # each end errs by half of it; the mapper drops what is 4 px off (filter_max_reproj_error)
+MAX_SIGMA_PX = 8.0  # each end errs by half of it; the mapper keeps what is 4 px off (filter_max_reproj_error)
 MAX_SIGMA_SHARE = 0.5  # of the smear's length: then its direction is known
 STILL_PX = 1.5  # as short as that a smear need not be known better
 

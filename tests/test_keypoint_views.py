@@ -98,11 +98,9 @@ def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.
     assert not linked.usable.any() and not linked.views.geometry.inlier_mask.any()
 
 
-def test_sigma_is_judged_against_the_length() -> None:
-    displacement = np.zeros((1, 3, 2), np.float32)
-    displacement[0, :, 0] = [1, 10, 10]
-    field = SmearField(displacement=displacement, sigma_px=np.array([[1.4, 3.9, 4.1]], np.float32))
-    found = sample(field, np.array([[0.0, 0], [1, 0], [2, 0]]))
-    assert found.certain.tolist() == [True, True, False]
-    field = SmearField(displacement=displacement, sigma_px=np.array([[1.6, 3.9, 4.1]], np.float32))
-    assert not sample(field, np.array([[0.0, 0]])).certain.any()
+def test_sigma_is_judged_by_itself_and_against_the_length() -> None:
+    displacement, sigma = np.zeros((1, 6, 2), np.float32), [1.4, 1.6, 4.9, 5.1, 7.9, 8.1]
+    displacement[0, :, 0] = [1, 1, 10, 10, 20, 20]
+    field = SmearField(displacement=displacement, sigma_px=np.array([sigma], np.float32))
+    found = sample(field, np.stack([np.arange(6.0), np.zeros(6)], axis=1))
+    assert found.certain.tolist() == [True, False] * 3
