@@ -28,6 +28,8 @@ class SmearMatches:
         Width and height of the image. With it the estimator may assume an ordinary camera.
     still_share : float
         Share of the measurable image that shows no motion, in [0, 1].
+    sure_share : float
+        Share of the image in which the direction of blur can be told, in [0, 1].
 
     Raises
     ------
@@ -39,6 +41,7 @@ class SmearMatches:
     sigma_px: Array
     image_size: tuple[int, int] | None = None
     still_share: float = 0.0
+    sure_share: float = 1.0
 
     def __post_init__(self) -> None:
         """Convert to float64 and check shapes and values."""
@@ -49,8 +52,9 @@ class SmearMatches:
             raise ValueError("ends must be finite, sigma_px finite and positive")
         if self.image_size is not None and min(self.image_size) < 1:
             raise ValueError(f"image_size must be positive, got {self.image_size}")
-        if not 0 <= self.still_share <= 1:
-            raise ValueError(f"still_share must be in [0, 1], got {self.still_share}")
+        for name in ("still_share", "sure_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         object.__setattr__(self, "ends", ends)
         object.__setattr__(self, "sigma_px", sigma)
 
@@ -108,7 +112,9 @@ class SelectOptions:
     most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
     direction worth the name; ``rank`` "direction" prefers sure directions, which decide F (where the network
     does not tell, as "absolute"), "relative" small sigma over length, "absolute" small sigma (which favours
-    short smears).
+    short smears); ``max_sigma_rad`` smears whose direction is less sure are never taken: on sharp and on
+    defocused photographs that is all of them; ``still_sigma_px`` of a short smear up to which it shows that
+    nothing moves there.
     """
 
     beta: float = 0.35
@@ -116,6 +122,8 @@ class SelectOptions:
     min_length_px: float = 1.5
     cells: int = 16
     rank: Literal["direction", "relative", "absolute"] = "direction"
+    max_sigma_rad: float = 0.45
+    still_sigma_px: float = 3.0
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
@@ -125,6 +133,8 @@ class SelectOptions:
             raise ValueError(f"max_matches, cells must be positive, min_length_px not negative, got {self}")
         if self.rank not in ("direction", "relative", "absolute"):
             raise ValueError(f"rank must be 'direction', 'relative' or 'absolute', got {self.rank!r}")
+        if not (self.max_sigma_rad > 0 and self.still_sigma_px > 0):
+            raise ValueError(f"max_sigma_rad and still_sigma_px must be positive, got {self}")
 
 
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
@@ -141,24 +151,65 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
         Possibly empty (a sharp or constant image), with image_size and still_share filled in.
     """
     options = options or SelectOptions()
-    rows, cols = grid_pixels(field.shape)
-    displacement = field.displacement[rows, cols].astype(np.float64)
-    sigma = np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3)
-    length = np.hypot(*displacement.T)
-    points = np.stack([cols, rows], axis=1).astype(np.float64)
-    quality = sigma / np.maximum(length, 1e-3) if options.rank == "relative" else sigma
-    if options.rank == "direction" and field.sigma_rad is not None:
-        quality = field.sigma_rad[rows, cols].astype(np.float64)
-    long = np.flatnonzero(length >= options.min_length_px)
-    sure = long[np.argsort(quality[long], kind="stable")][: int(np.ceil(options.beta * len(length)))]
-    chosen = sure[spread(points[sure], field.shape, options)]
+    smears = GridSmears.of(field)
+    length, sigma = smears.length_px, smears.sigma_px
+    told = (length >= options.min_length_px) & (smears.sigma_rad <= options.max_sigma_rad)
+    candidates = np.flatnonzero(told)
+    order = np.argsort(smears.quality(options.rank)[candidates], kind="stable")
+    sure = candidates[order][: int(np.ceil(options.beta * len(length)))]
+    chosen = sure[spread(smears.points[sure], field.shape, options)]
     height, width = field.shape
     return SmearMatches(
-        ends=smear_ends(points[chosen], displacement[chosen]),
+        ends=smear_ends(smears.points[chosen], smears.displacement[chosen]),
         sigma_px=sigma[chosen],
         image_size=(width, height),
-        still_share=_still_share(length, sigma, options.min_length_px),
+        still_share=_still_share(length, sigma, options),
+        sure_share=float(told.mean()),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridSmears:
+    """The smears of a field at the centres of the network's cells, N.
+
+    Parameters
+    ----------
+    points, displacement : ndarray of shape (N, 2)
+        Pixels.
+    sigma_px, sigma_rad : ndarray of shape (N,)
+        Standard deviations; ``sigma_rad`` is zero where the network does not tell.
+    """
+
+    points: Array
+    displacement: Array
+    sigma_px: Array
+    sigma_rad: Array
+
+    @classmethod
+    def of(cls, field: SmearField) -> GridSmears:
+        """Sample a field."""
+        rows, cols = grid_pixels(field.shape)
+        told = field.sigma_rad
+        return cls(
+            points=np.stack([cols, rows], axis=1).astype(np.float64),
+            displacement=field.displacement[rows, cols].astype(np.float64),
+            sigma_px=np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3),
+            sigma_rad=np.zeros(len(rows)) if told is None else told[rows, cols].astype(np.float64),
+        )
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths, (N,), pixels."""
+        length: Array = np.hypot(*self.displacement.T)
+        return length
+
+    def quality(self, rank: str) -> Array:
+        """Return what the smears are ranked by, (N,); small is good."""
+        if rank == "direction" and self.sigma_rad.any():
+            return self.sigma_rad
+        if rank == "relative":
+            return self.sigma_px / np.maximum(self.length_px, 1e-3)
+        return self.sigma_px
 
 
 def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
@@ -185,8 +236,8 @@ def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDA
     return chosen
 
 
-def _still_share(length: Array, sigma: Array, min_length_px: float) -> float:
-    """Share of the measurable smears (sure to half their length, or to min_length_px) that are shorter."""
-    measurable: NDArray[Any] = sigma <= np.maximum(0.5 * length, min_length_px)
-    still = measurable & (length < min_length_px)
+def _still_share(length: Array, sigma: Array, options: SelectOptions) -> float:
+    """Share of the measurable smears (sure to half their length, or to still_sigma_px) that are too short."""
+    measurable: NDArray[Any] = sigma <= np.maximum(0.5 * length, options.still_sigma_px)
+    still = measurable & (length < options.min_length_px)
     return float(still.sum() / max(measurable.sum(), 1))

@@ -29,11 +29,12 @@ class EstimatorOptions:
     on ``stop_inlier_share``; ``solver`` "seven" is ours, "scipy" the paper's estimator (`paper`), for
     comparison: slow, one family, the same refusals but no test against chance; ``components`` whether
     neighbouring smears tell each other's order; ``confidence`` 0.99 is enough: a sample gives many starts.
-    Trust: ``min_matches``; ``min_length_px`` the least median smear; ``max_still_share`` of the measurable
-    image; ``min_coverage`` the least share of the image's square blocks with matches, ``coverage_blocks`` of
-    which lie along its longer side; ``min_agreement`` the least share of smears that agree with F beyond
-    chance, ``sure_agreement`` the share that needs no second test,
-    ``min_held_out`` the least share of one half of the image that the other half predicts.
+    Trust: ``min_matches``; ``min_length_px`` the least median smear; ``min_sure_share`` of the image in which
+    blur has a direction; ``max_still_share`` of the measurable image; ``min_coverage`` the least share of the
+    image's square blocks with matches, ``coverage_blocks`` of which lie along its longer side;
+    ``min_agreement`` the least share of smears that agree with F beyond chance, ``sure_agreement`` the share
+    that needs no second test, ``min_held_out`` the least share of one half of the image that the other half
+    predicts.
     """
 
     max_error_px: float = 3**0.5
@@ -49,6 +50,7 @@ class EstimatorOptions:
     solver: Solver = "seven"
     min_matches: int = 30
     min_length_px: float = 1.0
+    min_sure_share: float = 0.05
     max_still_share: float = 0.6
     min_coverage: float = 0.08
     min_agreement: float = 0.2
@@ -69,7 +71,8 @@ class EstimatorOptions:
             raise ValueError(f"solver must be one of {get_args(Solver)}, got {self.solver!r}")
         if self.coverage_blocks < 1:
             raise ValueError(f"coverage_blocks must be at least 1, got {self.coverage_blocks}")
-        for name in ("max_still_share", "min_coverage", "min_agreement", "sure_agreement", "min_held_out"):
+        shares = ("min_sure_share", "max_still_share", "min_coverage")
+        for name in (*shares, "min_agreement", "sure_agreement", "min_held_out"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         self.search()

@@ -32,6 +32,7 @@ def test_matches_know_midpoints_displacements_and_lengths() -> None:
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.zeros(3)},
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "image_size": (0, 5)},
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "still_share": 2.0},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "sure_share": -0.1},
     ],
 )
 def test_wrong_matches_are_refused(wrong: dict[str, object]) -> None:
@@ -74,7 +75,7 @@ def test_the_surest_share_is_kept(rank: str) -> None:
 def test_sure_directions_come_first_where_the_network_tells_them() -> None:
     rng = np.random.default_rng(0)
     displacement = rng.normal(0, 20, (64, 64, 2)).astype(np.float32)
-    sigma, direction = rng.random((2, 64, 64), dtype=np.float32)
+    sigma, direction = 0.4 * rng.random((2, 64, 64), dtype=np.float32)
     told = SmearField(displacement=displacement, sigma_px=sigma, sigma_rad=direction)
     untold = SmearField(displacement=displacement, sigma_px=sigma)
     options = SelectOptions(beta=0.3, min_length_px=0)
@@ -124,8 +125,31 @@ def test_tiny_images_and_repeats() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"beta": 0.0}, {"beta": np.nan}, {"max_matches": 0}, {"rank": "best"}, {"min_length_px": np.nan}],
+    [
+        {"beta": 0.0},
+        {"beta": np.nan},
+        {"max_matches": 0},
+        {"rank": "best"},
+        {"max_sigma_rad": 0.0},
+        {"still_sigma_px": -1.0},
+        {"min_length_px": np.nan},
+    ],
 )
 def test_options_out_of_range_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="must be"):
         SelectOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_unsure_directions_are_never_taken_and_their_share_is_told() -> None:
+    smears = field()
+    direction = np.full(smears.shape, 0.2, np.float32)
+    direction[:, 32:] = 0.8
+    told = SmearField(displacement=smears.displacement, sigma_px=smears.sigma_px, sigma_rad=direction)
+    matches = select_matches(told, SelectOptions(beta=1.0))
+    assert matches.sure_share == 0.25 and matches.midpoint[:, 0].max() < 32
+    assert select_matches(smears, SelectOptions(beta=1.0)).sure_share == 1
+
+
+@pytest.mark.parametrize(("sigma_px", "still"), [(2.9, 1.0), (3.1, 0.0)])
+def test_short_smears_show_stillness_only_if_they_are_sure(sigma_px: float, still: float) -> None:
+    assert select_matches(field(length_px=1.0, sigma_px=sigma_px)).still_share == still
