@@ -178,8 +178,9 @@ def _read_exposure(database: Path, name: str) -> tuple[Any, list[Any], Any]:
     import pycolmap
 
     with pycolmap.Database.open(database) as opened:
-        images = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
-        if None in images:
+        views = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
+        images = [view for view in views if view is not None]
+        if len(images) < 2:
             raise DatabaseError(f"{database}: has no views of {name}; add them with blur2view to-colmap")
         geometry = opened.read_two_view_geometry(*(image.image_id for image in images))
         if geometry.cam2_from_cam1 is None:

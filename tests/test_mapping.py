@@ -43,11 +43,11 @@ def database(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
             db.write_frame(frame)
             db.write_keypoints(ids[-1], to_colmap(points).astype(np.float32))
         matches = np.arange(COUNT, dtype=np.uint32)[:, None].repeat(2, axis=1)
-        db.write_matches(*ids, matches)
+        db.write_matches(ids[0], ids[1], matches)
         geometry = pycolmap.TwoViewGeometry()
         geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
         geometry.inlier_matches = matches
-        db.write_two_view_geometry(*ids, geometry)
+        db.write_two_view_geometry(ids[0], ids[1], geometry)
     return path
 
 

@@ -38,11 +38,12 @@ def pinhole(scene: Scene) -> pycolmap.Camera:
 def test_pycolmap_estimates_the_same_from_the_same_points() -> None:
     scene, geometry = solved()
     ours = geometry.to_pycolmap()
-    assert ours.config == pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+    assert ours.config == pycolmap.TwoViewGeometryConfiguration.CALIBRATED and ours.cam2_from_cam1 is not None
     points1, points2 = ordered(scene, geometry)
     camera, matches = pinhole(scene), np.arange(COUNT, dtype=np.uint32)[:, None].repeat(2, axis=1)
     theirs = pycolmap.estimate_calibrated_two_view_geometry(camera, points1, camera, points2, matches)
     pycolmap.estimate_two_view_geometry_pose(camera, points1, camera, points2, theirs)
+    assert theirs.cam2_from_cam1 is not None
     turn = ours.cam2_from_cam1.rotation.inverse() * theirs.cam2_from_cam1.rotation
     assert np.degrees(turn.angle()) < 0.02
     direction = theirs.cam2_from_cam1.translation
@@ -83,8 +84,9 @@ def test_database_keeps_what_was_written(tmp_path: Path) -> None:
     with pycolmap.Database.open(tmp_path / "a.db") as database:
         camera_id = database.write_camera(pycolmap.Camera(model="PINHOLE", width=4, height=3, params=[4] * 4))
         ids = [database.write_image(pycolmap.Image(name=name, camera_id=camera_id)) for name in "ab"]
-        database.write_two_view_geometry(*ids, ours)
-        read = database.read_two_view_geometry(*ids)
+        database.write_two_view_geometry(ids[0], ids[1], ours)
+        read = database.read_two_view_geometry(ids[0], ids[1])
+    assert read.cam2_from_cam1 is not None
     for name in ("F", "E"):
         np.testing.assert_allclose(getattr(read, name), getattr(ours, name), atol=1e-12)
     np.testing.assert_allclose(read.cam2_from_cam1.matrix(), ours.cam2_from_cam1.matrix(), atol=1e-12)

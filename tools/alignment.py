@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 def centres(poses: Array) -> Array:
     """Camera centres (..., 3) of poses (..., 3, 4)."""
-    return -np.einsum("...ji,...j->...i", poses[..., :3], poses[..., 3])
+    return np.asarray(-np.einsum("...ji,...j->...i", poses[..., :3], poses[..., 3]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -34,7 +34,7 @@ def plot(results: Sequence[Result], path: Path) -> None:
             panel.set_xlabel(f"{result.recording.name}: frame")
             panel.grid(alpha=0.3)
         row[0].set_ylabel("rotation, degrees")
-    for axis, panel in zip("xyz", panels[0], strict=True):
-        panel.set_title(f"about {axis}")
+    for panel, letter in zip(panels[0], "xyz", strict=True):
+        panel.set_title(f"about {letter}")
     panels[0][0].legend()
     figure.savefig(path, dpi=70)
