@@ -19,7 +19,7 @@ from blur2view.image import read_image
 Array = NDArray[np.float64]
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 
-MAX_SIDE, MAX_FEATURES = 1000, 2000  # pictures are matched at no more than so many pixels and features
+MAX_SIDE, MAX_FEATURES = 640, 1000  # blurred pictures show no more in more pixels
 FAINT = 0.01  # SIFT's contrast threshold: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
@@ -76,22 +76,28 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     (points1, descriptors1), (points2, descriptors2) = one, other
     if min(len(points1), len(points2)) < FEWEST:
         return NONE, NONE
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    back = {match.queryIdx: match.trainIdx for match in matcher.match(descriptors2, descriptors1)}
-    pairs = [
-        (best.queryIdx, best.trainIdx)
-        for best, second in matcher.knnMatch(descriptors1, descriptors2, k=2)
-        if best.distance < RATIO * second.distance and back[best.trainIdx] == best.queryIdx
-    ]
-    if len(pairs) < FEWEST:
+    similarity = unit(descriptors1) @ unit(descriptors2).T
+    best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
+    rows = np.arange(len(best))
+    near = np.sqrt(np.maximum(2 - 2 * similarity[rows, best], 0))
+    similarity[rows, best] = -np.inf
+    second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
+    chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
+    if len(chosen) < FEWEST:
         return NONE, NONE
-    first, second = np.array(pairs).T
-    return verified(points1[first], points2[second])
+    return verified(points1[chosen], points2[best[chosen]])
+
+
+def unit(descriptors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Scale descriptors (N, 128) to length 1, so that their products give their distances."""
+    length = np.linalg.norm(descriptors, axis=1, keepdims=True)
+    return np.asarray(descriptors / np.maximum(length, 1e-6), np.float32)
 
 
 def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
-    """Keep the matches (M, 2) that lie within MAX_ERROR_PX of one epipolar geometry; none if they are few."""
-    _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, MAX_ERROR_PX, 0.999, 2000)
+    """Keep the matches (M, 2) within MAX_ERROR_PX of one epipolar geometry, at the size of matching."""
+    bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
+    _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)
     if inliers is None or inliers.sum() < FEWEST:
         return NONE, NONE
     kept = inliers.ravel().astype(bool)
