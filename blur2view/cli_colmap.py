@@ -135,8 +135,8 @@ def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], objec
         usage_error("--replace and --no-backup go with --link")
     if options.format == DATABASE and (options.db is None or options.output is not None):
         usage_error("name the database with --db; -o goes with --format matches or hloc")
-    if options.format != DATABASE and (options.output is None or options.db is not None):
-        usage_error(f"--format {options.format} needs -o DIR and no --db")
+    if options.format != DATABASE and (options.output is None or options.db is not None or options.link):
+        usage_error(f"--format {options.format} needs -o DIR, and neither --db nor --link")
 
 
 def _kept(subject: Subject) -> bool:

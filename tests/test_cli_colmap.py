@@ -141,7 +141,7 @@ def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
     target = ["--db", str(tmp_path / "new.db")]
     wrong = [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
     wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
-    for words in (*wrong, [], ["--format", "hloc"]):
+    for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
         with pytest.raises(SystemExit) as stop:
             run(*photos, *words)
         assert stop.value.code == 2
