@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,13 +125,15 @@ class Directed:
         return np.asarray((self.rotation * self.true_rotation).sum(axis=1) > 0)
 
 
-def estimate_video(video: Video, calibrated: bool, network: Any) -> list[ExposureViews]:
-    """Estimate every frame by itself."""
-    camera = video.camera if calibrated else None
-    return [
-        views_of(path.name, blur2view.estimate(blur2view.read_image(path), network=network, camera=camera))
-        for path in video.paths
-    ]
+def estimate_video(video: Video, network: blur2view.SmearNetwork) -> dict[str, list[ExposureViews]]:
+    """Estimate every frame by itself, with the intrinsics known and unknown."""
+    views: dict[str, list[ExposureViews]] = {"known": [], "unknown": []}
+    for path in video.paths:
+        found = blur2view.estimate(blur2view.read_image(path), network=network, camera=video.camera)
+        without = replace(found, geometry=blur2view.estimate_two_view(found.matches), camera=None)
+        views["known"].append(views_of(path.name, found))
+        views["unknown"].append(views_of(path.name, without))
+    return views
 
 
 def judge(video: Video, found: Sequence[ExposureViews]) -> Directed:
@@ -206,13 +207,14 @@ def plot(path: Path, videos: Sequence[tuple[str, Directed]]) -> None:
     plt.close(figure)
 
 
-def report(videos: Sequence[Video], network: Any) -> tuple[str, list[tuple[str, Directed]]]:
+def report(
+    videos: Sequence[Video], network: blur2view.SmearNetwork
+) -> tuple[str, list[tuple[str, Directed]]]:
     """Estimate, vote and judge; give the table and what is to be drawn."""
     lines, drawn = [f"| {HEAD} |", "|---" * 11 + "|"], []
     for video in videos:
-        matched = PhotographMatcher(video.paths)
-        for calibrated, given in ((True, "known"), (False, "unknown")):
-            views = estimate_video(video, calibrated, network)
+        matched = cache(PhotographMatcher(video.paths))
+        for given, views in estimate_video(video, network).items():
             found = with_time_direction(views, [list(range(len(views)))], matched)
             before, after = judge(video, views), judge(video, found)
             lines.append(row(video.name, given, before, after))
