@@ -35,8 +35,8 @@ Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photograph
 NEAR = 0.04  # of the longer side: a match is compared with the nearest used smear within it
 ENOUGH = 8  # matches; fewer have no vote
 # Smears err together, so a vote of hundreds of matches is worth few independent ones. With 30 nothing below a
-# mean cosine of 0.23 is called known; of 64 frames of RedKitchen, intrinsics unknown and the flip of time alone
-# decided, four were wrong, with mean cosines of 0.07 to 0.19.
+# mean cosine of 0.23 is called known; of 64 frames of RedKitchen, intrinsics unknown and the flip of time
+# alone decided, four were wrong, with mean cosines of 0.07 to 0.19.
 INDEPENDENT = 30
 KNOWN = 0.8  # confidence from which the direction is called known: right nine times in ten
 FARTHEST = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6); after more, motion may have changed
