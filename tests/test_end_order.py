@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from scenes import Scene, disturb, make_scene
 
 from blur2view import Camera, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.colmap import colmap_camera, distorted_points
 from blur2view.end_order import forward_share, motion_order
 from blur2view.epipolar import sampson
-from tests.scenes import Scene, disturb, make_scene
 
 SEEDS = range(8)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import Scene, disturb, make_scene
 
 from blur2view import estimate_two_view
 from blur2view.cameras import Camera
@@ -12,7 +13,6 @@ from blur2view.matches import SmearMatches
 from blur2view.pipeline import Estimate, Timings
 from blur2view.pose import PoseCovariance, RigidTransform
 from blur2view.smear import SmearField
-from tests.scenes import Scene, disturb, make_scene
 
 
 def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import IMAGE_SIZE, Scene, make_scene
 
 from blur2view.cameras import Camera
 from blur2view.epipolar import fundamental_from_pose, sampson
@@ -9,7 +10,6 @@ from blur2view.geometry import Configuration, TwoViewGeometry
 from blur2view.half_exposure import half_fundamental, half_geometry, half_homography, half_pose
 from blur2view.manifold import rotation_matrix
 from blur2view.pose import RigidTransform
-from tests.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.synthetic_matches import project_smears
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import make_scene
 
 from blur2view import estimate_two_view
 from blur2view.cameras import Camera
@@ -12,7 +13,6 @@ from blur2view.keypoint_views import MAX_SIGMA_PX, keypoint_views, sample
 from blur2view.matches import SelectOptions, select_matches
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smear import SmearField
-from tests.scenes import make_scene
 from tools.synthetic_matches import layered_depth, project_smears
 
 SIZE = (160, 120)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
+from scenes import IMAGE_SIZE, Scene, disturb, make_scene
 
 from blur2view.colmap import to_colmap
 from blur2view.mapping import MIN_ANGLE_DEG, global_options, mapper_options
 from blur2view.metrics import rotation_error, translation_direction_error_deg
-from tests.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 
 COUNT = 500
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from scenes import IMAGE_SIZE, Scene, make_scene
 
 from blur2view.cameras import Camera
 from blur2view.colmap import fundamental_to_colmap, homography_to_colmap, to_colmap
@@ -12,7 +13,6 @@ from blur2view.geometry import Configuration, TwoViewGeometry
 from blur2view.matches import SmearMatches
 from blur2view.metrics import translation_direction_error_deg
 from blur2view.two_view import estimate_two_view
-from tests.scenes import IMAGE_SIZE, Scene, make_scene
 
 COUNT = 400
 

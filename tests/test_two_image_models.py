@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from scenes import IMAGE_SIZE, disturb, make_scene
 
 from blur2view.cameras import Camera
 from blur2view.colmap_database import write_database
@@ -16,7 +17,6 @@ from blur2view.mapping import mapper_options, triangulate_exposure
 from blur2view.matches import SmearMatches
 from blur2view.pose import RigidTransform
 from blur2view.two_view import estimate_two_view
-from tests.scenes import IMAGE_SIZE, disturb, make_scene
 from tools.exposure import grid_points
 from tools.testset import TestScene
 from tools.two_image_models import (
