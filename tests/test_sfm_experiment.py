@@ -1,5 +1,6 @@
 """The experiment's figures on models that are exact, reversed or missing; the recordings' true motion."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from blur2view.exposure_views import CLOSE, OPEN
 from blur2view.manifold import rotation_matrix
 from tools.alignment import Motion, MotionErrors
 from tools.recording import Recording, motion_per_frame, redkitchen_recording
-from tools.sfm_experiment import Model, Result, markdown
+from tools.sfm_experiment import Model, Result, markdown, read_model
 from tools.sfm_plot import plot
 
 COUNT, SHARE = 8, 0.5
@@ -96,6 +97,16 @@ def test_tables_and_picture_say_it(tmp_path: Path) -> None:
     assert "| model with views, global mapping | 7 |" in text
     plot([result(), result(known=False)], tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_missing_models_are_told_not_raised(tmp_path: Path) -> None:
+    nothing, found = read_model(None), result()
+    empty = replace(found, without=nothing, joined=nothing, averaged=nothing)
+    text = markdown(empty)
+    assert "| photographs registered | 0 | 0 | 0 |" in text and "Both views of 0 photographs" in text
+    assert "| model with views | 0 |" in text and "global mapping | 0" not in text
+    assert "| views registered | 0 | 14 | 0 |" in markdown(replace(found, without=nothing, averaged=nothing))
+    plot([replace(empty, recording=recording())], tmp_path / "a.png")
 
 
 def test_motion_per_frame_is_that_of_the_neighbours() -> None:

@@ -138,6 +138,10 @@ def forwards(found: Motion, true: Motion) -> Array:
 
 
 def common_scale(found: Array, true: Array) -> float:
-    """One factor that brings true vectors (N, 3) to found ones: the median over frames, NaN ignored."""
+    """One factor that brings true vectors (N, 3) to found ones: the median over frames, NaN ignored.
+
+    NaN if none is found.
+    """
     factors = (found * true).sum(axis=1) / np.maximum((true**2).sum(axis=1), 1e-30)
-    return float(np.nanmedian(factors))
+    known = factors[np.isfinite(factors)]
+    return float(np.median(known)) if len(known) else float("nan")

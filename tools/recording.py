@@ -34,6 +34,8 @@ class Recording:
         During each exposure; where the exposure is not known, during the time from frame to frame.
     exposure_known : bool
         False: true motions hold up to one factor for the whole recording.
+    displacement : ndarray of shape (N, H/4, W/4, 2) or None
+        True smears, where they are known.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Recording:
     poses: Array
     motion: Motion
     exposure_known: bool
+    displacement: Array | None = None
 
     def first(self, count: int | None) -> Recording:
         """Give the first frames only."""
@@ -52,6 +55,7 @@ class Recording:
             poses=self.poses[:count],
             motion=Motion(turns=self.motion.turns[:count], moves=self.motion.moves[:count]),
             exposure_known=self.exposure_known,
+            displacement=None if self.displacement is None else self.displacement[:count],
         )
 
 
@@ -71,6 +75,7 @@ def rendered_recording(folder: Path) -> Recording:
         poses=truth.poses[:, 1],
         motion=Motion.between(truth.poses[:, 0], truth.poses[:, 2]),
         exposure_known=True,
+        displacement=truth.displacement,
     )
 
 

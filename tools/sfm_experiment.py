@@ -8,7 +8,8 @@ Each video goes through SIFT, sequential matching and incremental mapping with C
 intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views, and the mapper adds them to that
 model under ``mapper_options(linked=True, keep_photographs=True)``; and all is mapped anew globally. Told are
 what was registered, errors against the true poses after one similarity, and the motion during every exposure:
-of the models' virtual views, and of the single photographs as they were estimated. Writes OUT.md and OUT.png.
+of the models' virtual views, and of the single photographs as they were estimated. The rendered video is also
+run with its true smears in place of the network's. Writes OUT.md and OUT.png.
 """
 
 from __future__ import annotations
@@ -43,10 +44,13 @@ from tools.alignment import (
     rotation_errors_deg,
 )
 from tools.recording import Recording, redkitchen_recording, rendered_recording
+from tools.true_smears import link_true
 
 Array = NDArray[Any]
 OVERLAP = 6
 """Frames ahead that a frame is matched with."""
+INITIAL_ANGLE_DEG = 4.0
+"""To begin a model with: in a second of hand-held video nothing is seen at COLMAP's 16 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,9 +73,8 @@ class Result:
     Parameters
     ----------
     recording : Recording
-    without, joined : Model
-    averaged : Model or None
-        With views, by global mapping; None where it builds nothing.
+    without, joined, averaged : Model
+        The last with views, by global mapping.
     estimated : Motion
         From the database: single photographs, translations of unit length; NaN without a pose.
     facts : list of dict
@@ -82,7 +85,7 @@ class Result:
     recording: Recording
     without: Model
     joined: Model
-    averaged: Model | None
+    averaged: Model
     estimated: Motion
     facts: list[dict[str, Any]]
     model_id: str
@@ -93,7 +96,10 @@ class Result:
         return [path.name for path in self.recording.paths]
 
     def motion_of(self, model: Model) -> Motion:
-        """Motion during the exposures by a model's views, in the truth's scale."""
+        """Motion during the exposures by a model's views, in the truth's scale; NaN without a model."""
+        if not model.poses:
+            unknown = np.full((len(self.names), 3), np.nan)
+            return Motion(turns=unknown, moves=unknown)
         first, last = (model.of([name + end for name in self.names]) for end in (OPEN, CLOSE))
         return Motion.between(first, last).scaled(1.0, self.alignment_of(model).scale)
 
@@ -145,18 +151,16 @@ def fresh_database(path: Path, recording: Recording) -> None:
     pycolmap.match_sequential(path, matching, pairing, verification)
 
 
-def run_mapper(database: Path, images: Path, options: Any, out: Path, start: Path | None = None) -> Path:
+def run_mapper(
+    database: Path, images: Path, options: Any, out: Path, start: Path | None = None
+) -> Path | None:
     """Map, incrementally (from a model on disk, if given) or globally as the options are.
 
     Returns
     -------
-    Path
+    Path or None
         The folder of the largest model: a numbered one below ``out``, or of a continued model ``out`` itself.
-
-    Raises
-    ------
-    Blur2ViewError
-        If COLMAP builds none.
+        None if COLMAP builds none.
     """
     import pycolmap
 
@@ -167,38 +171,33 @@ def run_mapper(database: Path, images: Path, options: Any, out: Path, start: Pat
     else:
         models = pycolmap.global_mapping(database, images, out, options)
     if not models:
-        raise Blur2ViewError(f"{database}: COLMAP finds no model in it; are the frames of one scene?")
+        return None
     if start is not None:
         return out
     return out / str(max(models, key=lambda key: int(models[key].num_reg_images())))
 
 
-def read_model(folder: Path) -> Model:
-    """Read a model that COLMAP wrote."""
+def read_model(folder: Path | None) -> Model:
+    """Read a model that COLMAP wrote; of none there are no poses."""
     import pycolmap
 
+    if folder is None:
+        return Model(poses={}, points=0, error_px=float("nan"))
     model = pycolmap.Reconstruction(folder)
     posed = {image.name: image.cam_from_world().matrix() for image in model.images.values() if image.has_pose}
     error_px = model.compute_mean_reprojection_error()
     return Model(poses=posed, points=model.num_points3D(), error_px=error_px)
 
 
-def run_global(database: Path, images: Path, out: Path) -> Model | None:
-    """Map globally as the recipe of `global_options` says; None if nothing is built."""
-    try:
-        return read_model(run_mapper(database, images, global_options(refine_intrinsics=False), out))
-    except Blur2ViewError:
-        return None
-
-
 def plain_options() -> Any:
-    """COLMAP's own options, but for known intrinsics and a seed."""
+    """COLMAP's own options, but for known intrinsics, a seed and the angle to begin with."""
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
     options.random_seed = 0
+    options.mapper.init_min_tri_angle = INITIAL_ANGLE_DEG
     return options
 
 
@@ -239,8 +238,8 @@ def estimated_motion(database: Path, names: Sequence[str]) -> Motion:
     return Motion(turns=turns, moves=moves)
 
 
-def experiment(recording: Recording, model: Path | None) -> Result:
-    """Reconstruct a recording without and with its views."""
+def experiment(recording: Recording, model: Path | None, true_smears: bool = False) -> Result:
+    """Reconstruct a recording without and with its views: those of a network, or of its true smears."""
     from blur2view.predict import SmearNetwork
 
     images = recording.paths[0].parent
@@ -250,20 +249,24 @@ def experiment(recording: Recording, model: Path | None) -> Result:
         fresh_database(database, recording)
         without = run_mapper(database, images, plain_options(), folder / "without")
         shutil.copy(database, linked)
-        facts = link(linked, recording, model)
-        options = mapper_options(linked=True, keep_photographs=True)
+        if true_smears and recording.displacement is not None:
+            facts = link_true(linked, recording.paths, recording.K, recording.displacement)
+        else:
+            facts = link(linked, recording, model)
+        options = mapper_options(linked=True, keep_photographs=without is not None, refine_intrinsics=False)
+        options.mapper.init_min_tri_angle = INITIAL_ANGLE_DEG
         joined = run_mapper(linked, images, options, folder / "joined", start=without)
-        averaged = run_global(linked, images, folder / "averaged")
+        averaged = run_mapper(linked, images, global_options(refine_intrinsics=False), folder / "averaged")
         estimated = estimated_motion(linked, [path.name for path in recording.paths])
-        models = read_model(without), read_model(joined)
+        models = [read_model(model) for model in (without, joined, averaged)]
     return Result(
         recording=recording,
         without=models[0],
         joined=models[1],
-        averaged=averaged,
+        averaged=models[2],
         estimated=estimated,
         facts=facts,
-        model_id=SmearNetwork(model).info.model_id,
+        model_id="true smears" if true_smears else f"network {SmearNetwork(model).info.model_id}",
     )
 
 
@@ -274,7 +277,7 @@ def markdown(result: Result) -> str:
     registered = np.isfinite(joined.turn)
     known = np.array([bool(fact["time_known"]) for fact in result.facts])
     rows = [
-        f"## {result.recording.name}: {photographs} frames",
+        f"## {result.recording.name}: {photographs} frames, {result.model_id}",
         "",
         "| | without views | with views | with views, global mapping |",
         "|---|---|---|---|",
@@ -306,9 +309,9 @@ def model_rows(result: Result) -> list[str]:
     return [f"| {label} | {' | '.join(cells)} |" for label, *cells in zip(labels, *columns, strict=True)]
 
 
-def model_column(result: Result, model: Model | None) -> list[str]:
+def model_column(result: Result, model: Model) -> list[str]:
     """Size and pose errors of a model."""
-    if model is None:
+    if not model.poses:
         return ["0", "0", "0", "-", "-", "-"]
     extent = float(np.linalg.norm(np.ptp(centres(result.recording.poses), axis=0)))
     poses = model.of(result.names)
@@ -327,7 +330,7 @@ def model_column(result: Result, model: Model | None) -> list[str]:
 
 def global_row(result: Result) -> list[str]:
     """Motion by the model of global mapping, if there is one."""
-    if result.averaged is None:
+    if not result.averaged.poses:
         return []
     errors = MotionErrors.of(result.motion_of(result.averaged), result.true_motion)
     return [motion_row("model with views, global mapping", errors)]
@@ -375,9 +378,10 @@ def main() -> None:
     recordings += [] if arguments.redkitchen is None else [redkitchen_recording(arguments.redkitchen)]
     results = []
     for recording in recordings:
-        results.append(experiment(recording.first(arguments.frames), arguments.model))
-        print(markdown(results[-1]), flush=True)
-    text = "\n".join([f"Network {r.model_id}.\n" for r in results[:1]] + [markdown(r) for r in results])
+        for true_smears in (True, False) if recording.displacement is not None else (False,):
+            results.append(experiment(recording.first(arguments.frames), arguments.model, true_smears))
+            print(markdown(results[-1]), flush=True)
+    text = "\n".join(markdown(result) for result in results)
     if arguments.out is not None:
         from tools.sfm_plot import plot
 

@@ -30,8 +30,9 @@ def plot(results: Sequence[Result], path: Path) -> None:
                 turns = np.degrees(motion.turns[:, axis])
                 panel.plot(turns, ".-", color=colour, linewidth=width, markersize=4, label=name)
             limit = 1.3 * float(np.degrees(np.abs(result.true_motion.turns).max()))
-            panel.set_ylim(-limit, limit)
-            panel.set_xlabel(f"{result.recording.name}: frame")
+            if np.isfinite(limit):
+                panel.set_ylim(-limit, limit)
+            panel.set_xlabel(f"{result.recording.name}, {result.model_id}: frame")
             panel.grid(alpha=0.3)
         row[0].set_ylabel("rotation, degrees")
     for panel, letter in zip(panels[0], "xyz", strict=True):
