@@ -9,7 +9,7 @@ import pytest
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure_views import CLOSE, OPEN
 from blur2view.manifold import rotation_matrix
-from tools.alignment import Motion, MotionErrors
+from tools.alignment import Motion
 from tools.recording import Recording, motion_per_frame, redkitchen_recording
 from tools.sfm_experiment import Model, Result, markdown, read_model
 from tools.sfm_plot import plot
@@ -67,24 +67,25 @@ def result(known: bool = True, reverse: bool = False) -> Result:
 
 def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
     found = result()
-    errors = MotionErrors.of(found.motion, found.true_motion)
+    errors = found.errors(found.motion)
     assert np.nanmax(errors.turn) < 1e-6 and np.nanmax(errors.move) < 1e-6
     np.testing.assert_array_equal(np.isnan(errors.turn), [False] * (COUNT - 1) + [True])
     assert found.alignment_of(found.joined).scale == pytest.approx(4)
-    assert found.exposure == pytest.approx(1)
+    assert found.exposure(found.motion) == pytest.approx(1)
     assert np.nanmean(errors.forward) == 1
 
 
 def test_reversed_views_are_told() -> None:
     found = result(reverse=True)
-    errors = MotionErrors.of(found.motion, found.true_motion)
+    errors = found.errors(found.motion)
     assert np.nanmean(errors.forward) == 0 and np.nanmin(errors.turn) > 1.9
 
 
 def test_unknown_exposure_is_found_from_the_rotations() -> None:
     found = result(known=False)
-    assert found.exposure == pytest.approx(SHARE, rel=1e-3)
-    errors = MotionErrors.of(found.motion, found.true_motion)
+    assert found.exposure(found.motion) == pytest.approx(SHARE, rel=1e-3)
+    errors = found.errors(found.motion)
+    assert found.exposure(found.estimated) == pytest.approx(1.1)  # of the whole interval, as made above
     assert np.nanmedian(errors.turn) < 0.01 and np.nanmedian(errors.move) < 0.05
 
 

@@ -116,14 +116,21 @@ class Result:
 
     @property
     def true_motion(self) -> Motion:
-        """True motion; of unknown exposures scaled to the model's rotations by one factor."""
-        factor = 1.0 if self.recording.exposure_known else self.exposure
+        """True motion in the scale of the joined model's, for the picture."""
+        return self.true_motion_for(self.motion)
+
+    def true_motion_for(self, found: Motion) -> Motion:
+        """Give the true motion; of unknown exposures scaled to the rotations found, by one factor."""
+        factor = 1.0 if self.recording.exposure_known else self.exposure(found)
         return self.recording.motion.scaled(factor, factor)
 
-    @property
-    def exposure(self) -> float:
-        """Exposure over frame interval (or over what is known to be true): the model's rotations tell."""
-        return common_scale(self.motion.turns, self.recording.motion.turns)
+    def exposure(self, found: Motion) -> float:
+        """Exposure over frame interval, or over what is known to be true, as the rotations found tell."""
+        return common_scale(found.turns, self.recording.motion.turns)
+
+    def errors(self, found: Motion) -> MotionErrors:
+        """Compare a motion with the true one."""
+        return MotionErrors.of(found, self.true_motion_for(found))
 
 
 def fresh_database(path: Path, recording: Recording) -> None:
@@ -272,10 +279,11 @@ def experiment(recording: Recording, model: Path | None, true_smears: bool = Fal
 
 def markdown(result: Result) -> str:
     """Both tables of a recording."""
-    photographs, true = len(result.names), result.true_motion
-    joined, single = MotionErrors.of(result.motion, true), MotionErrors.of(result.estimated, true)
+    photographs = len(result.names)
+    joined, single = result.errors(result.motion), result.errors(result.estimated)
     registered = np.isfinite(joined.turn)
     known = np.array([bool(fact["time_known"]) for fact in result.facts])
+    what = "the true one" if result.recording.exposure_known else "the frame interval"
     rows = [
         f"## {result.recording.name}: {photographs} frames, {result.model_id}",
         "",
@@ -284,7 +292,8 @@ def markdown(result: Result) -> str:
         *model_rows(result),
         "",
         f"Both views of {registered.sum()} photographs are registered; time direction called known for "
-        f"{known.sum()}. Exposure over what is true: {result.exposure:.3f}.",
+        f"{known.sum()}. Exposure over {what}: {result.exposure(result.motion):.3f} by the model's "
+        f"rotations, {result.exposure(result.estimated):.3f} by those of single photographs.",
         "",
         "| motion during the exposure, median | photographs | rotation error | time direction right "
         "| translation's direction, degrees | translation error |",
@@ -332,12 +341,11 @@ def global_row(result: Result) -> list[str]:
     """Motion by the model of global mapping, if there is one."""
     if not result.averaged.poses:
         return []
-    errors = MotionErrors.of(result.motion_of(result.averaged), result.true_motion)
-    return [motion_row("model with views, global mapping", errors)]
+    return [motion_row("model with views, global mapping", result.errors(result.motion_of(result.averaged)))]
 
 
 def motion_row(name: str, errors: MotionErrors, scaled: bool = True) -> str:
-    """Medians over the frames that have a motion; translations of single photographs have no length."""
+    """Give medians over the frames that have a motion; translations of single photographs have no length."""
     seen = np.isfinite(errors.turn)
     if not seen.any():
         return f"| {name} | 0 | - | - | - | - |"
