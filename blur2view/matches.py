@@ -122,7 +122,7 @@ class SelectOptions:
     min_length_px: float = 1.5
     cells: int = 16
     rank: Literal["direction", "relative", "absolute"] = "direction"
-    max_sigma_rad: float = 0.45
+    max_sigma_rad: float = 0.35
     still_sigma_px: float = 3.0
 
     def __post_init__(self) -> None:

@@ -32,8 +32,8 @@ class ModelInfo:
         Of the output: the double angle's x and y, sigma in pixels and, if four, sigma of the direction in
         radians.
     longest_px : float or None
-        Length up to which smears are measured well at an image's own size; longer ones are looked for in
-        smaller copies. None if the file does not say: then there are no smaller copies.
+        Length up to which smears are measured well; smaller copies of the image are looked at for longer
+        ones. None if the file does not say: then there are no smaller copies.
     license : str
         Licence of the weights.
     training : dict
@@ -125,7 +125,7 @@ def read_info(path: Path, session: Any) -> ModelInfo:
             model_id=metadata["model_id"],
             stride=int(metadata["stride"]),
             multiple_of=int(metadata["multiple_of"]),
-            channels=outputs[0][3],
+            channels=int(outputs[0][3] or 0),
             longest_px=float(metadata["longest_px"]) if "longest_px" in metadata else None,
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),

@@ -83,12 +83,12 @@ class SmearNetwork:
     def _predict_levels(
         self, image: NDArray[np.float32], tiling: TileOptions, pyramid: PyramidOptions, level: int
     ) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the grid, (h, w, C), long smears from smaller copies."""
+        """Return double angle and sigmas on the grid, (h, w, C), smaller copies blended in."""
         grid, longest_px = self._predict_grid(image, tiling), self.info.longest_px
         if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
             return grid
         coarse = self._predict_levels(halved(image), tiling, pyramid, level + 1)
-        return blended(grid, coarse, longest_px)
+        return blended(grid, coarse)
 
     def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
         """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""

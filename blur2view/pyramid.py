@@ -1,4 +1,4 @@
-"""Smears longer than the network measures: smaller copies of the photograph, blended by length."""
+"""A second look at a photograph in half its size: for long smears, and as another opinion on short ones."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,24 @@ from blur2view.smear import upsample_grid
 
 Grid = NDArray[np.float32]
 PIXEL_CHANNELS = 3  # double angle and sigma; an angle does not grow with the picture
+SHORT_PX = 2.0  # added to lengths, so that the weight of a smear of no length is finite
 
 
 @dataclass(frozen=True, kw_only=True)
 class PyramidOptions:
-    """When smaller copies of a photograph are looked at.
+    """Which smaller copies of a photograph are looked at.
 
     A network measures smears up to some length well (its file says which); in a copy of half the side a smear
-    of twice that length is within its reach. From half of that length on the smaller copy's smear counts,
-    from the length itself on it counts alone, blended by the logarithm.
+    of twice that length is within its reach, and for others the copy is a second opinion. Each cell's smears
+    are averaged by the inverse squares of their relative sigmas.
 
     Parameters
     ----------
     levels : int
         Sizes at most, the photograph's own included; 1 for no smaller copies.
     long_share : float
-        The smaller copy is looked at where at least this share of the smears is longer than a quarter of the
-        network's length, so that short smears cost no time.
+        A copy of a quarter of the side or less is looked at where at least this share of the smears of the
+        next larger one is longer than a quarter of the network's length.
     smallest_px : int
         Images with a side below this are not halved.
 
@@ -37,7 +38,7 @@ class PyramidOptions:
     """
 
     levels: int = 4
-    long_share: float = 0.02
+    long_share: float = 0.25
     smallest_px: int = 192
 
     def __post_init__(self) -> None:
@@ -52,7 +53,7 @@ class PyramidOptions:
         """Whether the image (H, W, ...) of a level with this grid (h, w, C) is looked at in half its size."""
         if level + 1 >= self.levels or min(shape[:2]) < self.smallest_px:
             return False
-        return bool((length_of(grid) > longest_px / 4).mean() >= self.long_share)
+        return level == 0 or bool((length_of(grid) > longest_px / 4).mean() >= self.long_share)
 
 
 def halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -62,8 +63,8 @@ def halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def blended(fine: Grid, coarse: Grid, longest_px: float) -> Grid:
-    """Blend the grid (h, w, C) of an image with that of its half, in the former's pixels.
+def blended(fine: Grid, coarse: Grid) -> Grid:
+    """Average the grid (h, w, C) of an image with that of its half, in the former's pixels.
 
     Channels are the double angle and sigma in pixels, and perhaps that of the direction in radians. The
     smaller grid may end a cell early; its border continues.
@@ -72,14 +73,16 @@ def blended(fine: Grid, coarse: Grid, longest_px: float) -> Grid:
     lifted[..., :PIXEL_CHANNELS] *= 2
     missing = [(0, max(0, fine.shape[axis] - lifted.shape[axis])) for axis in (0, 1)]
     lifted = np.pad(lifted, (*missing, (0, 0)), mode="edge")[: fine.shape[0], : fine.shape[1]]
-    return fine + coarse_share(length_of(lifted), longest_px)[..., None] * (lifted - fine)
+    mine, theirs = weight_of(fine), weight_of(lifted)
+    mixed: Grid = fine + (theirs / (mine + theirs))[..., None] * (lifted - fine)
+    return mixed
 
 
-def coarse_share(length_px: Grid, longest_px: float) -> Grid:
-    """Share in [0, 1] of the smaller copy, by the length it gives: none up to a half of `longest_px`."""
-    octaves = np.log2(np.maximum(length_px, 1e-3) / longest_px) + 1
-    share: Grid = np.clip(octaves, 0, 1).astype(np.float32)
-    return share
+def weight_of(grid: Grid) -> Grid:
+    """Weigh the smears (h, w) of a grid: the inverse square of sigma over length."""
+    relative = np.maximum(grid[..., 2], 1e-3) / (length_of(grid) + SHORT_PX)
+    weight: Grid = relative**-2
+    return weight
 
 
 def length_of(grid: Grid) -> Grid:

@@ -19,15 +19,15 @@ HELD_OUT_MATCHES = 300
 
 def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     """Reason to look for no F at all, or None."""
+    if matches.still_share > options.max_still_share:
+        return (
+            f"no motion of the camera: {matches.still_share:.0%} of the measurable image shows no smear "
+            f"(limit {options.max_still_share:.0%})"
+        )
     if matches.sure_share < options.min_sure_share:
         return (
             f"no motion: the direction of blur can be told in {matches.sure_share:.1%} of the image "
             f"(at least {options.min_sure_share:.0%} needed); it is sharp, out of focus or without texture"
-        )
-    if matches.still_share > options.max_still_share:
-        return (
-            f"no camera motion: {matches.still_share:.0%} of the measurable image shows no smear "
-            f"(limit {options.max_still_share:.0%})"
         )
     if len(matches) < options.min_matches:
         return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"
