@@ -43,7 +43,7 @@ class Recipe:
     size: tuple[int, int] = RenderOptions.size
     val_scenes: int = 100
     val_seed: int = 900_000
-    steps: int = 11_500
+    steps: int = 10_000
     processes: int = 2
     calibration_scenes: int = SCENES
 
