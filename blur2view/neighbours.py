@@ -19,7 +19,8 @@ from blur2view.image import read_image
 Array = NDArray[np.float64]
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 
-MAX_SIDE, MAX_FEATURES = 640, 1000  # blurred pictures show no more in more pixels
+MAX_SIDE = 640  # pictures are matched at no more pixels: blurred ones show no more in more
+MAX_FEATURES = 4000  # with 1000 the rotation of 94 % of RedKitchen's frames came out right instead of 100 %
 FAINT = 0.01  # SIFT's contrast threshold: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
