@@ -159,6 +159,11 @@ def agreement(views: ExposureViews, flow: Callable[[Array], Array]) -> float:
     return float(cosine.mean()) if len(cosine) else 0.0
 
 
+LEGEND = """
+Right: frames whose inlier smears, open to close, go with the true motion. Scale: length of the rotations
+found over that of the poses' (of RedKitchen's per frame interval); error: of the rotation vector after that
+scale, over the true one's length.
+"""
 HEAD = (
     "video | intrinsics | frames | right before the vote % | right % | called known % | of those right % "
     "| median cosine | rotation in the right sense % | scale | rotation error, median"
@@ -237,7 +242,7 @@ def main() -> None:
     videos += [redkitchen(arguments.redkitchen)] if arguments.redkitchen else []
     network = blur2view.SmearNetwork(arguments.model)
     lines, drawn = report(videos, network)
-    text = f"Written by `python -m tools.time_direction`, network {network.info.model_id}.\n\n{lines}"
+    text = f"Written by `python -m tools.time_direction`, network {network.info.model_id}.\n{LEGEND}\n{lines}"
     print(text, end="")
     if arguments.out is not None:
         arguments.out.with_suffix(".md").write_text(text)
