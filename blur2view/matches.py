@@ -23,7 +23,8 @@ class SmearMatches:
     ends : ndarray of shape (N, 2, 2), float64
         The two ends of every smear, pixels; which of them is the start means nothing.
     sigma_px : ndarray of shape (N,), float64
-        Standard deviation of the end-point error |d - d*| of every smear; positive.
+        Standard deviation of every smear's error, pixels; positive. What F is asked is how far an end is off
+        across the smear: `select_matches` gives that where the network tells, else that of |d - d*|.
     image_size : (int, int), optional
         Width and height of the image. With it the estimator may assume an ordinary camera.
     still_share : float
@@ -110,19 +111,18 @@ class SelectOptions:
 
     ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at
     most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
-    direction worth the name; ``rank`` "direction" prefers sure directions, which decide F (where the network
-    does not tell, as "absolute"), "relative" small sigma over length, "absolute" small sigma (which favours
-    short smears); ``max_sigma_rad`` smears whose direction is less sure are never taken: on sharp and on
-    defocused photographs that is all of them; ``still_sigma_px`` of a short smear up to which it shows that
-    nothing moves there.
+    direction worth the name; ``rank`` "relative" prefers small sigma over length, "absolute" small sigma
+    (which favours short smears), "direction" sure directions (where the network does not tell, as
+    "absolute"); ``sure_rad`` the sigma up to which a direction can be told; ``still_sigma_px`` of a short
+    smear up to which it shows that nothing moves there.
     """
 
     beta: float = 0.35
     max_matches: int = 2000
     min_length_px: float = 1.5
     cells: int = 16
-    rank: Literal["direction", "relative", "absolute"] = "direction"
-    max_sigma_rad: float = 0.35
+    rank: Literal["direction", "relative", "absolute"] = "absolute"
+    sure_rad: float = 0.35
     still_sigma_px: float = 3.0
 
     def __post_init__(self) -> None:
@@ -133,8 +133,8 @@ class SelectOptions:
             raise ValueError(f"max_matches, cells must be positive, min_length_px not negative, got {self}")
         if self.rank not in ("direction", "relative", "absolute"):
             raise ValueError(f"rank must be 'direction', 'relative' or 'absolute', got {self.rank!r}")
-        if not (self.max_sigma_rad > 0 and self.still_sigma_px > 0):
-            raise ValueError(f"max_sigma_rad and still_sigma_px must be positive, got {self}")
+        if not (self.sure_rad > 0 and self.still_sigma_px > 0):
+            raise ValueError(f"sure_rad and still_sigma_px must be positive, got {self}")
 
 
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
@@ -153,18 +153,18 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     options = options or SelectOptions()
     smears = GridSmears.of(field)
     length, sigma = smears.length_px, smears.sigma_px
-    told = (length >= options.min_length_px) & (smears.sigma_rad <= options.max_sigma_rad)
-    candidates = np.flatnonzero(told)
+    long = length >= options.min_length_px
+    candidates = np.flatnonzero(long)
     order = np.argsort(smears.quality(options.rank)[candidates], kind="stable")
     sure = candidates[order][: int(np.ceil(options.beta * len(length)))]
     chosen = sure[spread(smears.points[sure], field.shape, options)]
     height, width = field.shape
     return SmearMatches(
         ends=smear_ends(smears.points[chosen], smears.displacement[chosen]),
-        sigma_px=sigma[chosen],
+        sigma_px=smears.across_px[chosen],
         image_size=(width, height),
         still_share=_still_share(length, sigma, options),
-        sure_share=float(told.mean()),
+        sure_share=float((long & (smears.sigma_rad <= options.sure_rad)).mean()),
     )
 
 
@@ -202,6 +202,11 @@ class GridSmears:
         """Lengths, (N,), pixels."""
         length: Array = np.hypot(*self.displacement.T)
         return length
+
+    @property
+    def across_px(self) -> Array:
+        """Standard deviations of an end across the smear, (N,), pixels; of the whole error where unknown."""
+        return np.maximum(self.length_px * self.sigma_rad, 0.1) if self.sigma_rad.any() else self.sigma_px
 
     def quality(self, rank: str) -> Array:
         """Return what the smears are ranked by, (N,); small is good."""

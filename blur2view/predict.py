@@ -88,7 +88,7 @@ class SmearNetwork:
         if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
             return grid
         coarse = self._predict_levels(halved(image), tiling, pyramid, level + 1)
-        return blended(grid, coarse)
+        return blended(grid, coarse, longest_px)
 
     def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
         """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""

@@ -1,4 +1,4 @@
-"""A second look at a photograph in half its size: for long smears, and as another opinion on short ones."""
+"""A second look at a photograph in half its size: for long smears, and as another opinion on directions."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from blur2view.smear import upsample_grid
 
 Grid = NDArray[np.float32]
 PIXEL_CHANNELS = 3  # double angle and sigma; an angle does not grow with the picture
-SHORT_PX = 2.0  # added to lengths, so that the weight of a smear of no length is finite
+TINY_PX = 1e-2  # added to lengths before their logarithm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,8 +18,10 @@ class PyramidOptions:
     """Which smaller copies of a photograph are looked at.
 
     A network measures smears up to some length well (its file says which); in a copy of half the side a smear
-    of twice that length is within its reach, and for others the copy is a second opinion. Each cell's smears
-    are averaged by the inverse squares of their relative sigmas.
+    of twice that length is within its reach, and for others the copy is another opinion. Lengths come from
+    the image itself up to a half of that length, and from the copy from the whole of it on (by the copy's
+    lengths). Directions are averaged, by the inverse squares of their sigmas. (Averaging lengths, too, makes
+    smears better, and F worse: coarse lengths of short smears are biased.)
 
     Parameters
     ----------
@@ -63,8 +65,8 @@ def halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def blended(fine: Grid, coarse: Grid) -> Grid:
-    """Average the grid (h, w, C) of an image with that of its half, in the former's pixels.
+def blended(fine: Grid, coarse: Grid, longest_px: float) -> Grid:
+    """Blend the grid (h, w, C) of an image with that of its half, in the former's pixels.
 
     Channels are the double angle and sigma in pixels, and perhaps that of the direction in radians. The
     smaller grid may end a cell early; its border continues.
@@ -73,16 +75,36 @@ def blended(fine: Grid, coarse: Grid) -> Grid:
     lifted[..., :PIXEL_CHANNELS] *= 2
     missing = [(0, max(0, fine.shape[axis] - lifted.shape[axis])) for axis in (0, 1)]
     lifted = np.pad(lifted, (*missing, (0, 0)), mode="edge")[: fine.shape[0], : fine.shape[1]]
-    mine, theirs = weight_of(fine), weight_of(lifted)
-    mixed: Grid = fine + (theirs / (mine + theirs))[..., None] * (lifted - fine)
-    return mixed
+    long = long_share(length_of(lifted), longest_px)
+    direction, share = unit_of(fine), direction_share(fine, lifted, long)[..., None]
+    direction = unit_of(direction + share * (unit_of(lifted) - direction))
+    logs = [np.log(length_of(grid) + TINY_PX) for grid in (fine, lifted)]
+    length = np.exp(logs[0] + long * (logs[1] - logs[0])) - TINY_PX
+    sigma_px = fine[..., 2] + long * (lifted[..., 2] - fine[..., 2])
+    sigma_rad = fine[..., 3:] + share * (lifted[..., 3:] - fine[..., 3:])
+    return np.dstack([direction * length[..., None], sigma_px, sigma_rad]).astype(np.float32)
 
 
-def weight_of(grid: Grid) -> Grid:
-    """Weigh the smears (h, w) of a grid: the inverse square of sigma over length."""
-    relative = np.maximum(grid[..., 2], 1e-3) / (length_of(grid) + SHORT_PX)
-    weight: Grid = relative**-2
-    return weight
+def long_share(length_px: Grid, longest_px: float) -> Grid:
+    """Share in [0, 1] of the smaller copy by the length it gives: none up to a half of `longest_px`."""
+    octaves = np.log2(np.maximum(length_px, 1e-3) / longest_px) + 1
+    share: Grid = np.clip(octaves, 0, 1).astype(np.float32)
+    return share
+
+
+def direction_share(fine: Grid, lifted: Grid, long: Grid) -> Grid:
+    """Share in [0, 1] of the smaller copy's direction: by certainty, and at least that of its length."""
+    if fine.shape[2] == PIXEL_CHANNELS:  # a network that does not tell
+        return long
+    mine, theirs = (np.maximum(grid[..., 3], 1e-3) ** -2 for grid in (fine, lifted))
+    share: Grid = np.maximum(theirs / (mine + theirs), long).astype(np.float32)
+    return share
+
+
+def unit_of(grid: Grid) -> Grid:
+    """Double angles (h, w, 2) of a grid (h, w, C), of length one; zero stays zero."""
+    unit: Grid = grid[..., :2] / np.maximum(length_of(grid), 1e-6)[..., None]
+    return unit
 
 
 def length_of(grid: Grid) -> Grid:

@@ -78,7 +78,7 @@ def test_sure_directions_come_first_where_the_network_tells_them() -> None:
     sigma, direction = 0.3 * rng.random((2, 64, 64), dtype=np.float32)
     told = SmearField(displacement=displacement, sigma_px=sigma, sigma_rad=direction)
     untold = SmearField(displacement=displacement, sigma_px=sigma)
-    options = SelectOptions(beta=0.3, min_length_px=0)
+    options = SelectOptions(beta=0.3, min_length_px=0, rank="direction")
     columns, rows = select_matches(told, options).midpoint.astype(int).T
     assert direction[rows, columns].max() <= np.quantile(direction[1::4, 1::4], 0.31)
     absolute = select_matches(told, SelectOptions(beta=0.3, min_length_px=0, rank="absolute"))
@@ -130,7 +130,7 @@ def test_tiny_images_and_repeats() -> None:
         {"beta": np.nan},
         {"max_matches": 0},
         {"rank": "best"},
-        {"max_sigma_rad": 0.0},
+        {"sure_rad": 0.0},
         {"still_sigma_px": -1.0},
         {"min_length_px": np.nan},
     ],
@@ -140,14 +140,18 @@ def test_options_out_of_range_are_refused(wrong: dict[str, object]) -> None:
         SelectOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_unsure_directions_are_never_taken_and_their_share_is_told() -> None:
+def test_share_of_sure_directions_is_told_and_sigma_is_that_across() -> None:
     smears = field()
     direction = np.full(smears.shape, 0.2, np.float32)
     direction[:, 32:] = 0.8
     told = SmearField(displacement=smears.displacement, sigma_px=smears.sigma_px, sigma_rad=direction)
     matches = select_matches(told, SelectOptions(beta=1.0))
-    assert matches.sure_share == 0.25 and matches.midpoint[:, 0].max() < 32
-    assert select_matches(smears, SelectOptions(beta=1.0)).sure_share == 1
+    assert matches.sure_share == 0.25
+    expected = np.where(matches.midpoint[:, 0] < 32, 0.2, 0.8) * matches.length_px
+    np.testing.assert_allclose(matches.sigma_px, expected, rtol=1e-5)
+    untold = select_matches(smears, SelectOptions(beta=1.0))
+    assert untold.sure_share == 1
+    np.testing.assert_array_equal(np.unique(untold.sigma_px), np.unique(smears.sigma_px[1::4, 1::4]))
 
 
 @pytest.mark.parametrize(("sigma_px", "still"), [(2.9, 1.0), (3.1, 0.0)])
