@@ -49,6 +49,7 @@ from tools.true_smears import link_true
 Array = NDArray[Any]
 OVERLAP = 6
 """Frames ahead that a frame is matched with."""
+HEADER = "Of ``python -m tools.sfm_experiment``; see there what was done.\n"
 INITIAL_ANGLE_DEG = 4.0
 """To begin a model with: in a second of hand-held video nothing is seen at COLMAP's 16 degrees."""
 
@@ -389,7 +390,7 @@ def main() -> None:
         for true_smears in (True, False) if recording.displacement is not None else (False,):
             results.append(experiment(recording.first(arguments.frames), arguments.model, true_smears))
             print(markdown(results[-1]), flush=True)
-    text = "\n".join(markdown(result) for result in results)
+    text = "\n".join([HEADER, *(markdown(result) for result in results)])
     if arguments.out is not None:
         from tools.sfm_plot import plot
 
