@@ -23,14 +23,15 @@ class SmearMatches:
     ends : ndarray of shape (N, 2, 2), float64
         The two ends of every smear, pixels; which of them is the start means nothing.
     sigma_px : ndarray of shape (N,), float64
-        Standard deviation of every smear's error, pixels; positive. What F is asked is how far an end is off
-        across the smear: `select_matches` gives that where the network tells, else that of |d - d*|.
+        Standard deviation of the end-point error |d - d*| of every smear; positive.
     image_size : (int, int), optional
         Width and height of the image. With it the estimator may assume an ordinary camera.
     still_share : float
         Share of the measurable image that shows no motion, in [0, 1].
     sure_share : float
         Share of the image in which the direction of blur can be told, in [0, 1].
+    across_px : ndarray of shape (N,), float64, optional
+        Standard deviation of the part of the error across every smear, where the network tells; positive.
 
     Raises
     ------
@@ -43,6 +44,7 @@ class SmearMatches:
     image_size: tuple[int, int] | None = None
     still_share: float = 0.0
     sure_share: float = 1.0
+    across_px: Array | None = None
 
     def __post_init__(self) -> None:
         """Convert to float64 and check shapes and values."""
@@ -56,6 +58,11 @@ class SmearMatches:
         for name in ("still_share", "sure_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+        if self.across_px is not None:
+            across = np.array(self.across_px, np.float64)
+            if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
+                raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
+            object.__setattr__(self, "across_px", across)
         object.__setattr__(self, "ends", ends)
         object.__setattr__(self, "sigma_px", sigma)
 
@@ -84,7 +91,12 @@ class SmearMatches:
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:
         """Only the matches of an index or mask."""
-        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index])
+        across_px = None if self.across_px is None else self.across_px[index]
+        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
+
+    def weighed_across(self) -> SmearMatches:
+        """Return the same matches with the error across the smears as their sigma, where it is known."""
+        return self if self.across_px is None else replace(self, sigma_px=self.across_px)
 
     @property
     def midpoint(self) -> Array:
@@ -161,10 +173,11 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     height, width = field.shape
     return SmearMatches(
         ends=smear_ends(smears.points[chosen], smears.displacement[chosen]),
-        sigma_px=smears.across_px[chosen],
+        sigma_px=sigma[chosen],
         image_size=(width, height),
         still_share=_still_share(length, sigma, options),
         sure_share=float((long & (smears.sigma_rad <= options.sure_rad)).mean()),
+        across_px=None if smears.across_px is None else smears.across_px[chosen],
     )
 
 
@@ -204,9 +217,9 @@ class GridSmears:
         return length
 
     @property
-    def across_px(self) -> Array:
-        """Standard deviations of an end across the smear, (N,), pixels; of the whole error where unknown."""
-        return np.maximum(self.length_px * self.sigma_rad, 0.1) if self.sigma_rad.any() else self.sigma_px
+    def across_px(self) -> Array | None:
+        """Standard deviations of the error across the smear, (N,), pixels; None where unknown."""
+        return np.maximum(self.length_px * self.sigma_rad, 0.1) if self.sigma_rad.any() else None
 
     def quality(self, rank: str) -> Array:
         """Return what the smears are ranked by, (N,); small is good."""

@@ -103,7 +103,8 @@ def direction_share(fine: Grid, lifted: Grid, long: Grid) -> Grid:
 
 def unit_of(grid: Grid) -> Grid:
     """Double angles (h, w, 2) of a grid (h, w, C), of length one; zero stays zero."""
-    unit: Grid = grid[..., :2] / np.maximum(length_of(grid), 1e-6)[..., None]
+    length = np.maximum(length_of(grid), np.float32(1e-6))
+    unit: Grid = (grid[..., :2] / length[..., None]).astype(np.float32)
     return unit
 
 

@@ -33,6 +33,7 @@ def test_matches_know_midpoints_displacements_and_lengths() -> None:
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "image_size": (0, 5)},
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "still_share": 2.0},
         {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "sure_share": -0.1},
+        {"ends": np.zeros((3, 2, 2)), "sigma_px": np.ones(3), "across_px": np.zeros(3)},
     ],
 )
 def test_wrong_matches_are_refused(wrong: dict[str, object]) -> None:
@@ -140,7 +141,7 @@ def test_options_out_of_range_are_refused(wrong: dict[str, object]) -> None:
         SelectOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_share_of_sure_directions_is_told_and_sigma_is_that_across() -> None:
+def test_share_of_sure_directions_and_errors_across_are_told() -> None:
     smears = field()
     direction = np.full(smears.shape, 0.2, np.float32)
     direction[:, 32:] = 0.8
@@ -148,9 +149,12 @@ def test_share_of_sure_directions_is_told_and_sigma_is_that_across() -> None:
     matches = select_matches(told, SelectOptions(beta=1.0))
     assert matches.sure_share == 0.25
     expected = np.where(matches.midpoint[:, 0] < 32, 0.2, 0.8) * matches.length_px
-    np.testing.assert_allclose(matches.sigma_px, expected, rtol=1e-5)
+    assert matches.across_px is not None
+    np.testing.assert_allclose(matches.across_px, expected, rtol=1e-5)
+    np.testing.assert_array_equal(matches.weighed_across().sigma_px, matches.across_px)
+    np.testing.assert_array_equal(matches.subset(np.arange(3)).across_px, matches.across_px[:3])
     untold = select_matches(smears, SelectOptions(beta=1.0))
-    assert untold.sure_share == 1
+    assert untold.sure_share == 1 and untold.across_px is None and untold.weighed_across() is untold
     np.testing.assert_array_equal(np.unique(untold.sigma_px), np.unique(smears.sigma_px[1::4, 1::4]))
 
 
