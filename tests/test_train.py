@@ -155,7 +155,7 @@ def test_validation_leaves_the_network_in_its_mode() -> None:
     before = [tensor.clone() for tensor in network.state_dict().values()]
     images = torch.rand(34, 3, 32, 32)
     decoded = validation.predict(network, images, torch.device("cpu"))
-    assert network.training and decoded.shape == (34, 3, 8, 8)
+    assert network.training and decoded.shape == (34, 4, 8, 8)
     for old, new in zip(before, network.state_dict().values(), strict=True):
         assert torch.equal(old, new)
     with torch.no_grad():
