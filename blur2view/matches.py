@@ -95,8 +95,14 @@ class SmearMatches:
         return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
 
     def weighed_across(self) -> SmearMatches:
-        """Return the same matches with the error across the smears as their sigma, where it is known."""
-        return self if self.across_px is None else replace(self, sigma_px=self.across_px)
+        """Return the matches with sigmas in proportion to the errors across the smears, where these are known.
+
+        Their size stays that of the whole error in the median, so that what is believed of smears does not
+        depend on whether the network tells directions.
+        """
+        if self.across_px is None or not len(self):
+            return self
+        return replace(self, sigma_px=self.across_px * np.median(self.sigma_px / self.across_px))
 
     @property
     def midpoint(self) -> Array:
