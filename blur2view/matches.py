@@ -95,7 +95,7 @@ class SmearMatches:
         return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
 
     def weighed_across(self) -> SmearMatches:
-        """Return the matches with sigmas in proportion to the errors across the smears, where these are known.
+        """Return the matches with sigmas in proportion to the errors across the smears, if these are known.
 
         Their size stays that of the whole error in the median, so that what is believed of smears does not
         depend on whether the network tells directions.

@@ -17,11 +17,11 @@ from tools.render import render
 from tools.sensor import SensorOptions, photograph
 from tools.testset import test_options
 
-SEED = 2_000_090
+SEED = 2_000_045
 """Walls, a ground and cards, seen by a camera that moves forward."""
 SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
-"""Median smear over all surfaces, hidden ones too; that of the visible pixels is 5.7 px."""
+"""Median smear over all surfaces, hidden ones too; that of the visible pixels is 10.2 px."""
 
 
 def main() -> None:
