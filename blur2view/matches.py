@@ -166,11 +166,11 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     Returns
     -------
     SmearMatches
-        Possibly empty (a sharp or constant image), with image_size and still_share filled in.
+        Possibly empty (a sharp or constant image), all fields filled in that the network tells.
     """
     options = options or SelectOptions()
     smears = GridSmears.of(field)
-    length, sigma = smears.length_px, smears.sigma_px
+    length, sigma, sure_rad = smears.length_px, smears.sigma_px, smears.sigma_rad
     long = length >= options.min_length_px
     candidates = np.flatnonzero(long)
     order = np.argsort(smears.quality(options.rank)[candidates], kind="stable")
@@ -182,7 +182,7 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
         sigma_px=sigma[chosen],
         image_size=(width, height),
         still_share=_still_share(length, sigma, options),
-        sure_share=float((long & (smears.sigma_rad <= options.sure_rad)).mean()),
+        sure_share=1.0 if sure_rad is None else float((long & (sure_rad <= options.sure_rad)).mean()),
         across_px=None if smears.across_px is None else smears.across_px[chosen],
     )
 
@@ -196,13 +196,13 @@ class GridSmears:
     points, displacement : ndarray of shape (N, 2)
         Pixels.
     sigma_px, sigma_rad : ndarray of shape (N,)
-        Standard deviations; ``sigma_rad`` is zero where the network does not tell.
+        Standard deviations; ``sigma_rad`` is None where the network does not tell.
     """
 
     points: Array
     displacement: Array
     sigma_px: Array
-    sigma_rad: Array
+    sigma_rad: Array | None
 
     @classmethod
     def of(cls, field: SmearField) -> GridSmears:
@@ -213,7 +213,7 @@ class GridSmears:
             points=np.stack([cols, rows], axis=1).astype(np.float64),
             displacement=field.displacement[rows, cols].astype(np.float64),
             sigma_px=np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3),
-            sigma_rad=np.zeros(len(rows)) if told is None else told[rows, cols].astype(np.float64),
+            sigma_rad=None if told is None else told[rows, cols].astype(np.float64),
         )
 
     @property
@@ -225,11 +225,11 @@ class GridSmears:
     @property
     def across_px(self) -> Array | None:
         """Standard deviations of the error across the smear, (N,), pixels; None where unknown."""
-        return np.maximum(self.length_px * self.sigma_rad, 0.1) if self.sigma_rad.any() else None
+        return None if self.sigma_rad is None else np.maximum(self.length_px * self.sigma_rad, 0.1)
 
     def quality(self, rank: str) -> Array:
         """Return what the smears are ranked by, (N,); small is good."""
-        if rank == "direction" and self.sigma_rad.any():
+        if rank == "direction" and self.sigma_rad is not None:
             return self.sigma_rad
         if rank == "relative":
             return self.sigma_px / np.maximum(self.length_px, 1e-3)

@@ -58,13 +58,13 @@ class SmearNetwork:
         options : TileOptions, optional
             Tiling.
         pyramid : PyramidOptions, optional
-            Smaller copies of the image, for smears longer than the network measures.
+            Smaller copies of the image, for long smears and as another opinion on directions.
 
         Returns
         -------
         SmearField
             Of the image's height and width, in its pixels. Where the image shows no texture at all the
-            smear is zero and sigma is ``UNSEEN_SIGMA_PX``.
+            smear is zero and the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``.
 
         Raises
         ------

@@ -10,6 +10,7 @@ from blur2view.smear import upsample_grid
 
 Grid = NDArray[np.float32]
 PIXEL_CHANNELS = 3  # double angle and sigma; an angle does not grow with the picture
+CANCELLED = 1e-3  # length of the mean of two unit vectors below which it has no direction
 TINY_PX = 1e-2  # added to lengths before their logarithm
 
 
@@ -77,7 +78,7 @@ def blended(fine: Grid, coarse: Grid, longest_px: float) -> Grid:
     lifted = np.pad(lifted, (*missing, (0, 0)), mode="edge")[: fine.shape[0], : fine.shape[1]]
     long = long_share(length_of(lifted), longest_px)
     direction, share = unit_of(fine), direction_share(fine, lifted, long)[..., None]
-    direction = unit_of(direction + share * (unit_of(lifted) - direction))
+    direction = mean_direction(direction, unit_of(lifted), share)
     logs = [np.log(length_of(grid) + TINY_PX) for grid in (fine, lifted)]
     length = np.exp(logs[0] + long * (logs[1] - logs[0])) - TINY_PX
     sigma_px = fine[..., 2] + long * (lifted[..., 2] - fine[..., 2])
@@ -99,6 +100,13 @@ def direction_share(fine: Grid, lifted: Grid, long: Grid) -> Grid:
     mine, theirs = (np.maximum(grid[..., 3], 1e-3) ** -2 for grid in (fine, lifted))
     share: Grid = np.maximum(theirs / (mine + theirs), long).astype(np.float32)
     return share
+
+
+def mean_direction(first: Grid, second: Grid, share: Grid) -> Grid:
+    """Average double angles (h, w, 2), share (h, w, 1) of the second; where they cancel the surer counts."""
+    mean = first + share * (second - first)
+    cancelled = np.hypot(mean[..., :1], mean[..., 1:]) < CANCELLED
+    return unit_of(np.where(cancelled, np.where(share > 0.5, second, first), mean))
 
 
 def unit_of(grid: Grid) -> Grid:

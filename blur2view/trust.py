@@ -27,7 +27,7 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     if matches.sure_share < options.min_sure_share:
         return (
             f"no motion: the direction of blur can be told in {matches.sure_share:.1%} of the image "
-            f"(at least {options.min_sure_share:.0%} needed); it is sharp, out of focus or without texture"
+            f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
         )
     if len(matches) < options.min_matches:
         return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"

@@ -76,3 +76,17 @@ def test_unit_has_length_one_and_prefers_its_weights() -> None:
     directions = np.stack([unit(rng, (0.25, 0.25, 1)) for _ in range(300)])
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
     assert (directions[:, 2] ** 2).mean() > 0.7
+
+
+def test_tracking_shots_mostly_hold_unit_depth_still_and_the_others_move_it_further() -> None:
+    """What a point at depth 1 on the axis does: rotation against translation, to first order."""
+    held = []
+    for seed in range(400):
+        path, kind = sample_camera_path(np.random.default_rng(seed), straight=True)
+        if kind != "orbit":
+            continue
+        R, centre = path.scaled(0.01).at(0.5)
+        turned = R @ (np.array([0.0, 0, 1]) - centre)
+        moved, unturned = np.linalg.norm(turned[:2] / turned[2]), np.linalg.norm(centre[:2])
+        held.append(moved < unturned)
+    assert len(held) > 30 and 0.6 < np.mean(held) < 0.95

@@ -62,6 +62,13 @@ def test_directions_are_averaged_by_their_certainty(mine: float, theirs: float, 
     np.testing.assert_allclose(mixed[..., 3], mine + share * (theirs - mine), rtol=1e-4)
 
 
+@pytest.mark.parametrize(("theirs", "sign"), [(0.1001, 1), (0.0999, -1)])
+def test_directions_that_cancel_leave_the_surer_one(theirs: float, sign: int) -> None:
+    mine, other = grid_of(5, (6, 8)), grid_of(-1, (3, 4))
+    mixed = blended(with_direction(mine, 0.1), with_direction(other, theirs), LONGEST_PX)
+    np.testing.assert_allclose(mixed[..., 1], sign * 5, rtol=1e-3)
+
+
 @pytest.mark.parametrize("shape", [(5, 8), (6, 7), (5, 5)])
 def test_grid_of_odd_size_continues_at_its_border(shape: tuple[int, int]) -> None:
     mixed = blended(grid_of(1, shape), grid_of(20, (shape[0] // 2, shape[1] // 2)), LONGEST_PX)

@@ -202,3 +202,14 @@ def test_lengths_follow_the_options() -> None:
 def test_impossible_options_are_refused(wrong: dict[str, tuple[int, int]]) -> None:
     with pytest.raises(ValueError, match="got"):
         RenderOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_objects_move_before_a_still_camera_in_sharp_scenes() -> None:
+    options = RenderOptions(size=SIZE, sharp_share=1.0, mover_share=1.0, smear_px=(6.0, 16.0))
+    moving, still = [], []
+    for seed in (3, 7, 8, 20, 23):
+        scene = render(seed, options)
+        length = np.linalg.norm(scene.displacement, axis=-1)
+        still.append(np.median(length[scene.static]))
+        moving += [np.median(length[~scene.static])] if (~scene.static).any() else []
+    assert max(still) < 1.5 and len(moving) >= 3 and np.median(moving) > 3

@@ -93,3 +93,24 @@ def test_sampled_texture_is_linear_light_and_positive() -> None:
         texture = sample_texture(np.random.default_rng(seed), pool)
         assert texture.dtype == np.float32 and texture.min() >= 0 and np.isfinite(texture).all()
         assert min(texture.shape[:2]) >= 128
+
+
+@pytest.mark.parametrize("maker", [textures.panels, textures.plain])
+def test_plain_surfaces_are_mostly_plain_and_follow_from_the_seed(maker: Callable[..., Image]) -> None:
+    first, again, other = (maker(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert first.tobytes() == again.tobytes() != other.tobytes()
+    assert first.dtype == np.float32 and first.shape == (textures.SIZE, textures.SIZE, 3)
+    assert 0 <= first.min() <= first.max() <= 1
+    slopes = []
+    for seed in range(12):
+        grey = np.log(maker(np.random.default_rng(seed)).mean(2) + 0.01)
+        slopes.append(np.median(np.abs(np.diff(grey, axis=1))))
+    assert np.median(slopes) < 0.02  # an edge here and there, hardly anything between
+
+
+def test_panels_divide_the_whole_box_without_overlap() -> None:
+    parts = textures.divided(np.random.default_rng(3), (0, 0, 512, 512), 60)
+    cover = np.zeros((512, 512), int)
+    for left, top, right, bottom in parts:
+        cover[round(top) : round(bottom), round(left) : round(right)] += 1
+    assert len(parts) > 4 and (cover == 1).all()

@@ -237,3 +237,19 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         EstimatorOptions(**wrong)
+
+
+def test_errors_across_the_smears_weigh_them() -> None:
+    better = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        scene = make_scene(rng, count=400, length_px=20)
+        noise_px = np.where(np.arange(400) % 2 == 0, 0.2, 4.0)
+        ends = scene.ends + rng.normal(0, 1, scene.ends.shape) * noise_px[:, None, None]
+        told = SmearMatches(ends=ends, sigma_px=np.full(400, 4.0), image_size=IMAGE_SIZE, across_px=noise_px)
+        errors = []
+        for matches in (told, replace(told, across_px=None)):
+            F = solve(matches).F
+            errors.append(1.0 if F is None else np.median(rho(F, scene.ends)))
+        better.append(errors[0] < errors[1])
+    assert np.mean(better) > 0.8

@@ -1,7 +1,7 @@
 """Export a checkpoint to the ONNX file that the package ships.
 
 ``python -m tools.export_onnx runs/smear/last.pt models/smear.onnx`` writes the averaged weights, dynamic in
-height and width, with the metadata that :mod:`blur2view.predict` reads and a reader wants to know, and
+height and width, with the metadata that :mod:`blur2view.network_file` reads and a reader wants to know, and
 checks the file against torch on a rendered picture.
 """
 
@@ -69,7 +69,7 @@ def export(checkpoint: Path, target: Path) -> None:
     Raises
     ------
     ModelError
-        If ONNX Runtime does not compute what torch does, to 1e-3 px.
+        If ONNX Runtime does not compute what torch does, to 1e-3 (px, and radians in the last channel).
     """
     network, state = load_average(checkpoint)
     temporary = target.with_suffix(".tmp.onnx")
