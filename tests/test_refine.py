@@ -133,19 +133,19 @@ def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> Non
 
 
 def test_weighing_both_orders_invents_less_rotation() -> None:
-    """Deciding orders rewards a symmetric part as large as the noise; weighing them does so less."""
+    """In the mean, that is: the worst cases are rarer. Half of the seeds alone go either way."""
     invented = {True: 0.0, False: 0.0}
-    for seed in range(36):
+    for seed in range(24):
         rng = np.random.default_rng(seed)
-        scene = disturb(make_scene(rng, count=500, rotation_share=0.0), rng, noise_px=0.5)
+        scene = disturb(make_scene(rng, count=500, rotation_share=0.0), rng, noise_px=2.0)
         start = GeneralF.from_matrix(scene.F)
         ends, inverse = normalised(scene.ends), np.linalg.inv(assumed_camera(IMAGE_SIZE))
-        matches = WeightedEnds(ends=ends, sigma=np.full(500, 0.5 / inverse[0, 0]))
+        matches = WeightedEnds(ends=ends, sigma=np.full(500, 2.0 / inverse[0, 0]))
         start = GeneralF.from_matrix(inverse.T @ scene.F @ inverse).step(rng.normal(0, 0.01, 7))
         for decided in invented:
             F = refine(start, matches, RefineOptions(decided=decided))[0].matrix()
-            invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 36
-    assert invented[False] < 0.95 * invented[True]
+            invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 24
+    assert invented[False] < 0.8 * invented[True]
 
 
 def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
