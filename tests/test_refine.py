@@ -133,18 +133,18 @@ def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> Non
 
 
 def test_weighing_both_orders_invents_less_rotation() -> None:
-    """In the mean, that is: the worst cases are rarer. Half of the seeds alone go either way."""
+    """In the mean, that is: the worst cases are rarer. Of the seeds alone two in five go the other way."""
     invented = {True: 0.0, False: 0.0}
-    for seed in range(24):
+    for seed in range(80):
         rng = np.random.default_rng(seed)
-        scene = disturb(make_scene(rng, count=500, rotation_share=0.0), rng, noise_px=2.0)
+        scene = disturb(make_scene(rng, count=500, rotation_share=0.0, length_px=20), rng, noise_px=3.0)
         start = GeneralF.from_matrix(scene.F)
         ends, inverse = normalised(scene.ends), np.linalg.inv(assumed_camera(IMAGE_SIZE))
-        matches = WeightedEnds(ends=ends, sigma=np.full(500, 2.0 / inverse[0, 0]))
+        matches = WeightedEnds(ends=ends, sigma=np.full(500, 3.0 / inverse[0, 0]))
         start = GeneralF.from_matrix(inverse.T @ scene.F @ inverse).step(rng.normal(0, 0.01, 7))
         for decided in invented:
             F = refine(start, matches, RefineOptions(decided=decided))[0].matrix()
-            invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 24
+            invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 80
     assert invented[False] < 0.8 * invented[True]
 
 
