@@ -93,6 +93,28 @@ def test_direction_of_a_tiny_smear_hardly_counts() -> None:
     assert tiny == pytest.approx(2 * 0.04 / 4.04, rel=0.01)
 
 
+def turned_by(true: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Turn displacements (..., 2) by angles (...) in radians."""
+    x, y = true[..., 0], true[..., 1]
+    return np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], -1)
+
+
+def test_end_point_loss_is_the_packages_error_over_the_length() -> None:
+    d, true = fields(0), fields(1)
+    expected = (epe_s(d, true) / (np.linalg.norm(true, axis=-1) + 4)).mean()
+    assert loss_of(raw_of(d), truth_of(true), ALPHA).end_point.item() == pytest.approx(expected, rel=1e-3)
+
+
+def test_end_point_loss_asks_for_shorter_smears_where_the_direction_is_wrong() -> None:
+    true = fields(1)
+    wrong = turned_by(true, np.full(true.shape[:-1], np.radians(40)))
+    losses = [
+        loss_of(raw_of(f * wrong), truth_of(true), ALPHA).end_point.item()
+        for f in (0.6, np.cos(np.radians(40)), 1)
+    ]
+    assert losses[1] == min(losses)
+
+
 def test_best_sigma_is_the_expected_error() -> None:
     d, true = fields(0, 8), fields(1, 8)
     mean = epe_s(d, true).mean()
@@ -149,10 +171,7 @@ def test_gradient_is_finite_at_zero_length_and_at_a_perfect_guess() -> None:
 def test_best_angular_sigma_is_the_expected_angle() -> None:
     true = 100 * fields(1, 8)  # so long that every one counts alike
     turn = np.random.default_rng(3).normal(0, 0.2, true.shape[:-1])
-    cosine, sine = np.cos(turn), np.sin(turn)
-    d = np.stack(
-        [cosine * true[..., 0] - sine * true[..., 1], sine * true[..., 0] + cosine * true[..., 1]], -1
-    )
+    d = turned_by(true, turn)
     mean = np.abs(turn).mean()
     losses = [
         loss_of(raw_of(d, angle=mean * f), truth_of(true), ALPHA).angle.item() for f in (0.8, 1.0, 1.25)

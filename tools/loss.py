@@ -1,9 +1,10 @@
 """Training loss and the errors it is made of, in torch.
 
-Four parts: orientation as a chord on the double-angle circle, weighted down for tiny smears; log length;
-the uncertainty of the angle; and that of the whole, by the negative log likelihood of the end-point error
-with the paper's cross-check term. The gradients of the last two do not reach orientation and length. The
-torch twins of :mod:`blur2view.smear` and :mod:`blur2view.metrics` are tested equal to them.
+Five parts: orientation as a chord on the double-angle circle, weighted down for tiny smears; log length; the
+end-point error in proportion to the length, which shortens what is uncertain; the uncertainty of the angle;
+and that of the whole, by the negative log likelihood of the end-point error with the paper's cross-check
+term. The gradients of the last two do not reach orientation and length. The torch twins of
+:mod:`blur2view.smear` and :mod:`blur2view.metrics` are tested equal to them.
 """
 
 from __future__ import annotations
@@ -33,17 +34,18 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Loss:
-    """The four parts, scalars."""
+    """The five parts, scalars."""
 
     orientation: Tensor
     length: Tensor
+    end_point: Tensor
     sigma: Tensor
     angle: Tensor
 
     @property
     def total(self) -> Tensor:
         """Weigh and sum the parts."""
-        return self.orientation + 4 * self.length + 0.25 * self.sigma + 0.1 * self.angle
+        return self.orientation + 4 * self.length + self.end_point + 0.25 * self.sigma + 0.1 * self.angle
 
     def detached(self) -> Loss:
         """Return the values without the graph that computed them."""
@@ -81,6 +83,11 @@ def orientation_loss(raw: Tensor, target: Target) -> Tensor:
     mine = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     chord = torch.sqrt(((mine - target.unit) ** 2).sum(1, keepdim=True) + 1e-4)
     return clarity(target) * chord
+
+
+def end_point_loss(decoded: Tensor, target: Target) -> Tensor:
+    """Give EPE-S over the length (N, 1, h, w) of decoded predictions, 2 CLEAR_PX added to the length."""
+    return smear_error(decoded, target) / (target.length + 2 * CLEAR_PX)
 
 
 def sigma_loss(raw: Tensor, target: Target, alpha: float) -> Tensor:
@@ -127,6 +134,7 @@ def loss_of(raw: Tensor, truth: Tensor, alpha: float) -> Loss:
     return Loss(
         orientation=(weight * orientation_loss(raw, target)).mean(),
         length=(weight * miss).mean(),
+        end_point=(weight * end_point_loss(decode(raw), target)).mean(),
         sigma=sigma_loss(raw, target, alpha).mean(),
         angle=(target.valid * angle_loss(raw, target)).mean(),
     )
