@@ -35,6 +35,7 @@ from blur2view.network_file import ModelInfo
 from blur2view.pipeline import Estimate, Timings, estimate
 from blur2view.pose import PoseCovariance, RigidTransform
 from blur2view.predict import SmearNetwork, predict
+from blur2view.segmentation import MotionLabel, MotionMask, MovingRegion, SegmentOptions, segment
 from blur2view.smear import SmearField
 from blur2view.tiles import TileOptions
 from blur2view.two_view import Configuration, EstimatorOptions, TwoViewGeometry, estimate_two_view
@@ -54,9 +55,13 @@ __all__ = [
     "ImageError",
     "ModelError",
     "ModelInfo",
+    "MotionLabel",
+    "MotionMask",
+    "MovingRegion",
     "OutputError",
     "PoseCovariance",
     "RigidTransform",
+    "SegmentOptions",
     "SelectOptions",
     "SmearField",
     "SmearMatches",
@@ -71,6 +76,7 @@ __all__ = [
     "estimate_two_view",
     "predict",
     "read_image",
+    "segment",
     "select_matches",
     "views_of",
     "write_database",

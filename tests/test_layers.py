@@ -34,7 +34,7 @@ LAYERS = [
     {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
-    {"viz", "exposure_views", "half_exposure", "colmap_schema"},
+    {"viz", "exposure_views", "half_exposure", "colmap_schema", "segmentation"},
     {"mapping", "translation_sign", "neighbours"},
     {"time_direction"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"},
