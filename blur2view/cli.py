@@ -5,22 +5,17 @@ import io
 import json
 import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from blur2view import __version__
 from blur2view.cli_colmap import add_to_colmap
 from blur2view.cli_options import add_estimator_options, complain, progress, read_run
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.exif import read_exif
-from blur2view.image import read_image
-from blur2view.pipeline import estimate
+from blur2view.estimate_file import estimate_file
 from blur2view.predict import SmearNetwork
-from blur2view.results import OutputFiles, Run, document, plan_outputs, prepare_folder, summary, write_results
+from blur2view.results import OutputFiles, Run, plan_outputs, prepare_folder, summary, write_results
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -123,15 +118,7 @@ def _estimate_one(
     """Read, estimate and write one photograph; return its JSON document and its summary."""
     if isinstance(files, OutputError):
         raise files
-    start = time.perf_counter()
-    image = read_image(path)
-    read_s = time.perf_counter() - start
-    # a generator of its own, so that a photograph's result does not depend on those before it
-    rng = np.random.default_rng(run.seed)
-    exif = read_exif(path)
-    camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
-    found = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
-    facts = document(path, found.field.shape, found, run, read_s, run.exposure_s or exif.exposure_s)
+    one = estimate_file(path, network, run)
     if files:
-        write_results(files, facts, image, found)
-    return facts, summary(facts, found, files)
+        write_results(files, one.facts, one.image, one.found)
+    return one.facts, summary(one.facts, one.found, files)

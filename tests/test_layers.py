@@ -38,7 +38,7 @@ LAYERS = [
     {"mapping", "translation_sign", "neighbours"},
     {"time_direction"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"},
-    {"colmap_database", "matches_text"},
+    {"colmap_database", "matches_text", "estimate_file"},
     {"colmap_link", "hloc_files"},
     {"__init__"},
     {"cli_options"},
