@@ -13,7 +13,7 @@ import pytest
 from conftest import colour_code, colour_code_network, write_picture
 from numpy.typing import NDArray
 
-from blur2view import cli, results
+from blur2view import cli, estimate_file, results
 from blur2view.epipolar import serrmin
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions
@@ -201,7 +201,7 @@ def test_refusal_comes_before_the_work(
     run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "moving.json").touch()
-    monkeypatch.setattr(cli, "read_image", lambda path: pytest.fail("read in vain"))
+    monkeypatch.setattr(estimate_file, "read_image", lambda path: pytest.fail("read in vain"))
     assert run(moving, "-o", tmp_path) == 1
 
 
@@ -308,7 +308,7 @@ def test_interrupt_is_no_traceback(
     def interrupt(path: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "read_image", interrupt)
+    monkeypatch.setattr(estimate_file, "read_image", interrupt)
     assert run(still) == 130
     assert capsys.readouterr().err == "blur2view: interrupted\n"
 
