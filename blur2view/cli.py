@@ -1,4 +1,4 @@
-"""The command line: ``blur2view estimate IMG... [-o DIR]``, ``blur2view to-colmap --db DB IMG...``."""
+"""The command line: ``blur2view estimate``, ``segment`` and ``to-colmap``."""
 
 import argparse
 import io
@@ -12,6 +12,7 @@ from typing import Any
 from blur2view import __version__
 from blur2view.cli_colmap import add_to_colmap
 from blur2view.cli_options import add_estimator_options, complain, progress, read_run
+from blur2view.cli_segment import add_segment
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.estimate_file import estimate_file
 from blur2view.predict import SmearNetwork
@@ -63,6 +64,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_estimate(commands)
+    add_segment(commands)
     add_to_colmap(commands)
     return parser
 
@@ -109,7 +111,7 @@ def _plan(options: argparse.Namespace) -> Sequence[OutputFiles | OutputError | N
     if options.output is None:
         return [None] * len(options.images)
     prepare_folder(options.output)
-    return plan_outputs(options.images, options.output, overwrite=options.overwrite)
+    return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=OutputFiles)
 
 
 def _estimate_one(

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -87,10 +87,30 @@ def prepare_folder(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
             pass
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise unwritable(folder, error) from None
 
 
-def plan_outputs(images: Sequence[Path], folder: Path, *, overwrite: bool) -> list[OutputFiles | OutputError]:
+Files = TypeVar("Files", bound="ResultFiles", covariant=True)
+
+
+class ResultFiles(Protocol):
+    """The files of one photograph."""
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All of them, in the order of writing."""
+
+
+class ResultKind(Protocol[Files]):
+    """Names the files of one photograph, as the class :class:`OutputFiles` does."""
+
+    def __call__(self, *, folder: Path, stem: str) -> Files:
+        """Give those of a photograph's name without its suffix."""
+
+
+def plan_outputs(
+    images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
+) -> list[Files | OutputError]:
     """Name the files of each photograph, or say why they must not be written.
 
     Parameters
@@ -101,17 +121,19 @@ def plan_outputs(images: Sequence[Path], folder: Path, *, overwrite: bool) -> li
         Where the files go.
     overwrite : bool
         Whether files of an earlier call may be replaced. Photographs of this call never are.
+    kind : ResultKind
+        What a photograph's files are, such as :class:`OutputFiles`.
 
     Returns
     -------
-    list of OutputFiles or OutputError
+    list of Files or OutputError
         One per photograph. A second photograph of the same stem is refused, so that no result is lost.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[str, Path] = {}
-    plan: list[OutputFiles | OutputError] = []
+    plan: list[Files | OutputError] = []
     for image in images:
-        files = OutputFiles(folder=folder, stem=image.stem)
+        files = kind(folder=folder, stem=image.stem)
         taken = [path for path in files.paths if os.path.lexists(path)]
         hit = [path for path in files.paths if os.path.realpath(path) in inputs]
         if image.stem in first_of:
@@ -262,7 +284,7 @@ def write_results(
         write_atomically(files.picture, lambda file: file.write(encoded))
         write_atomically(files.document, lambda file: file.write(text.encode()))
     except OSError as error:
-        raise _unwritable(files.folder, error) from None
+        raise unwritable(files.folder, error) from None
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -282,7 +304,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         beside.unlink(missing_ok=True)
 
 
-def _unwritable(folder: Path, error: OSError) -> OutputError:
+def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the one line about a folder that takes no files."""
     reason = error.strerror or type(error).__name__
     return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")

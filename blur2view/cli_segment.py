@@ -1,0 +1,92 @@
+"""The command ``blur2view segment``: which pixels of a photograph move by themselves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from blur2view.cli_options import add_estimator_options, complain, progress, read_run
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.estimate_file import estimate_file
+from blur2view.mask_results import MaskFiles, mask_document, mask_summary, write_mask
+from blur2view.predict import SmearNetwork
+from blur2view.results import Run, plan_outputs, prepare_folder
+from blur2view.segmentation import SegmentOptions, segment
+
+DONE, FAILED = 0, 1
+
+
+def add_segment(commands: Any) -> None:
+    """Describe ``blur2view segment``."""
+    about = "tell what moves by itself from what the camera's motion explains"
+    parser = commands.add_parser("segment", help=about, description=about)
+    add = parser.add_argument
+    add("images", nargs="+", type=Path, metavar="IMG", help="photographs: JPEG, PNG, TIFF, ...")
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write DIR/<stem>.mask.png (0 static, 1 moving, 2 unobservable), .moving.png (probability), "
+        ".motion.png and .motion.json",
+    )
+    add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
+    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add("--json", action="store_true", help="print one JSON document instead of the summary")
+    add_estimator_options(parser)
+    parser.set_defaults(run=lambda options: run_segment(options, parser.error))
+
+
+def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+    """Segment every photograph; a failing one costs a line on stderr, not the others."""
+    run = read_run(options, usage_error)
+    plan = _plan(options)
+    network = SmearNetwork(options.model)
+    jobs, say = progress(list(zip(options.images, plan, strict=True)))
+    masks: list[dict[str, Any]] = []
+    failures: list[dict[str, str]] = []
+    for image, files in jobs:
+        try:
+            facts, lines = _segment_one(image, files, network, run, SegmentOptions(objects=options.objects))
+        except Blur2ViewError as error:
+            failures.append({"image": str(image), "error": str(error)})
+            complain(error, say)
+            continue
+        masks.append(facts)
+        if not options.json:
+            say(lines, file=sys.stdout)
+    if options.json:
+        print(json.dumps({"masks": masks, "failures": failures}, indent=2, allow_nan=False))
+    return FAILED if failures else DONE
+
+
+def _plan(options: argparse.Namespace) -> Sequence[MaskFiles | OutputError | None]:
+    """Decide before any work where each photograph's results go; nowhere without -o."""
+    if options.output is None:
+        return [None] * len(options.images)
+    prepare_folder(options.output)
+    return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=MaskFiles)
+
+
+def _segment_one(
+    path: Path,
+    files: MaskFiles | OutputError | None,
+    network: SmearNetwork,
+    run: Run,
+    options: SegmentOptions,
+) -> tuple[dict[str, Any], str]:
+    """Read, estimate, segment and write one photograph; return its JSON document and its summary."""
+    if isinstance(files, OutputError):
+        raise files
+    one = estimate_file(path, network, run)
+    start = time.perf_counter()
+    mask = segment(one.found, one.image, options)
+    facts = mask_document(one, mask, time.perf_counter() - start)
+    if files:
+        write_mask(files, facts, one, mask)
+    return facts, mask_summary(facts, mask, files)
