@@ -1,4 +1,4 @@
-"""The command line: ``blur2view estimate``, ``segment`` and ``to-colmap``."""
+"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap`` and ``report``."""
 
 import argparse
 import io
@@ -12,6 +12,7 @@ from typing import Any
 from blur2view import __version__
 from blur2view.cli_colmap import add_to_colmap
 from blur2view.cli_options import add_estimator_options, complain, progress, read_run
+from blur2view.cli_report import add_report
 from blur2view.cli_segment import add_segment
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.estimate_file import estimate_file
@@ -66,6 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_estimate(commands)
     add_segment(commands)
     add_to_colmap(commands)
+    add_report(commands)
     return parser
 
 

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "blur2view"
 
 # From the bottom up: a module imports only from layers below its own, so there are no cycles.
 LAYERS = [
-    {"errors", "ransac", "drawing"},
+    {"errors", "ransac", "drawing", "report_pack"},
     {"image", "smear", "tiles", "network_file", "epipolar", "exif", "colmap"},
     {"pyramid"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
@@ -40,10 +40,11 @@ LAYERS = [
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"},
     {"colmap_database", "matches_text", "estimate_file"},
     {"mask_results"},
-    {"colmap_link", "hloc_files"},
+    {"colmap_link", "hloc_files", "report_photograph"},
+    {"report"},
     {"__init__"},
     {"cli_options"},
-    {"cli_colmap", "cli_segment"},
+    {"cli_colmap", "cli_segment", "cli_report"},
     {"cli"},
     {"__main__"},
 ]

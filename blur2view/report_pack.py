@@ -1,0 +1,87 @@
+"""Arrays and pictures as text that an HTML page can carry: quantised, delta-coded, deflated, base64."""
+
+import base64
+import zlib
+from io import BytesIO
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+PICTURE_SIDE_PX = 2048  # the longer side of an embedded photograph at most: Full HD stays as it is
+PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90
+THUMBNAIL_SIDE_PX = 400
+
+
+def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> dict[str, Any]:
+    """Code an array as integers of a type, ``value / step`` rounded.
+
+    Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes
+    first, deflated and written in base64; ``report_page/unpack.js`` is the inverse.
+
+    Parameters
+    ----------
+    values : ndarray
+        Finite.
+    kind : str
+        "uint8", "int16", "uint16" or "int32".
+    step : float
+        What one stands for; doubled until the type holds every value.
+
+    Returns
+    -------
+    dict
+        ``type``, ``shape``, ``step`` and ``data``. An error is at most half a ``step``.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, or negative where the type is unsigned.
+    """
+    values = np.asarray(values)
+    if not np.isfinite(values).all():
+        raise ValueError("only finite values can be packed")
+    limits = np.iinfo(kind)
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    if low < 0 and limits.min == 0:
+        raise ValueError(f"{kind} holds no negative values, got {low}")
+    while high / step > limits.max or low / step < limits.min:
+        step *= 2
+    integers = np.round(values / step).astype(f"<{np.dtype(kind).str[1:]}")
+    data = zlib.compress(_planes(integers).tobytes(), 6)  # 9: 25 times as long, 0.5 % less
+    shape = list(integers.shape)
+    return {"type": kind, "shape": shape, "step": step, "data": base64.b64encode(data).decode()}
+
+
+def _planes(integers: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return differences along the last axis as planes of bytes, (bytes, N), low bytes first."""
+    deltas = integers.copy()
+    deltas[..., 1:] -= integers[..., :-1]  # wraps around, as the sums on the page do
+    octets = np.ascontiguousarray(deltas).view(np.uint8)
+    return np.ascontiguousarray(octets.reshape(-1, integers.dtype.itemsize).T)
+
+
+def picture(
+    image: NDArray[np.float32], side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY
+) -> str:
+    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+    side_px : int
+        A longer photograph is reduced to this side.
+    quality : int
+        Of JPEG.
+    """
+    height, width = image.shape[:2]
+    scale = min(side_px / max(height, width), 1.0)
+    if scale < 1:
+        size = max(round(width * scale), 1), max(round(height * scale), 1)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+    levels = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+    file = BytesIO()
+    Image.fromarray(levels).save(file, "JPEG", quality=quality, subsampling=0)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()

@@ -1,0 +1,183 @@
+// The stage: layers, the chosen smear with its ends and epipolar lines, pointer, touch and keyboard.
+
+const SNAP_PX = 10; // a used smear this near to a click is chosen, where used smears are drawn
+const STILL_PX = 5; // a pointer that moves less between down and up has clicked
+const END_COLOURS = ["#22d3ee", "#fbbf24"]; // of the first and the second end, and of the lines in their views
+const ZOOM_STEP = 1.5;
+const ARROWS = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
+const SVG = "http://www.w3.org/2000/svg";
+
+class Viewer {
+  constructor() {
+    this.stage = byId("stage");
+    this.canvas = byId("canvas");
+    this.marks = byId("marks");
+    this.boxes = [...document.querySelectorAll("[data-layer]")];
+    this.pointers = new Map();
+    makeValues();
+    this.listen();
+  }
+
+  get layers() {
+    return new Set(this.boxes.filter((box) => box.checked && !box.disabled).map((box) => box.dataset.layer));
+  }
+
+  /** Show a photograph from `photographOf`. */
+  show(photo) {
+    indexMatches(photo);
+    this.photo = photo;
+    this.stage.style.aspectRatio = `${photo.width} / ${photo.height}`;
+    this.stage.style.maxWidth = `calc(78svh * ${photo.width / photo.height})`;
+    this.offer(photo);
+    showFacts(photo);
+    this.measure();
+    this.choose(null);
+    showValues("pointer", null);
+  }
+
+  /** Offer the layers that this photograph has. */
+  offer(photo) {
+    const has = { inliers: photo.used.length > 0, lines: Boolean(photo.facts.F), mask: photo.mask, probability: photo.mask };
+    for (const box of this.boxes) {
+      box.disabled = box.dataset.layer in has && !has[box.dataset.layer];
+      box.parentElement.classList.toggle("layer-absent", box.disabled);
+    }
+    const [low, high] = sigmaRange(photo);
+    byId("sigma-low").textContent = `${low.toPrecision(2)} px`;
+    byId("sigma-high").textContent = `${high.toPrecision(2)} px`;
+    byId("mask-reason").textContent = photo.mask ? `measured against ${photo.mask.reason}` : "";
+  }
+
+  /** Take the stage's size, and show the whole photograph in it. */
+  measure() {
+    const { width, height } = this.stage.getBoundingClientRect();
+    const same = this.view && this.view.photo === this.photo && this.view.width === width && this.view.height === height;
+    if (!this.photo || !width || same) return;
+    this.ratio = window.devicePixelRatio || 1;
+    this.canvas.width = Math.round(width * this.ratio);
+    this.canvas.height = Math.round(height * this.ratio);
+    this.view = new View(this.photo, width, height);
+    this.draw();
+  }
+
+  draw() {
+    const { layers } = this;
+    drawLayers(this.canvas.getContext("2d"), this.view, this.photo, layers, this.ratio);
+    this.stage.classList.toggle("stage-zoomed", this.view.zoomed);
+    for (const key of document.querySelectorAll("[data-key]")) {
+      key.hidden = !key.dataset.key.split(" ").some((layer) => layers.has(layer));
+    }
+    this.mark();
+  }
+
+  drawSoon() {
+    if (this.pending) return;
+    this.pending = requestAnimationFrame(() => {
+      this.pending = 0;
+      this.draw();
+    });
+  }
+
+  /** Draw the chosen smear, its ends and both epipolar lines, in pixels of the screen. */
+  mark() {
+    this.marks.replaceChildren();
+    const smear = this.chosen;
+    if (!smear) return;
+    const { F } = this.photo.facts;
+    const ends = smear.order ? this.inOrder(smear) : smear.ends;
+    if (F) {
+      const [first, second] = straightened(this.photo, ends);
+      this.markLine("line-1", lineInView1(F, second), END_COLOURS[0], 4);
+      this.markLine("line-2", lineInView2(F, first), END_COLOURS[1], 1.5); // within line 1 where they coincide
+    }
+    this.markPiece("smear-halo", [ends], "black", 6);
+    this.markPiece("smear", [ends], "white", 2.5);
+    ends.forEach((end, k) => this.markEnd(end, k, Boolean(smear.order)));
+  }
+
+  /** The ends in the photograph, in the order that F gives them. */
+  inOrder(smear) {
+    return smear.order.swapped ? [smear.ends[1], smear.ends[0]] : smear.ends;
+  }
+
+  markLine(name, line, colour, width) {
+    const pieces = drawnLine(this.photo, line);
+    this.markPiece(`${name}-halo`, pieces, "rgb(0 0 0 / 0.5)", width + 2);
+    this.markPiece(name, pieces, colour, width);
+  }
+
+  markPiece(name, pieces, colour, width) {
+    const path = document.createElementNS(SVG, "path");
+    const place = (point) => this.view.toScreen(point).map((value) => value.toFixed(3)).join(" ");
+    path.setAttribute("d", pieces.map(([from, to]) => `M${place(from)}L${place(to)}`).join(""));
+    const looks = { "data-mark": name, fill: "none", stroke: colour, "stroke-width": width, "stroke-linecap": "round" };
+    for (const [key, value] of Object.entries(looks)) path.setAttribute(key, value);
+    this.marks.append(path);
+  }
+
+  markEnd(end, k, known) {
+    const [x, y] = this.view.toScreen(end);
+    const circle = document.createElementNS(SVG, "circle");
+    const looks = { "data-mark": `end-${k + 1}`, cx: x, cy: y, r: 5, fill: known ? END_COLOURS[k] : "white", stroke: "black", "stroke-width": 1.5 };
+    for (const [key, value] of Object.entries(looks)) circle.setAttribute(key, value);
+    this.marks.append(circle);
+    if (known) this.markNumber([x, y], k);
+  }
+
+  /** Write the end's number beside it, away from the other end. */
+  markNumber([x, y], k) {
+    const [one, other] = this.inOrder(this.chosen).map((point) => this.view.toScreen(point));
+    const away = k ? [other[0] - one[0], other[1] - one[1]] : [one[0] - other[0], one[1] - other[1]];
+    const length = Math.hypot(...away) || 1;
+    const text = document.createElementNS(SVG, "text");
+    const looks = {
+      x: x + (16 * away[0]) / length, y: y + (16 * away[1]) / length, fill: END_COLOURS[k], stroke: "black", "stroke-width": 3,
+      "paint-order": "stroke", "text-anchor": "middle", "dominant-baseline": "central", "font-size": 14, "font-weight": 700, "font-family": "sans-serif",
+    };
+    for (const [key, value] of Object.entries(looks)) text.setAttribute(key, value);
+    text.textContent = String(k + 1);
+    this.marks.append(text);
+  }
+
+  choose(smear) {
+    this.chosen = smear;
+    showValues("chosen", smear);
+    if (smear && this.view) this.view.reveal([smear.x, smear.y]);
+    if (this.view) this.drawSoon();
+  }
+
+  /** The smear at a place of the stage: a used one if those are drawn and one is near, else the nearest node's. */
+  smearUnder(place) {
+    const point = this.view.toPhoto(place);
+    const near = this.layers.has("inliers") ? this.nearestUsed(point, SNAP_PX / this.view.scale) : null;
+    return smearAt(this.photo, ...nearestNode(this.photo, near ? [near.x, near.y] : point));
+  }
+
+  nearestUsed([x, y], within) {
+    const distance = (match) => Math.hypot(match.x - x, match.y - y);
+    const near = this.photo.used.filter((match) => distance(match) <= within);
+    return near.reduce((best, match) => (best && distance(best) <= distance(match) ? best : match), null);
+  }
+
+  /** Choose the smear some nodes away; the photograph's middle if none is chosen. */
+  step([down, right], nodes) {
+    const { grid } = this.photo;
+    const within = (value, count) => Math.min(Math.max(value, 0), count - 1);
+    const from = this.chosen || { row: (grid.rows >> 1) - nodes * down, column: (grid.columns >> 1) - nodes * right };
+    const row = within(from.row + nodes * down, grid.rows);
+    const column = within(from.column + nodes * right, grid.columns);
+    this.choose(smearAt(this.photo, row, column));
+    byId("said").textContent = sentenceOf(this.chosen);
+  }
+
+  zoom(how, about) {
+    if (how === "fit") this.view.fit();
+    else this.view.zoom(how === "in" ? ZOOM_STEP : 1 / ZOOM_STEP, about || this.focusPlace());
+    this.drawSoon();
+  }
+
+  /** Where to zoom without a pointer: at the chosen smear, else at the middle. */
+  focusPlace() {
+    return this.chosen ? this.view.toScreen([this.chosen.x, this.chosen.y]) : undefined;
+  }
+}
