@@ -15,7 +15,7 @@ PACKAGE = ROOT / "blur2view"
 
 # From the bottom up: a module imports only from layers below its own, so there are no cycles.
 LAYERS = [
-    {"errors", "ransac", "drawing", "report_pack"},
+    {"errors", "ransac", "drawing"},
     {"image", "smear", "tiles", "network_file", "epipolar", "exif", "colmap"},
     {"pyramid"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
@@ -34,7 +34,7 @@ LAYERS = [
     {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
-    {"viz", "exposure_views", "half_exposure", "colmap_schema", "segmentation"},
+    {"viz", "exposure_views", "half_exposure", "colmap_schema", "segmentation", "report_pack"},
     {"mapping", "translation_sign", "neighbours", "mask_overlay"},
     {"time_direction"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"},
