@@ -26,7 +26,7 @@ from scipy.special import ndtr
 
 from blur2view.cameras import Camera
 from blur2view.exposure_views import ExposureViews, TimeDirection
-from blur2view.manifold import rotation_vector
+from blur2view.pose import decompose_essential
 from blur2view.translation_sign import other_translation, share_before
 
 Array = NDArray[np.float64]
@@ -91,18 +91,21 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
 
 
 def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
-    """Rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few."""
+    """Rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few.
+
+    Of both rotations of E the smaller. The other is about half a turn away, which no two frames are; where
+    there is little parallax, points before both cameras do not tell them apart.
+    """
     rays1, rays2 = camera.rays(points1), camera.rays(points2)
     seen = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
     if seen.sum() < ENOUGH:
         return None
     rays1, rays2 = rays1[seen], rays2[seen]
     bound = MAX_ERROR_PX / camera.focal_px
-    E, inliers = cv2.findEssentialMat(rays1, rays2, np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)
+    E = cv2.findEssentialMat(rays1, rays2, np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
     if E is None or E.shape != (3, 3):
         return None
-    rotation = cv2.recoverPose(E, rays1, rays2, np.eye(3), mask=inliers)[1]
-    return rotation_vector(np.asarray(rotation, float))
+    return decompose_essential(np.asarray(E, float))[0].rotation_vector
 
 
 def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:

@@ -251,6 +251,17 @@ def test_rotation_between_frames_is_the_cameras() -> None:
     assert rotation_between(CAMERA, scene.pixels[:5], scene.pixels[:5]) is None
 
 
+def test_rotation_between_frames_without_parallax_is_not_half_a_turn() -> None:
+    rng = np.random.default_rng(12)
+    scene = replace(clip(rng), move=np.array([1e-3, 0.0, 0.0]))
+    for _ in range(8):
+        here, there = (scene.seen(tau) + rng.normal(0, 0.3, scene.pixels.shape) for tau in (0.0, 2.0))
+        found = rotation_between(CAMERA, here, there)
+        assert found is not None
+        true = rotation_vector(scene.pose(2.0).rotation)
+        assert np.linalg.norm(found - true) < 0.5 * np.linalg.norm(true)
+
+
 def test_turn_agreement_is_the_cosine_of_rotations() -> None:
     scene = clip(np.random.default_rng(9))
     given, seen = views(scene), motions(scene)
