@@ -1,0 +1,120 @@
+"""Made-up estimates for the tests of the report: every value on the page is known from here."""
+
+import base64
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.cameras import Camera
+from blur2view.epipolar import fundamental_from_pose, serrmin, swapped_order
+from blur2view.estimate_file import FileEstimate
+from blur2view.geometry import Configuration, TwoViewGeometry
+from blur2view.manifold import rotation_matrix
+from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.pipeline import Estimate, Timings
+from blur2view.results import Run, document
+from blur2view.segmentation import MotionLabel, MotionMask
+from blur2view.smear import SmearField
+from blur2view.two_view import EstimatorOptions
+
+WIDTH, HEIGHT = 640, 360
+DOT = (401, 201)  # the one white pixel of the photograph; a node of the grid
+MOVING_BOX = (100, 60, 200, 160)  # left, top, right, bottom of what moves
+
+
+def turning_F(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float64]:
+    """F of a camera that moves and turns, so that the two lines of a smear are well apart."""
+    K = np.array([[500.0, 0, width / 2], [0, 500.0, height / 2], [0, 0, 1]])
+    return fundamental_from_pose(K, rotation_matrix(np.array([0.02, -0.03, 0.1])), np.array([0.3, 0.1, 0.2]))
+
+
+def wavy_field(width: int = WIDTH, height: int = HEIGHT) -> SmearField:
+    """Smears whose every value differs from its neighbours'."""
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    displacement = np.stack([18 + 6 * np.sin(x / 50), 9 * np.cos(y / 40 + x / 90)], axis=-1)
+    return SmearField(
+        displacement=displacement.astype(np.float32),
+        sigma_px=0.5 + 4 * x / width,
+        sigma_rad=0.05 + 0.3 * y / height,
+    )
+
+
+def dotted_photograph(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float32]:
+    """Black but for one white pixel."""
+    image = np.zeros((height, width, 3), np.float32)
+    image[DOT[1] % height, DOT[0] % width] = 1
+    return image
+
+
+def made_up(
+    name: str = "folder/photo.png",
+    *,
+    config: Configuration = Configuration.UNCALIBRATED,
+    F: NDArray[np.float64] | None = None,
+    size: tuple[int, int] = (WIDTH, HEIGHT),
+    camera: Camera | None = None,
+    scale: float = 1.0,
+) -> FileEstimate:
+    """Make up what was found in a photograph; ``scale`` stretches its smears."""
+    field = wavy_field(*size)
+    field = replace(field, displacement=scale * field.displacement)
+    used = select_matches(field, SelectOptions(max_matches=300))
+    geometry = some_geometry(used, config, F)
+    found = Estimate(
+        field=field,
+        matches=used,
+        geometry=geometry,
+        model_id="made-up",
+        timings=Timings(predict_s=0.3, select_s=0.01, solve_s=0.2),
+        camera=camera,
+    )
+    run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
+    facts = document(Path(name), field.shape, found, run, 0.04)
+    return FileEstimate(path=Path(name), image=dotted_photograph(*size), found=found, facts=facts)
+
+
+def some_geometry(
+    used: SmearMatches, config: Configuration, F: NDArray[np.float64] | None
+) -> TwoViewGeometry:
+    """Give a geometry whose inliers are those of F within 3 px, none without F."""
+    none = np.zeros(len(used), bool)
+    return TwoViewGeometry(
+        F=F,
+        config=config,
+        reason="the figures <that> decided & more",
+        inlier_mask=none if F is None else serrmin(F, used.ends) < 9,
+        swapped=none if F is None else swapped_order(F, used.ends),
+        model="none" if F is None else "camera",
+        scores=() if F is None else (("camera", 812.4), ("plane", 830.0), ("general", 871.5)),
+    )
+
+
+def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
+    """Give a mask with a box that moves; the right quarter cannot be told."""
+    width, height = size
+    labels = np.zeros((height, width), np.uint8)
+    left, top, right, bottom = MOVING_BOX
+    labels[top:bottom, left:right] = MotionLabel.MOVING
+    labels[:, 3 * width // 4 :] = MotionLabel.UNOBSERVABLE
+    probability = np.where(labels == MotionLabel.MOVING, 0.9, 0.1).astype(np.float32)
+    return MotionMask(labels=labels, probability=probability, score=probability, regions=(), reason="F")
+
+
+def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
+    """Decode `report_pack.packed`, written from its description with Python's integers."""
+    planes = zlib.decompress(base64.b64decode(packed["data"]))
+    bits = int(packed["type"].lstrip("uint"))
+    signed, octets = packed["type"].startswith("i"), bits // 8
+    shape = packed["shape"]
+    count = len(planes) // octets
+    values, total = [], 0
+    for index in range(count):
+        delta = sum(planes[plane * count + index] << (8 * plane) for plane in range(octets))
+        total = (delta if index % shape[-1] == 0 else total + delta) % 2**bits
+        values.append(total - 2**bits if signed and total >= 2 ** (bits - 1) else total)
+    step: float = packed["step"]
+    return np.array(values, float).reshape(shape) * step
