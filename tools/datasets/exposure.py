@@ -1,0 +1,127 @@
+"""One exposure of a dataset: the blurred photograph, its sharp ends, smears and cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import fundamental_from_pose
+from blur2view.errors import Blur2ViewError
+from tools.datasets.flow import MidSmears
+from tools.datasets.gold_standard import gold_standard_fundamental
+from tools.textures import srgb_to_linear
+
+Array = NDArray[Any]
+
+GUESSED_FOCAL = 1.2
+"""Focal length over the longer side where a dataset tells none, as COLMAP guesses: for angles of rays."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pose:
+    """Intrinsics K (3, 3) and ``cam_close_from_cam_open`` R (3, 3), t (3,)."""
+
+    K: Array
+    R: Array
+    t: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exposure:
+    """One exposure.
+
+    Attributes
+    ----------
+    name : str
+        Where it is from; letters, digits, dots, dashes and underscores.
+    linear : ndarray of shape (H, W, 3)
+        float32 linear light of the blurred photograph, white = 1.
+    first, last : ndarray of shape (H, W, 3)
+        uint8 sharp frames at both ends.
+    smears : MidSmears
+        Truth at mid-exposure pixels.
+    pose : Pose or None
+        Where the dataset knows its cameras.
+    """
+
+    name: str
+    linear: Array
+    first: Array
+    last: Array
+    smears: MidSmears
+    pose: Pose | None = None
+
+    @property
+    def photograph(self) -> Array:
+        """The blurred photograph (H, W, 3), uint8."""
+        return coded(self.linear)
+
+    @property
+    def K(self) -> Array:
+        """Intrinsics, guessed where the dataset tells none."""
+        if self.pose is not None:
+            return self.pose.K
+        height, width = self.linear.shape[:2]
+        focal = GUESSED_FOCAL * max(width, height)
+        return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+
+    def fundamental(self) -> Array | None:
+        """Give the true F: of the cameras, else the gold standard of the smears; None without translation."""
+        if self.pose is not None:
+            still = not np.linalg.norm(self.pose.t) > 0
+            return None if still else fundamental_from_pose(self.pose.K, self.pose.R, self.pose.t)
+        return gold_standard_fundamental(self.ordered_ends())
+
+    def ordered_ends(self) -> Array:
+        """Give the ends (N, 2, 2) of the valid smears of every fourth pixel, first then last."""
+        smears = self.smears
+        rows, columns = np.nonzero(smears.valid[1::4, 1::4])
+        middle = np.stack([4 * columns + 1, 4 * rows + 1], axis=1).astype(float)
+        half = smears.displacement[1::4, 1::4][rows, columns].astype(float) / 2
+        return np.stack([middle - half, middle + half], axis=1)
+
+
+def read_frame(path: Path) -> Array:
+    """Read a frame (H, W, 3) as uint8 RGB.
+
+    Raises
+    ------
+    Blur2ViewError
+        If the file is missing or no picture.
+    """
+    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    picture = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if len(encoded) else None
+    if picture is None:
+        reason = "is no readable picture" if path.is_file() else "is missing"
+        raise Blur2ViewError(f"{path}: {reason}; unpack the dataset again")
+    return np.ascontiguousarray(picture[..., ::-1])
+
+
+def linearised(frame: Array) -> Array:
+    """Turn sRGB-coded uint8 into linear light: float32, white = 1."""
+    return srgb_to_linear(np.arange(256) / 255)[frame]
+
+
+def coded(linear: Array) -> Array:
+    """Invert :func:`linearised`, rounding to uint8."""
+    light = np.clip(linear, 0, 1)
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return (255 * curve + 0.5).astype(np.uint8)
+
+
+def require_folder(folder: Path, what: str) -> Path:
+    """Give the folder; Blur2ViewError, saying what should be in it, if there is none."""
+    if not folder.is_dir():
+        raise Blur2ViewError(f"{folder}: no such folder, {what} expected; see help('tools.datasets')")
+    return folder
+
+
+def numbered(folder: Path, suffixes: tuple[str, ...] = (".png",)) -> dict[int, Path]:
+    """Give the pictures of a folder whose names are numbers, by number, in order."""
+    found = {int(p.stem): p for p in folder.iterdir() if p.suffix in suffixes and p.stem.isdigit()}
+    return dict(sorted(found.items()))

@@ -1,0 +1,166 @@
+"""GoPro and RBI: real frames; smears by computed flow between the sharp frames at both ends."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import Blur2ViewError
+from tools.datasets.exposure import Exposure, linearised, numbered, read_frame, require_folder
+from tools.datasets.flow import (
+    CROSS_CHECK_PX,
+    MidSmears,
+    averaged,
+    computed_flow,
+    disagreement,
+    inside,
+    mid_smears,
+    sub_frames,
+)
+from tools.exposure import pixel_grid
+
+Array = NDArray[Any]
+
+WINDOW = 11
+"""Sharp frames of one exposure, of GoPro's 240 a second."""
+SHARP_A_PERIOD, SHARP_AN_EXPOSURE = 20, 9
+"""RBI: sharp frames from one blurred frame to the next, and during the exposure of one."""
+
+
+class GoProSharp:
+    """GOPRO_Large_all: ``train`` and ``test`` hold folders of all frames (``GOPR0372/000001.png``).
+
+    Exposures are runs of `window` frames that do not overlap, averaged in linear light, with further frames
+    in between where they are far apart (the coding is taken to be sRGB's).
+    """
+
+    def __init__(self, root: Path, split: str = "test", window: int = WINDOW) -> None:
+        if window < 2:
+            raise ValueError(f"an exposure needs at least two frames, got {window}")
+        self.folder, self.window = require_folder(root / split, "GOPRO_Large_all's frames"), window
+        self.sequences = sorted(p for p in self.folder.iterdir() if p.is_dir() and numbered(p))
+        if not self.sequences:
+            raise Blur2ViewError(
+                f"{self.folder}: holds no folders of numbered PNG files; GOPRO_Large is read by --kind gopro"
+            )
+
+    def __iter__(self) -> Iterator[Exposure]:
+        """Yield the exposures of every sequence in order."""
+        for sequence in self.sequences:
+            paths = list(numbered(sequence).values())
+            for start in range(0, len(paths) - self.window + 1, self.window):
+                chosen = paths[start : start + self.window]
+                yield from_sharp(f"{sequence.name}_{chosen[0].stem}", [read_frame(p) for p in chosen])
+
+
+def from_sharp(name: str, frames: Sequence[Array]) -> Exposure:
+    """Blur a run of sharp uint8 frames; its first and last are the ends of the exposure."""
+    forward, backward = computed_flow(frames[0], frames[-1])
+    smears = mid_smears(forward, backward)
+    gaps = len(frames) - 1
+    each = -(-sub_frames(smears.displacement, smears.valid) // gaps)
+    total = np.zeros(frames[0].shape, np.float32)
+    for one, other in zip(frames[:-1], frames[1:], strict=True):
+        total += averaged(linearised(one), linearised(other), *computed_flow(one, other), each)
+    return Exposure(
+        name=name, linear=total / np.float32(gaps), first=frames[0], last=frames[-1], smears=smears
+    )
+
+
+class GoProPairs:
+    """GOPRO_Large: ``test/GOPR0384_11_00`` with ``blur`` and ``sharp``, one sharp frame in mid exposure each.
+
+    There are no sharp frames at the ends. The folder's middle number says how many frames were averaged (11);
+    exposures follow each other without a gap, so a smear is half of the flow from the sharp frame before to
+    the one after, times (11 - 1) / 11. `first` and `last` are those neighbouring frames: further apart than
+    the ends of the exposure.
+    """
+
+    def __init__(self, root: Path, split: str = "test") -> None:
+        self.folder = require_folder(root / split, "GOPRO_Large's sequences")
+        self.sequences = sorted(p for p in self.folder.iterdir() if (p / "blur").is_dir())
+        if not self.sequences:
+            raise Blur2ViewError(
+                f"{self.folder}: holds no sequence with a folder blur; GOPRO_Large_all is read by "
+                "--kind gopro-sharp"
+            )
+        for sequence in self.sequences:
+            require_folder(sequence / "sharp", "the sharp frames of blur")
+            if not re.fullmatch(r"GOPR\d+_\d+_\d+", sequence.name):
+                raise Blur2ViewError(f"{sequence}: expected a name such as GOPR0384_11_00")
+
+    def __iter__(self) -> Iterator[Exposure]:
+        """Yield the exposures that have a neighbour on both sides."""
+        for sequence in self.sequences:
+            blurred, sharp = numbered(sequence / "blur"), numbered(sequence / "sharp")
+            if list(blurred) != list(sharp):
+                raise Blur2ViewError(f"{sequence}: blur and sharp hold different frames; unpack it again")
+            averaged_frames, numbers = int(sequence.name.split("_")[1]), list(blurred)
+            for before, number, after in zip(numbers, numbers[1:], numbers[2:], strict=False):
+                first, middle, last = (read_frame(sharp[k]) for k in (before, number, after))
+                yield Exposure(
+                    name=f"{sequence.name}_{number:06d}",
+                    linear=linearised(read_frame(blurred[number])),
+                    first=first,
+                    last=last,
+                    smears=half_way(first, middle, last, (averaged_frames - 1) / averaged_frames),
+                )
+
+
+def half_way(first: Array, middle: Array, last: Array, share: float) -> MidSmears:
+    """Give the smears of an exposure about a middle frame, `share` of the time between two frames long."""
+    pixels = pixel_grid((middle.shape[1], middle.shape[0]))
+    (ahead, returned), (back, advanced) = (computed_flow(middle, other) for other in (last, first))
+    checked = (disagreement(ahead, returned, pixels) < CROSS_CHECK_PX) & (
+        disagreement(back, advanced, pixels) < CROSS_CHECK_PX
+    )
+    displacement = np.float32(share / 2) * (ahead - back)
+    ends_seen = inside(pixels - displacement / 2) & inside(pixels + displacement / 2)
+    return MidSmears(displacement=displacement, valid=checked & ends_seen)
+
+
+class RBI:
+    """RBI: ``Blur/_Scene1/RGB/1.png`` and ``Sharp/_Scene1/RGB/1.png``.
+
+    Blurred frame k was exposed while the sharp camera took its frames 20 (k - 1) + 1 to 20 (k - 1) + 9.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.blur, self.sharp = (require_folder(root / name, "RBI") for name in ("Blur", "Sharp"))
+        self.scenes = sorted(p.name for p in self.blur.iterdir() if p.is_dir())
+        if not self.scenes:
+            raise Blur2ViewError(f"{self.blur}: holds no scenes; unpack RBI again")
+        for scene in self.scenes:
+            require_folder(self.sharp / scene / "RGB", "the sharp frames of a scene")
+
+    def __iter__(self) -> Iterator[Exposure]:
+        """Yield the exposures scene by scene."""
+        for scene in self.scenes:
+            folders = {p.parent for p in (self.blur / scene).rglob("*.png")}
+            if len(folders) != 1:
+                raise Blur2ViewError(
+                    f"{self.blur / scene}: {len(folders)} folders of PNG files, expected one"
+                )
+            for number, path in numbered(folders.pop()).items():
+                yield self.exposure(scene, number, path)
+
+    def exposure(self, scene: str, number: int, path: Path) -> Exposure:
+        """Read a blurred frame and the sharp frames at its ends."""
+        start = SHARP_A_PERIOD * (number - 1) + 1
+        ends = (self.sharp / scene / "RGB" / f"{k}.png" for k in (start, start + SHARP_AN_EXPOSURE - 1))
+        first, last = (read_frame(end) for end in ends)
+        blurred = read_frame(path)
+        if not blurred.shape == first.shape == last.shape:
+            raise Blur2ViewError(f"{path}: differs in size from its sharp frames; unpack RBI again")
+        return Exposure(
+            name=f"{scene.strip('_')}_{number:04d}",
+            linear=linearised(blurred),
+            first=first,
+            last=last,
+            smears=mid_smears(*computed_flow(first, last)),
+        )
