@@ -15,14 +15,16 @@ def test_recipe_makes_both_networks_and_goes_on_where_it_was(
 ) -> None:
     monkeypatch.setattr(recipe, "SHARD", 4)
     monkeypatch.setattr(validation, "CROPS", 4)
-    small = Recipe(scenes=4, val_scenes=4, size=(64, 64), steps=2, processes=1, calibration_scenes=1)
+    small = Recipe(
+        scenes=4, val_scenes=4, size=(64, 64), steps=2, more_steps=3, processes=1, calibration_scenes=1
+    )
     make(small, None, tmp_path / "work", tmp_path / "models")
     rendered = capfd.readouterr().out.count(".npz")
     names = {None: "smear.onnx", "fast": "smear_fast.onnx"}
     image = np.random.default_rng(0).random((64, 96, 3), dtype=np.float32)
     for name in names.values():
         network = SmearNetwork(tmp_path / "models" / name)
-        assert network.info.training["steps"] == 2 and network.info.training["scenes"] == 4
+        assert network.info.training["steps"] == 5 and network.info.training["scenes"] == 4
         assert network.predict(image).shape == (64, 96)
     make(small, None, tmp_path / "work", tmp_path / "models")
     assert rendered == 2 and ".npz" not in capfd.readouterr().out  # nothing is rendered twice

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tools.dataset import write_shards
@@ -33,17 +33,23 @@ class Recipe:
         Their width and height in pixels.
     val_scenes, val_seed : int
         Scenes of the held-out textures for the figures on the way, and the first of their seeds.
-    steps, processes : int
-        Optimiser steps; training processes, whose number decides the result.
+    steps, more_steps, processes : int
+        Optimiser steps from nothing, and of a second schedule that goes on from their averaged weights;
+        training processes, whose number decides the result.
+    more_rate, more_seed : float, int
+        Peak learning rate and seed of the crops of the second schedule.
     calibration_scenes : int
         Rendered photographs that set the ranges of the integers of the fast network.
     """
 
-    scenes: int = 4050
+    scenes: int = 5150
     size: tuple[int, int] = RenderOptions.size
     val_scenes: int = 100
     val_seed: int = 900_000
     steps: int = 10_000
+    more_steps: int = 8_000
+    more_rate: float = 1.2e-3
+    more_seed: int = 1
     processes: int = 2
     calibration_scenes: int = SCENES
 
@@ -65,10 +71,21 @@ def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, P
 def make(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
     """Run all stages."""
     train, val = render_all(recipe, photos, work)
-    out = work / "run"
-    train_all(TrainOptions(train=train, val=val, out=out, steps=recipe.steps, processes=recipe.processes))
+    first = TrainOptions(
+        train=train, val=val, out=work / "run", steps=recipe.steps, processes=recipe.processes
+    )
+    train_all(first)
+    second = replace(
+        first,
+        out=work / "run2",
+        weights=first.out / "last.pt",
+        steps=recipe.more_steps,
+        learning_rate=recipe.more_rate,
+        seed=recipe.more_seed,
+    )
+    train_all(second)
     models.mkdir(parents=True, exist_ok=True)
-    export(out / "last.pt", models / "smear.onnx")
+    export(second.out / "last.pt", models / "smear.onnx")
     quantize(models / "smear.onnx", models / "smear_fast.onnx", recipe.calibration_scenes)
 
 
@@ -82,8 +99,14 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=Recipe.scenes, help="(default: %(default)s)")
     parser.add_argument("--val-scenes", type=int, default=Recipe.val_scenes, help="(default: %(default)s)")
     parser.add_argument("--steps", type=int, default=Recipe.steps, help="(default: %(default)s)")
+    parser.add_argument("--more-steps", type=int, default=Recipe.more_steps, help="(default: %(default)s)")
     arguments = parser.parse_args()
-    recipe = Recipe(scenes=arguments.scenes, val_scenes=arguments.val_scenes, steps=arguments.steps)
+    recipe = Recipe(
+        scenes=arguments.scenes,
+        val_scenes=arguments.val_scenes,
+        steps=arguments.steps,
+        more_steps=arguments.more_steps,
+    )
     make(recipe, arguments.photos, arguments.work, arguments.models)
 
 
