@@ -1,0 +1,246 @@
+"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
+
+    python -m tools.dataset --out render/train --scenes 4050 --photos KODAK
+    python -m tools.dataset --out render/val --scenes 100 --first-seed 900000 --split test --photos KODAK
+    python -m tools.paper_variants --train render/train --val render/val --out runs/paper
+
+trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 3500 steps of 16 crops
+of 128 px, about ten minutes of two cores; the plain U-Net at full resolution gets 200 steps (--plain-steps),
+about as many as it makes in that time. All 33 runs take about five and a half hours of two cores, minutes
+each on a GPU. A stopped run goes on from its checkpoint; finished ones (NAME_SEED.json in OUT) are not
+trained again. :mod:`tools.paper_report` makes the tables of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from blur2view.errors import Blur2ViewError
+from blur2view.metrics import sparsification_area, sparsification_curve
+from tools.checkpoint import follow
+from tools.dataset import Scenes, load_shards
+from tools.loss import loss_of, smear_error, target_parts
+from tools.model import SmearUNet, decode
+from tools.paper_loss import Representation, decoded, paper_loss
+from tools.paper_network import PlainUNet, stem_network
+from tools.train import TrainOptions, batches_of, forward
+from tools.validation import figures_of, validation_crops
+
+NetworkName = Literal["stem", "plain", "factored"]
+ALPHA = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """What is trained.
+
+    `network` is "stem" (ours with the paper's outputs), "plain" (the paper's) or "factored" (ours). The
+    latter has our own loss, for which `representation` and `cross_check` mean nothing.
+    """
+
+    network: NetworkName
+    representation: Representation = "double"
+    cross_check: bool = True
+    alpha: float = ALPHA
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        if self.network == "factored":
+            return "factored"
+        check = "map" if self.cross_check else "nomap"
+        return f"{self.network}_{self.representation}_{check}_{self.alpha:g}"
+
+
+SIX = tuple(
+    Variant(network="stem", representation=representation, cross_check=check)
+    for representation in ("local", "restricted", "double")
+    for check in (False, True)
+)
+TABLE_1 = (*SIX, Variant(network="plain"), Variant(network="factored"))
+ALPHA_STUDY = tuple(Variant(network="stem", alpha=alpha) for alpha in (0.005, 0.01, 0.02, 0.05))
+VARIANTS = {variant.name: variant for variant in (*TABLE_1, *ALPHA_STUDY)}
+
+
+@dataclass
+class VariantRun:
+    """Networks, optimiser and step of one run; `history` has the mean loss of every hundred steps."""
+
+    variant: Variant
+    network: nn.Module
+    average: nn.Module
+    optimiser: torch.optim.Optimizer
+    step: int = 0
+    history: list[float] = field(default_factory=list)
+
+    def parts(self) -> dict[str, Any]:
+        """Give what has a state to save."""
+        return {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint; a run killed meanwhile keeps the one before."""
+        state = {name: part.state_dict() for name, part in self.parts().items()}
+        temporary = path.with_suffix(".tmp")
+        torch.save(state | {"step": self.step, "history": self.history}, temporary)
+        temporary.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        for name, part in self.parts().items():
+            part.load_state_dict(state[name])
+        self.step, self.history = int(state["step"]), list(state["history"])
+
+
+def build(variant: Variant) -> nn.Module:
+    """Make an untrained network."""
+    makers: dict[NetworkName, Callable[[], nn.Module]] = {
+        "stem": stem_network, "plain": PlainUNet, "factored": SmearUNet,
+    }  # fmt: skip
+    return makers[variant.network]()
+
+
+def start(variant: Variant, seed: int, learning_rate: float, device: torch.device) -> VariantRun:
+    """Start a run; its weights follow from the seed."""
+    torch.manual_seed(seed)
+    network, average = build(variant).to(device), build(variant).to(device)
+    average.load_state_dict(network.state_dict())
+    optimiser = torch.optim.AdamW(network.parameters(), lr=learning_rate, weight_decay=1e-4)
+    return VariantRun(variant=variant, network=network, average=average, optimiser=optimiser)
+
+
+def learning_rate_at(step: int, options: TrainOptions) -> float:
+    """Warm up linearly over a tenth of the steps, then follow a cosine down to 1 % of the peak."""
+    warm = min(1.0, (step + 1) / max(1, options.steps // 10))
+    fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / options.steps)))
+    return options.learning_rate * warm * (0.01 + 0.99 * fall)
+
+
+def raw_output(network: nn.Module, images: Tensor) -> Tensor:
+    """Run a network in training, in bfloat16 but for the stem."""
+    if isinstance(network, SmearUNet):
+        return forward(network, images)
+    with torch.autocast(images.device.type, dtype=torch.bfloat16):
+        output: Tensor = network(images)
+    return output.float()
+
+
+def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
+    """Compute the loss, a scalar."""
+    if variant.network == "factored":
+        return loss_of(raw, targets, variant.alpha).total
+    return paper_loss(raw, targets, variant.representation, variant.cross_check, variant.alpha)
+
+
+def advance(run: VariantRun, images: Tensor, targets: Tensor, options: TrainOptions) -> float:
+    """Make one step as :func:`tools.train.advance` does; give the loss."""
+    for group in run.optimiser.param_groups:
+        group["lr"] = learning_rate_at(run.step, options)
+    device = next(run.network.parameters()).device
+    loss = loss_value(run.variant, raw_output(run.network, images.to(device)), targets.to(device))
+    run.optimiser.zero_grad(set_to_none=True)
+    torch.autograd.backward(loss)
+    torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
+    run.optimiser.step()
+    run.step += 1
+    follow(run.average, run.network, run.step)  # type: ignore[arg-type]  # any two networks alike
+    return float(loss.detach())
+
+
+def train(variant: Variant, seed: int, options: TrainOptions, scenes: Scenes) -> VariantRun:
+    """Train one variant to the end of its schedule, from its last checkpoint if there is one."""
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    run, last = start(variant, seed, options.learning_rate, device), options.out / f"{variant.name}_{seed}.pt"
+    if last.exists():
+        run.load(last)
+    batches, losses = batches_of(scenes, options, run.step), []
+    run.network.train()
+    while run.step < options.steps:
+        losses.append(advance(run, *next(batches), options))
+        done = run.step == options.steps
+        if done or run.step % 100 == 0:
+            run.history.append(float(np.mean(losses)))
+            print(f"{variant.name} seed {seed}: step {run.step}, loss {run.history[-1]:.3f}", flush=True)
+            losses = []
+        if done or run.step % options.save_every == 0:
+            run.save(last)
+    return run
+
+
+@torch.no_grad()
+def predict(run: VariantRun, images: Tensor) -> Tensor:
+    """Run the averaged network on images (N, 3, H, W), 16 at a time: double angle and sigma (N, 3, h, w)."""
+    network, device = run.average.eval(), next(run.average.parameters()).device
+    raw = torch.cat([network(images[k : k + 16].to(device)).cpu() for k in range(0, len(images), 16)])
+    return decode(raw) if run.variant.network == "factored" else decoded(raw, run.variant.representation)
+
+
+def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
+    """Give the figures of predictions on crops: EPE-S, directions, sparsification curve and its area."""
+    target = target_parts(truth)
+    seen = target.valid > 0
+    error = smear_error(predicted, target)[seen].numpy()
+    sigma = predicted[:, 2:3][seen].numpy()
+    removed, by_sigma, by_error = sparsification_curve(error, sigma)
+    return vars(figures_of(predicted, truth)) | {
+        "sparsification_area": float(sparsification_area(error, sigma)),
+        "removed": removed.tolist(),
+        "by_sigma": by_sigma.tolist(),
+        "by_error": by_error.tolist(),
+    }
+
+
+def run_all(variants: Sequence[Variant], seeds: int, options: TrainOptions, plain_steps: int) -> None:
+    """Train and judge what is not finished; seeds in the outer loop, so that early results compare all."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    cv2.setNumThreads(0)  # workers are forked, and a forked OpenCV thread pool hangs
+    scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
+    for seed in range(seeds):
+        for variant in variants:
+            result = options.out / f"{variant.name}_{seed}.json"
+            if result.exists():
+                continue
+            steps = plain_steps if variant.network == "plain" else options.steps
+            own = TrainOptions(**(vars(options) | {"steps": steps, "seed": seed}))
+            run = train(variant, seed, own, scenes)
+            document = {
+                "variant": vars(variant), "seed": seed, "steps": steps, "batch": own.batch, "side": own.side,
+                "scenes": len(scenes), "history": run.history, **judged(predict(run, images), truth),
+            }  # fmt: skip
+            result.write_text(json.dumps(document, indent=1) + "\n")
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    for name in ("train", "val", "out"):
+        parser.add_argument(f"--{name}", type=Path, required=True)
+    parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--steps", type=int, default=3500)
+    parser.add_argument("--plain-steps", type=int, default=200, help="of the plain U-Net (default 200)")
+    parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--side", type=int, default=128)
+    parser.add_argument("--workers", type=int, default=1)
+    words = vars(parser.parse_args())
+    only, seeds, plain_steps = (words.pop(name) for name in ("only", "seeds", "plain_steps"))
+    try:
+        run_all([VARIANTS[name] for name in only], seeds, TrainOptions(**words), plain_steps)
+    except Blur2ViewError as error:
+        raise SystemExit(str(error)) from None
+
+
+if __name__ == "__main__":
+    main()
