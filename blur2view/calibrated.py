@@ -19,10 +19,11 @@ from blur2view.manifold import CameraF, CameraPrior, TranslationF, rotation_matr
 from blur2view.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
 from blur2view.refine import OrderedResiduals, RefineOptions, WeightedEnds, sampson_jacobian
 from blur2view.seven_smears import plane_basis
+from blur2view.translation_grid import translation_search, turn_flow
 
 POSE = 5  # of a camera's parameters, the first: two of t, three of R
 STEPS, ROUGH_STEPS = 16, 6  # of expectation-maximisation, each with one Levenberg-Marquardt step
-ROUGH_COUNT, STARTS = 500, 2  # smears, at least, and poses that are tried on them
+ROUGH_COUNT, STARTS = 500, 2  # smears, at least, and poses tried on them beside that of the search
 AT_REST = 1e-3  # a step below this many standard deviations ends it
 SCALES, ODDS = (0.03, 4.0), (0.01, 3.0)  # limits of the noise's scale, and of the odds of an outlier
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
@@ -249,14 +250,10 @@ def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
 
 
 def turn_alone(problem: SmearProblem) -> Array:
-    """Rotation vector (3,) that explains most smears without translation, robustly; up to sign.
-
-    To first order a rotation w moves the point p of a camera with K = identity by w x p - p (w x p)_z.
-    """
+    """Rotation vector (3,) that explains most smears without translation, robustly; up to sign."""
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
-    x, y = part.ends.mean(axis=1).T
     d = part.ends[:, 1] - part.ends[:, 0]
-    flow = np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]]).transpose(2, 0, 1)  # (n, 2, 3)
+    flow = turn_flow(part.ends.mean(axis=1)).transpose(2, 0, 1)  # (n, 2, 3)
     squared = np.maximum((d**2).sum(axis=1), TINY)
     found = [_turn_from(axis, flow, d, squared) for axis in half_sphere(AXES)]
     return min(found, key=lambda pair: pair[0])[1]
@@ -289,7 +286,7 @@ def turning_prior(problem: SmearProblem) -> CameraPrior:
 def fit_calibrated(
     problem: SmearProblem, camera: CameraF, simple: TranslationF, options: RefineOptions
 ) -> CalibratedFit:
-    """Fit the pose from the camera that was found and from no rotation.
+    """Fit the pose from the camera that was found, from no rotation, and from a search over translations.
 
     Parameters
     ----------
@@ -305,15 +302,18 @@ def fit_calibrated(
     R, t = camera.R, camera.t
     if rotation_vector(R) @ centre < 0:  # the other flip of time
         R, t = R.T, -R.T @ t
-    poses = [(R, t), (rotation_matrix(centre), simple.epipole)]
+    turn, heading = translation_search(problem.ends)
+    searched = rotation_matrix(turn if turn @ centre >= 0 else -turn), heading
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
-    starts = [
-        CalibratedFit(
-            problem=part, point=CameraF(t=t, R=R, spread=spread), sign=sign, noise=Noise(), options=options
-        )
-        for R, t in poses
-        for sign in (1.0, -1.0)
-    ]
-    starts = sorted(starts, key=lambda fit: fit.cost)[:STARTS]
+
+    def start(R: Array, t: Array, sign: float) -> CalibratedFit:
+        point = CameraF(t=t, R=R, spread=spread)
+        return CalibratedFit(problem=part, point=point, sign=sign, noise=Noise(), options=options)
+
+    def cheapest(*poses: tuple[Array, Array]) -> list[CalibratedFit]:
+        return sorted((start(R, t, sign) for R, t in poses for sign in (1.0, -1.0)), key=lambda fit: fit.cost)
+
+    found = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
+    starts = [*found, cheapest(searched)[0]]  # its own cost is high before it settles: it is always tried
     best = min((settle(start, ROUGH_STEPS) for start in starts), key=lambda fit: fit.cost)
     return settle(replace(best, problem=problem), STEPS)

@@ -20,7 +20,7 @@ LAYERS = [
     {"pyramid"},
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
     | {"cameras"},
-    {"manifold", "components", "paper", "sign_free"},
+    {"manifold", "components", "paper", "sign_free", "translation_grid"},
     {"pose"},
     {"geometry"},
     {"refine", "end_order"},
