@@ -1,0 +1,133 @@
+"""Table 1 and the study of alpha: what the runs of :mod:`tools.paper_variants` reached, over their seeds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
+
+MEASURES = ("epe_s_top50", "epe_s_top50_over_length", "sparsification_area", "direction_deg_top50")
+BEST = "stem_double_map_0.01"
+"""The variant that the paper found best."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariantFigures:
+    """One variant over its seeds: means and standard deviations by measure, and the mean curves."""
+
+    name: str
+    seeds: int
+    steps: int
+    mean: dict[str, float]
+    deviation: dict[str, float]
+    removed: list[float]
+    by_sigma: list[float]
+    by_error: list[float]
+
+
+def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
+    """Average the results of one variant."""
+    values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
+    curves = {
+        key: np.mean([d[key] for d in documents], axis=0).tolist()
+        for key in ("removed", "by_sigma", "by_error")
+    }
+    return VariantFigures(
+        name=name,
+        seeds=len(documents),
+        steps=int(documents[0]["steps"]),
+        mean={measure: float(np.mean(v)) for measure, v in values.items()},
+        deviation={measure: float(np.std(v)) for measure, v in values.items()},
+        **curves,
+    )
+
+
+def read_runs(folder: Path) -> dict[str, VariantFigures]:
+    """Read what is finished of all variants, by name."""
+    found = {}
+    for name in VARIANTS:
+        documents = [json.loads(p.read_text()) for p in sorted(folder.glob(f"{name}_[0-9]*.json"))]
+        if documents:
+            found[name] = figures_of(name, documents)
+    return found
+
+
+def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
+    """Give plain values, for JSON."""
+    return {name: asdict(figures) for name, figures in found.items()}
+
+
+def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
+    """Invert :func:`stored`."""
+    return {name: VariantFigures(**values) for name, values in document.items()}
+
+
+def label(variant: Variant) -> tuple[str, str]:
+    """Name a variant's network and loss for people."""
+    networks = {
+        "stem": "stem, paper's outputs",
+        "plain": "the paper's plain U-Net",
+        "factored": "ours, factored",
+    }
+    loss = f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
+    return networks[variant.network], "ours" if variant.network == "factored" else loss
+
+
+def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
+    """Write Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
+    lines = [
+        "| network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
+        "| sparsification area | direction top 50 %, deg |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for variant in variants:
+        if variant.name not in found:
+            continue
+        figures, (network, loss) = found[variant.name], label(variant)
+        measured = " | ".join(f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES)
+        head = f"| {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
+        lines.append(f"{head} | {measured} |")
+    return lines
+
+
+def verdicts(found: dict[str, VariantFigures]) -> list[str]:
+    """Say which of the six is best, by either measure, and whether it is the paper's."""
+    lines = []
+    present = [variant for variant in SIX if variant.name in found]
+    if len(present) < len(SIX):
+        return [f"{len(present)} of the six variants are trained."]
+    for measure, words in (("epe_s_top50", "EPE-S top 50 %"), ("sparsification_area", "sparsification area")):
+        best = min(present, key=lambda variant: found[variant.name].mean[measure])
+        again = "as in the paper" if best.name == BEST else "in the paper: double, with map"
+        lines.append(f"Best of the six by {words}: {label(best)[1]} ({again}).")
+    return lines
+
+
+def plot(found: dict[str, VariantFigures], path: Path) -> None:
+    """Draw the sparsification curves: the six left, networks in the middle, alpha right."""
+    from tools.figure_style import PALETTE, new_figure, save, style
+
+    groups = {"the six losses": SIX, "networks": (SIX[-1], *TABLE_1[6:]), "alpha": ALPHA_STUDY}
+    with style():
+        figure = new_figure(12, 3.8)
+        panels = figure.subplots(1, len(groups), sharey=True)
+        for panel, (title, variants) in zip(panels, groups.items(), strict=True):
+            present = [variant for variant in variants if variant.name in found]
+            for variant, colour in zip(present, PALETTE, strict=False):
+                figures, (network, loss) = found[variant.name], label(variant)
+                names = {"networks": network, "alpha": f"alpha {variant.alpha:g}"}
+                text = f"{names.get(title, loss)}: {figures.mean['sparsification_area']:.3f}"
+                panel.plot(figures.removed, figures.by_sigma, color=colour, label=text)
+                panel.plot(figures.removed, figures.by_error, color=colour, ls=":", lw=1)
+            panel.set(
+                title=f"{title} (areas; dotted: oracle)", xlabel="share of smears removed", ylim=(0, None)
+            )
+            panel.legend(loc="lower left")
+        panels[0].set_ylabel("mean EPE-S over that of all")
+        save(figure, path)
