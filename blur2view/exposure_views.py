@@ -123,8 +123,9 @@ def views_of(name: str, found: Estimate) -> ExposureViews:
     """
     ends = found.matches.ends
     height, width = found.field.shape
-    order = motion_order(found.geometry, found.matches, found.camera, (width, height))
-    swapped = order.swapped(ends, found.matches.sigma_px)
+    weighed = found.matches.weighed_across()
+    order = motion_order(found.geometry, weighed, found.camera, (width, height))
+    swapped = order.swapped(ends, weighed.sigma_px)
     index = np.arange(len(ends))
     return ExposureViews(
         name=name,

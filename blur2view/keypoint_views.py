@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from blur2view.end_order import MotionOrder, motion_order
 from blur2view.epipolar import serrmin
 from blur2view.exposure_views import ExposureViews, views_of
+from blur2view.matches import SmearMatches, error_across
 from blur2view.pipeline import Estimate
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import EstimatorOptions
@@ -59,13 +60,13 @@ def keypoint_views(
     geometry, sampled = found.geometry, sample(found.field, keypoints)
     size = (found.field.shape[1], found.field.shape[0])
     ends = smear_ends(np.where(sampled.inside[:, None], keypoints, 0.0), sampled.displacement)
-    order = motion_order(geometry, found.matches, found.camera, size)
-    swapped = order.swapped(ends, sampled.sigma_px)
+    order = motion_order(geometry, found.matches.weighed_across(), found.camera, size)
+    swapped = order.swapped(ends, sampled.weighed_px(found.matches))
     index = np.arange(len(ends))
     first, last = ends[index, swapped.astype(int)], ends[index, 1 - swapped.astype(int)]
     known = geometry.F is not None or geometry.H is not None
     usable = sampled.certain & known
-    fits = usable & _fits(order, ends, sampled.sigma_px, options)
+    fits = usable & _fits(order, ends, sampled.weighed_px(found.matches), options)
     moved = sampled.inside[:, None]
     views = replace(
         views_of(name, found),
@@ -84,6 +85,14 @@ class SampledSmears:
     displacement: Array
     sigma_px: Array
     inside: NDArray[np.bool_]
+    sigma_rad: Array | None = None
+
+    def weighed_px(self, matches: SmearMatches) -> Array:
+        """Give the standard deviations (N,) as the estimator weighed those of its matches, pixels."""
+        if self.sigma_rad is None or matches.across_px is None:
+            return self.sigma_px
+        length = np.hypot(*self.displacement.T)
+        return matches.across_scale * error_across(length, self.sigma_rad)
 
     @property
     def certain(self) -> NDArray[np.bool_]:
@@ -101,7 +110,9 @@ def sample(field: SmearField, points: Array) -> SampledSmears:
     cols, rows = np.where(inside[:, None], nearest, 0).T
     displacement = np.where(inside[:, None], field.displacement[rows, cols], 0.0).astype(np.float64)
     sigma = np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3)
-    return SampledSmears(displacement=displacement, sigma_px=sigma, inside=inside)
+    told = field.sigma_rad
+    angle = None if told is None else told[rows, cols].astype(np.float64)
+    return SampledSmears(displacement=displacement, sigma_px=sigma, inside=inside, sigma_rad=angle)
 
 
 def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOptions) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from blur2view.smear import SmearField, smear_ends
 
 Array = NDArray[np.float64]
+LEAST_ACROSS_PX = 0.1
 STRIDE = 4  # the network's grid: cell (i, j) has its centre at pixel (4j + 1.5, 4i + 1.5)
 
 
@@ -94,6 +95,13 @@ class SmearMatches:
         across_px = None if self.across_px is None else self.across_px[index]
         return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
 
+    @property
+    def across_scale(self) -> float:
+        """Median of the whole error's sigma over that across the smear; 1 where the latter is not known."""
+        if self.across_px is None or not len(self):
+            return 1.0
+        return float(np.median(self.sigma_px / self.across_px))
+
     def weighed_across(self) -> SmearMatches:
         """Return the matches with sigmas in proportion to the errors across the smears, if these are known.
 
@@ -102,7 +110,7 @@ class SmearMatches:
         """
         if self.across_px is None or not len(self):
             return self
-        return replace(self, sigma_px=self.across_px * np.median(self.sigma_px / self.across_px))
+        return replace(self, sigma_px=self.across_px * self.across_scale)
 
     @property
     def midpoint(self) -> Array:
@@ -225,7 +233,7 @@ class GridSmears:
     @property
     def across_px(self) -> Array | None:
         """Standard deviations of the error across the smear, (N,), pixels; None where unknown."""
-        return None if self.sigma_rad is None else np.maximum(self.length_px * self.sigma_rad, 0.1)
+        return None if self.sigma_rad is None else error_across(self.length_px, self.sigma_rad)
 
     def quality(self, rank: str) -> Array:
         """Return what the smears are ranked by, (N,); small is good."""
@@ -234,6 +242,11 @@ class GridSmears:
         if rank == "relative":
             return self.sigma_px / np.maximum(self.length_px, 1e-3)
         return self.sigma_px
+
+
+def error_across(length_px: Array, sigma_rad: Array) -> Array:
+    """Give the standard deviations (N,) of errors across smears, pixels, from lengths and directions."""
+    return np.maximum(length_px * sigma_rad, LEAST_ACROSS_PX)
 
 
 def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:

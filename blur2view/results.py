@@ -278,7 +278,7 @@ def write_results(
                 inlier_mask=geometry.inlier_mask,
                 swapped=geometry.swapped,
                 ends=estimate.matches.ends,
-                match_sigma_px=estimate.matches.sigma_px,
+                match_sigma_px=estimate.matches.weighed_across().sigma_px,
             ),
         )
         write_atomically(files.picture, lambda file: file.write(encoded))

@@ -13,6 +13,7 @@ from blur2view.keypoint_views import MAX_SIGMA_PX, keypoint_views, sample
 from blur2view.matches import SelectOptions, select_matches
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smear import SmearField
+from blur2view.two_view import EstimatorOptions
 from tools.synthetic_matches import layered_depth, project_smears
 
 SIZE = (160, 120)
@@ -104,3 +105,24 @@ def test_sigma_is_judged_by_itself_and_against_the_length() -> None:
     field = SmearField(displacement=displacement, sigma_px=np.array([sigma], np.float32))
     found = sample(field, np.stack([np.arange(6.0), np.zeros(6)], axis=1))
     assert found.certain.tolist() == [True, False] * 3
+
+
+def test_inliers_are_judged_by_the_sigmas_that_the_estimator_weighed(
+    found: tuple[Estimate, np.ndarray, np.ndarray],
+) -> None:
+    exact = found[0]
+    told = np.full(exact.field.shape, 1e-4, np.float32)
+    told[:, 80:] = 1.0  # to the right directions are not known
+    field = replace(exact.field, sigma_rad=told)
+    matches = select_matches(field, SelectOptions(beta=1.0, min_length_px=0.5))
+    estimate = replace(exact, field=field, matches=matches)
+    keypoints = matches.midpoint
+    np.testing.assert_allclose(
+        sample(field, keypoints).weighed_px(matches), matches.weighed_across().sigma_px, rtol=1e-6
+    )
+    # turned fields fit only where directions are said to be unsure
+    turned = replace(field, displacement=field.displacement[..., ::-1] * np.float32([1, -1]))
+    options = EstimatorOptions(max_error_px=0.1)
+    fits = keypoint_views("a.jpg", keypoints, replace(estimate, field=turned), options).views.geometry
+    right = keypoints[:, 0] >= 80
+    assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()
