@@ -29,6 +29,7 @@ def mapper_options(
     keep_photographs: bool = False,
     refine_intrinsics: bool | None = None,
     seed: int = 0,
+    max_seconds: int = -1,
 ) -> Any:
     """Options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
@@ -47,6 +48,8 @@ def mapper_options(
         does. Two views of one exposure cannot tell a focal length from a depth: give it to ``to-colmap``.
     seed : int
         Of the mapper's samples, so that a run with one thread repeats; -1 leaves it to the clock.
+    max_seconds : int
+        After which the mapper ends with the model that it has; -1: no limit.
 
     Returns
     -------
@@ -88,6 +91,7 @@ def mapper_options(
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
     options.random_seed = seed
+    options.max_runtime_seconds = max_seconds
     options.extract_colors = False
     options.min_model_size = 3
     options.fix_existing_frames = keep_photographs
@@ -110,7 +114,7 @@ def _accept_exposures(options: Any) -> None:
     options.mapper.init_max_error = 2.0
 
 
-def global_options(*, refine_intrinsics: bool = True, seed: int = 0) -> Any:
+def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seconds: float = 600.0) -> Any:
     """Options for ``pycolmap.global_mapping`` of a database with linked views.
 
     The recipe: ``blur2view to-colmap --link --db DB IMG...``, then ``pycolmap.global_mapping(DB, IMAGES, OUT,
@@ -123,15 +127,26 @@ def global_options(*, refine_intrinsics: bool = True, seed: int = 0) -> Any:
         Whether bundle adjustment refines focal length and distortion.
     seed : int
         Of the mapper's samples; -1 leaves it to the clock.
+    solver_seconds : float
+        Each bundle adjustment, of which there are a few, returns what it has after so long. pycolmap 4.2
+        has no limit for positioning or for the whole: who needs one maps in a process that can be ended.
 
     Returns
     -------
     pycolmap.GlobalPipelineOptions
+
+    Raises
+    ------
+    ValueError
+        If the time is not positive.
     """
     import pycolmap
 
+    if not solver_seconds > 0:
+        raise ValueError(f"solver_seconds must be positive, got {solver_seconds}")
     options = pycolmap.GlobalPipelineOptions()
     options.random_seed = seed
+    options.mapper.bundle_adjustment.ceres.solver_options.max_solver_time_in_seconds = solver_seconds
     options.mapper.bundle_adjustment.refine_focal_length = refine_intrinsics
     options.mapper.bundle_adjustment.refine_extra_params = refine_intrinsics
     return options

@@ -121,7 +121,7 @@ def test_inliers_are_judged_by_the_sigmas_that_the_estimator_weighed(
         sample(field, keypoints).weighed_px(matches), matches.weighed_across().sigma_px, rtol=1e-6
     )
     # turned fields fit only where directions are said to be unsure
-    turned = replace(field, displacement=field.displacement[..., ::-1] * np.float32([1, -1]))
+    turned = replace(field, displacement=field.displacement[..., ::-1] * np.array([1, -1], np.float32))
     options = EstimatorOptions(max_error_px=0.1)
     fits = keypoint_views("a.jpg", keypoints, replace(estimate, field=turned), options).views.geometry
     right = keypoints[:, 0] >= 80

@@ -108,3 +108,11 @@ def test_options_are_valid() -> None:
     assert mapper_options().check() and mapper_options(linked=True).check()
     assert isinstance(global_options(), pycolmap.GlobalPipelineOptions)
     assert not global_options(refine_intrinsics=False).mapper.bundle_adjustment.refine_focal_length
+
+
+def test_mapping_can_be_limited_in_time() -> None:
+    assert mapper_options(max_seconds=7).max_runtime_seconds == 7
+    solver = global_options(solver_seconds=5).mapper.bundle_adjustment.ceres.solver_options
+    assert solver.max_solver_time_in_seconds == 5
+    with pytest.raises(ValueError, match="positive"):
+        global_options(solver_seconds=0)
