@@ -22,6 +22,7 @@ from blur2view.epipolar import sampson, serrmin
 from blur2view.geometry import Configuration
 from blur2view.report import Entry, report
 from blur2view.smear import smear_ends
+from blur2view.viz import farthest_points
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here; apt-get install chromium")
@@ -315,6 +316,27 @@ def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
     for x, colour in ((4, (0x44, 0x01, 0x54)), (WIDTH - 5, (0xFD, 0xE7, 0x25))):
         expected = (np.array(colour) * 200 + backdrop * 55) / 255
         assert abs(pixels[row, round(x * scale)] - expected).max() < 12
+
+
+def test_fan_of_epipolar_lines_is_where_F_says(opened: Opener) -> None:
+    F, one = turning_F(), made_up(F=turning_F())
+    page = opened(Entry.of(one))
+    toggle(page, "photograph", "smears", "lines")
+    pixels, scale = stage_pixels(page), scale_of(page)
+    inliers = np.flatnonzero(one.found.geometry.inlier_mask)
+    chosen = inliers[farthest_points(one.found.matches.midpoint[inliers], 14)]
+    white: NDArray[np.bool_] = (pixels > 90).all(axis=-1)
+    explained = np.zeros_like(white)
+    for k in chosen:
+        line = on_screen(F @ [*in_order(F, one.found.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
+        columns = np.arange(len(pixels[0])) + 0.5
+        rows = -(line[0] * columns + line[2]) / line[1]
+        seen = [(int(y), int(x)) for y, x in zip(rows, columns, strict=True) if 3 <= y < len(pixels) - 3]
+        assert np.mean([white[y - 1 : y + 2, x].any() for y, x in seen]) > 0.98
+        for y, x in seen:
+            explained[y - 3 : y + 4, x] = True
+    inner = np.s_[9:-9, 9:-9]  # the page shows through the stage's round corners
+    assert (white & ~explained)[inner].sum() < 0.1 * white.sum()  # rings of the epipoles, steep ends
 
 
 def test_used_smears_have_the_colour_of_their_orientation(opened: Opener) -> None:

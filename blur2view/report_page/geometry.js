@@ -30,12 +30,16 @@ function sampson(F, point1, point2) {
   return algebraic ** 2 / Math.max(gradient, 1e-30);
 }
 
-/** The better order of two ends under F: {first, second, errorPx}, errorPx the square root of SErrMin. */
-function ordered(F, [one, other]) {
+/** The better order of two ends under F, and the square root of SErrMin, pixels. */
+function orderOf(F, [one, other]) {
   const forward = sampson(F, one, other);
   const backward = sampson(F, other, one);
-  const [first, second] = backward < forward ? [other, one] : [one, other];
-  return { first, second, swapped: backward < forward, errorPx: Math.sqrt(Math.min(forward, backward)) };
+  return { swapped: backward < forward, errorPx: Math.sqrt(Math.min(forward, backward)) };
+}
+
+/** Two ends, the one of view 1 first. */
+function inOrder([one, other], order) {
+  return order.swapped ? [other, one] : [one, other];
 }
 
 /** Homogeneous point e of unit length with M e = 0, for M of rank 2. */

@@ -184,7 +184,8 @@ function drawFan(context, view, photo) {
   const inliers = photo.used.filter((match) => match.inlier);
   const chosen = once(photo, "fan", () => farthest(inliers.map(({ x, y }) => [x, y]), FAN_LINES));
   const lines = chosen.map((k) => {
-    const { first } = ordered(photo.facts.F, straightened(photo, inliers[k].ends));
+    const ends = straightened(photo, inliers[k].ends);
+    const [first] = inOrder(ends, orderOf(photo.facts.F, ends));
     return lineInView2(photo.facts.F, first);
   });
   const pieces = lines.flatMap((line) => drawnLine(photo, line)).map((ends) => ({ ends }));

@@ -84,7 +84,7 @@ class Viewer {
     const smear = this.chosen;
     if (!smear) return;
     const { F } = this.photo.facts;
-    const ends = smear.order ? this.inOrder(smear) : smear.ends;
+    const ends = smear.order ? inOrder(smear.ends, smear.order) : smear.ends;
     if (F) {
       const [first, second] = straightened(this.photo, ends);
       this.markLine("line-1", lineInView1(F, second), END_COLOURS[0], 4);
@@ -93,11 +93,6 @@ class Viewer {
     this.markPiece("smear-halo", [ends], "black", 6);
     this.markPiece("smear", [ends], "white", 2.5);
     ends.forEach((end, k) => this.markEnd(end, k, Boolean(smear.order)));
-  }
-
-  /** The ends in the photograph, in the order that F gives them. */
-  inOrder(smear) {
-    return smear.order.swapped ? [smear.ends[1], smear.ends[0]] : smear.ends;
   }
 
   markLine(name, line, colour, width) {
@@ -126,7 +121,7 @@ class Viewer {
 
   /** Write the end's number beside it, away from the other end. */
   markNumber([x, y], k) {
-    const [one, other] = this.inOrder(this.chosen).map((point) => this.view.toScreen(point));
+    const [one, other] = inOrder(this.chosen.ends, this.chosen.order).map((point) => this.view.toScreen(point));
     const away = k ? [other[0] - one[0], other[1] - one[1]] : [one[0] - other[0], one[1] - other[1]];
     const length = Math.hypot(...away) || 1;
     const text = document.createElementNS(SVG, "text");
