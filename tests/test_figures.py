@@ -11,6 +11,7 @@ import pytest
 from blur2view.epipolar import homogeneous, sampson, serrmin
 from blur2view.matches import select_matches
 from blur2view.predict import SmearNetwork
+from blur2view.segmentation import MotionMask
 from blur2view.smear import SmearField
 from blur2view.two_view import TwoViewGeometry, estimate_two_view
 from tools import figure_style, figures, testset
@@ -20,6 +21,7 @@ from tools.figure_cases import Case, at_pixels, at_quantiles
 from tools.figure_curves import SERRMIN_PX2, image_curves, mean_curve
 from tools.figure_failures import failure_figure, told
 from tools.figure_panels import draw_line, in_true_time
+from tools.figure_segmentation import overlap, painted
 from tools.testset import TestScene, read_test_set
 
 SIZE = (160, 128)
@@ -127,7 +129,28 @@ def test_files_are_small_and_the_same_each_time(tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "never.png").exists()
 
 
+def test_masks_are_judged_where_both_are_known(case: Case) -> None:
+    static = np.ones_like(case.scene.static)
+    static[8:16, 8:20] = False
+    shown = replace(case, scene=replace(case.scene, static=static, valid=np.ones_like(static)))
+    labels = np.where(at_pixels(~static, SIZE[::-1]) > 0.5, 1, 0).astype(np.uint8)
+    plain = np.zeros(SIZE[::-1], np.float32)
+    mask = MotionMask(labels=labels, probability=plain, score=plain, regions=(), reason="")
+    assert overlap(shown, mask) == 1
+    labels[:, 4 * 16 : 4 * 20] = 2  # a third of it cannot be told
+    assert overlap(shown, mask) == 1
+    labels[:, : 4 * 14] = 0  # of the rest, 2 of 8 columns are found
+    assert overlap(shown, mask) == pytest.approx(2 / 8)
+    moving, unseen = labels == 1, labels == 2
+    picture = painted(np.ones((*SIZE[::-1], 3)), moving, unseen)
+    assert np.ptp(picture[moving], axis=1).min() > 0.2 and np.ptp(picture[~moving], axis=1).max() < 1e-9
+    assert picture[unseen].max() < 0.4 < picture[~unseen & ~moving].min()
+
+
 def test_every_figure_is_drawn(case: Case, tmp_path: Path) -> None:
+    static = case.scene.static.copy()
+    static[8:20, 8:20] = False
+    case = replace(case, scene=replace(case.scene, static=static))
     with figure_style.style():
         for name, draw in figures.OF_CASES.items():
             path = figure_style.save(draw([case, without_F(case)]), tmp_path / f"{name}.png")

@@ -95,7 +95,7 @@ def cumulative(found: Sequence[Case]) -> Figure:
     panels = figure.subplots(1, 2, sharey=True)
     for name, (source, colour, line) in SOURCES.items():
         matrices = [source(case) for case in moving]
-        for panel, ends_of in zip(panels, (lambda c: true_ends(c.scene), matched_ends), strict=True):
+        for panel, ends_of in zip(panels, (static_ends, matched_ends), strict=True):
             curve = mean_curve(matrices, [ends_of(case) for case in moving])
             share = float(np.interp(np.log(PAPER_INLIER), np.log(SERRMIN_PX2), curve))
             panel.plot(SERRMIN_PX2, curve, line, color=colour, label=f"{name}: {share:.0%} below 3")
@@ -104,6 +104,11 @@ def cumulative(found: Sequence[Case]) -> Figure:
     for panel in panels:
         decorate(panel)
     return figure
+
+
+def static_ends(case: Case) -> Array:
+    """Give the ends (N, 2, 2) of the true smears of static pixels."""
+    return true_ends(case.scene)
 
 
 def matched_ends(case: Case) -> Array:

@@ -4,8 +4,8 @@
     python -m tools.figures render/test --photos KODAK --out tools/results/figures
 
 writes PNG files of at most 300 kB each: ``sparsification`` (what sigma is worth), ``cumulative`` (SErrMin of
-several F's), ``smears`` and ``epipolar_lines`` (a good, a middling and a bad image, chosen by rank) and
-``failure_*`` (what is said of many movers, one plane and pure rotation).
+several F's), ``smears``, ``epipolar_lines`` and ``segmentation`` (a good, a middling and a bad image, chosen
+by rank) and ``failure_*`` (what is said of many movers, one plane and pure rotation).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tools.figure_cases import Case, cases
 from tools.figure_curves import cumulative, sparsification
 from tools.figure_failures import failure_figures
 from tools.figure_panels import epipolar_panels, smear_panels
+from tools.figure_segmentation import segmentation_panels
 from tools.figure_style import save, style
 from tools.testset import read_test_set
 
@@ -32,6 +33,7 @@ OF_CASES: dict[str, Callable[[Sequence[Case]], Figure]] = {
     "cumulative": cumulative,
     "smears": smear_panels,
     "epipolar_lines": epipolar_panels,
+    "segmentation": segmentation_panels,
 }
 """Figures of the test split."""
 FAILURES = "failures"
