@@ -222,16 +222,21 @@ def median_smear(exposure: object) -> Floats:
 
 
 def test_gopro_of_sharp_frames_is_averaged(tmp_path: Path) -> None:
+    sequence = tmp_path / "test" / "GOPR0384_05_00"
     for k in range(1, 12):
-        png(tmp_path / "test" / "GOPR0384" / f"{k:06d}.png", shifted(1.5 * k))
-    found = list(GoProSharp(tmp_path, window=5))
-    assert [e.name for e in found] == ["GOPR0384_000001", "GOPR0384_000006"]
+        png(sequence / f"{k:06d}.png", shifted(1.5 * k))
+    found = list(GoProSharp(tmp_path))
+    assert [e.name for e in found] == ["GOPR0384_05_00_000001", "GOPR0384_05_00_000006"]
+    assert len(list(GoProSharp(tmp_path, window=11))) == 1
     np.testing.assert_allclose(median_smear(found[0]), [6, 0], atol=0.15)
     blurred = np.mean([shifted(1.5 + 6 * (k + 0.5) / 60) for k in range(60)], axis=0)
     inner = np.abs(found[0].linear - blurred)[10:-10, 16:-16]
     assert inner.mean() < 0.01 < np.abs(shifted(1.5) - blurred)[10:-10, 16:-16].mean()
     with pytest.raises(Blur2ViewError, match="kind gopro"):
-        GoProSharp(tmp_path / "test" / "GOPR0384", split=".")
+        GoProSharp(sequence, split=".")
+    sequence.rename(sequence.with_name("walk"))
+    with pytest.raises(Blur2ViewError, match="GOPR0384_11_00"):
+        list(GoProSharp(tmp_path))
     with pytest.raises(ValueError, match="two frames"):
         GoProSharp(tmp_path, window=1)
 
@@ -244,6 +249,9 @@ def test_gopro_of_pairs_takes_smears_from_the_neighbours(tmp_path: Path) -> None
     found = list(GoProPairs(tmp_path))
     assert [e.name for e in found] == ["GOPR0384_11_00_000002"]
     np.testing.assert_allclose(median_smear(found[0]), [5, 0], atol=0.15)
+    for k in range(1, 4):
+        png(sequence / "blur_gamma" / f"{k:06d}.png", 0 * shifted(0))
+    assert found[0].linear.any() and not next(iter(GoProPairs(tmp_path))).linear.any()
     (sequence / "sharp" / "000003.png").unlink()
     with pytest.raises(Blur2ViewError, match="different frames"):
         list(GoProPairs(tmp_path))

@@ -26,21 +26,30 @@ from tools.exposure import pixel_grid
 
 Array = NDArray[Any]
 
-WINDOW = 11
-"""Sharp frames of one exposure, of GoPro's 240 a second."""
+NAME = re.compile(r"GOPR\d+_(\d+)_\d+")
+"""GoPro's sequences; the number in the middle says how many sharp frames make a blurred one."""
 SHARP_A_PERIOD, SHARP_AN_EXPOSURE = 20, 9
 """RBI: sharp frames from one blurred frame to the next, and during the exposure of one."""
 
 
-class GoProSharp:
-    """GOPRO_Large_all: ``train`` and ``test`` hold folders of all frames (``GOPR0372/000001.png``).
+def averaged_frames(sequence: Path) -> int:
+    """Give the number of sharp frames of one exposure that a sequence's name tells."""
+    told = NAME.fullmatch(sequence.name)
+    if told is None or int(told[1]) < 2:
+        raise Blur2ViewError(f"{sequence}: expected a name such as GOPR0384_11_00 (11 frames an exposure)")
+    return int(told[1])
 
-    Exposures are runs of `window` frames that do not overlap, averaged in linear light, with further frames
-    in between where they are far apart (the coding is taken to be sRGB's).
+
+class GoProSharp:
+    """GOPRO_Large_all: all sharp frames, 240 a second, such as ``test/GOPR0384_11_00/000001.png``.
+
+    Exposures are runs of as many frames as the dataset's own (see NAME), or of `window`, that do not overlap,
+    averaged in linear light, with further frames in between where they are far apart. The coding is taken to
+    be sRGB's.
     """
 
-    def __init__(self, root: Path, split: str = "test", window: int = WINDOW) -> None:
-        if window < 2:
+    def __init__(self, root: Path, split: str = "test", window: int | None = None) -> None:
+        if window is not None and window < 2:
             raise ValueError(f"an exposure needs at least two frames, got {window}")
         self.folder, self.window = require_folder(root / split, "GOPRO_Large_all's frames"), window
         self.sequences = sorted(p for p in self.folder.iterdir() if p.is_dir() and numbered(p))
@@ -52,9 +61,9 @@ class GoProSharp:
     def __iter__(self) -> Iterator[Exposure]:
         """Yield the exposures of every sequence in order."""
         for sequence in self.sequences:
-            paths = list(numbered(sequence).values())
-            for start in range(0, len(paths) - self.window + 1, self.window):
-                chosen = paths[start : start + self.window]
+            paths, window = list(numbered(sequence).values()), self.window or averaged_frames(sequence)
+            for start in range(0, len(paths) - window + 1, window):
+                chosen = paths[start : start + window]
                 yield from_sharp(f"{sequence.name}_{chosen[0].stem}", [read_frame(p) for p in chosen])
 
 
@@ -73,12 +82,12 @@ def from_sharp(name: str, frames: Sequence[Array]) -> Exposure:
 
 
 class GoProPairs:
-    """GOPRO_Large: ``test/GOPR0384_11_00`` with ``blur`` and ``sharp``, one sharp frame in mid exposure each.
+    """GOPRO_Large: ``test/GOPR0384_11_00`` with ``blur_gamma``, ``blur`` and ``sharp``, the middle frames.
 
-    There are no sharp frames at the ends. The folder's middle number says how many frames were averaged (11);
-    exposures follow each other without a gap, so a smear is half of the flow from the sharp frame before to
-    the one after, times (11 - 1) / 11. `first` and `last` are those neighbouring frames: further apart than
-    the ends of the exposure.
+    ``blur_gamma`` is what was averaged in linear light, and preferred. There are no sharp frames at the ends.
+    Exposures follow each other without a gap, so of n frames each a smear is half of the flow from the sharp
+    frame before to the one after, times (n - 1) / n. `first` and `last` are those neighbouring frames:
+    further apart than the ends of the exposure.
     """
 
     def __init__(self, root: Path, split: str = "test") -> None:
@@ -91,16 +100,19 @@ class GoProPairs:
             )
         for sequence in self.sequences:
             require_folder(sequence / "sharp", "the sharp frames of blur")
-            if not re.fullmatch(r"GOPR\d+_\d+_\d+", sequence.name):
-                raise Blur2ViewError(f"{sequence}: expected a name such as GOPR0384_11_00")
+            averaged_frames(sequence)
 
     def __iter__(self) -> Iterator[Exposure]:
         """Yield the exposures that have a neighbour on both sides."""
         for sequence in self.sequences:
-            blurred, sharp = numbered(sequence / "blur"), numbered(sequence / "sharp")
+            linear = sequence / "blur_gamma"
+            blurred, sharp = (
+                numbered(folder)
+                for folder in (linear if linear.is_dir() else sequence / "blur", sequence / "sharp")
+            )
             if list(blurred) != list(sharp):
                 raise Blur2ViewError(f"{sequence}: blur and sharp hold different frames; unpack it again")
-            averaged_frames, numbers = int(sequence.name.split("_")[1]), list(blurred)
+            count, numbers = averaged_frames(sequence), list(blurred)
             for before, number, after in zip(numbers, numbers[1:], numbers[2:], strict=False):
                 first, middle, last = (read_frame(sharp[k]) for k in (before, number, after))
                 yield Exposure(
@@ -108,7 +120,7 @@ class GoProPairs:
                     linear=linearised(read_frame(blurred[number])),
                     first=first,
                     last=last,
-                    smears=half_way(first, middle, last, (averaged_frames - 1) / averaged_frames),
+                    smears=half_way(first, middle, last, (count - 1) / count),
                 )
 
 
