@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from blur2view.cli_options import add_estimator_options, complain, progress, read_run
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.estimate_file import estimate_file
@@ -45,6 +47,7 @@ def add_segment(commands: Any) -> None:
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Segment every photograph; a failing one costs a line on stderr, not the others."""
     run = read_run(options, usage_error)
+    wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = _plan(options)
     network = SmearNetwork(options.model)
     jobs, say = progress(list(zip(options.images, plan, strict=True)))
@@ -52,7 +55,7 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     failures: list[dict[str, str]] = []
     for image, files in jobs:
         try:
-            facts, lines = _segment_one(image, files, network, run, SegmentOptions(objects=options.objects))
+            facts, lines = _segment_one(image, files, network, run, wanted)
         except Blur2ViewError as error:
             failures.append({"image": str(image), "error": str(error)})
             complain(error, say)
@@ -85,7 +88,7 @@ def _segment_one(
         raise files
     one = estimate_file(path, network, run)
     start = time.perf_counter()
-    mask = segment(one.found, one.image, options)
+    mask = segment(one.found, one.image, options, np.random.default_rng(run.seed))
     facts = mask_document(one, mask, time.perf_counter() - start)
     if files:
         write_mask(files, facts, one, mask)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import Array, serrmin
-from blur2view.matches import GridSmears
+from blur2view.epipolar import Array
+from blur2view.matches import STRIDE
+from blur2view.motion_regions import decide, to_pixels
+from blur2view.motion_score import motion_score
+from blur2view.object_motion import object_motion
 from blur2view.pipeline import Estimate
-from blur2view.smear import smear_ends, upsample_grid
-
-STRIDE = 4
-CHI_SQUARE = 9.0
+from blur2view.smear import upsample_grid
+from blur2view.two_view import EstimatorOptions
 
 
 class MotionLabel(IntEnum):
@@ -40,6 +41,8 @@ class MovingRegion:
         (x, y), pixels.
     score : float
         Mean of the mask's score over it.
+    inside : (int, int)
+        (x, y) of one of its pixels.
     F, H : ndarray of shape (3, 3) or None
         With ``SegmentOptions.objects``: two-view geometry of its own smears, as in ``TwoViewGeometry``.
     reason : str
@@ -50,9 +53,15 @@ class MovingRegion:
     box: tuple[int, int, int, int]
     centroid: tuple[float, float]
     score: float
+    inside: tuple[int, int]
     F: Array | None = None
     H: Array | None = None
     reason: str = ""
+
+    def of(self, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Give this part of the mask (H, W) that it is from."""
+        _, part = cv2.connectedComponents(moving.astype(np.uint8), connectivity=4)
+        return np.asarray(part == part[self.inside[1], self.inside[0]])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,62 +91,92 @@ class MotionMask:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentOptions:
-    """How moving parts are found: ``objects`` fits a motion of its own to each."""
+    """What is asked for: with ``objects`` a motion of its own for every moving part, by ``estimator``."""
 
     objects: bool = False
+    estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
 
 
 def segment(
-    found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
+    found: Estimate,
+    image: NDArray[np.float32] | None = None,
+    options: SegmentOptions | None = None,
+    rng: np.random.Generator | None = None,
 ) -> MotionMask:
     """Tell pixels that move by themselves from those that the camera's motion explains.
 
     Parameters
     ----------
     found : Estimate
+        Of one photograph.
     image : ndarray of shape (H, W, 3), float32, optional
         The photograph; with it the mask follows its edges.
     options : SegmentOptions, optional
+    rng : numpy.random.Generator, optional
+        Of the objects' estimator; ``default_rng(0)`` by default.
 
     Returns
     -------
     MotionMask
+        All unobservable where nothing is known of the camera's motion.
+
+    Raises
+    ------
+    ValueError
+        If the image is not of the field's size.
     """
-    grid = GridSmears.of(found.field)
-    rows, cols = (len(range(min(1, side - 1), side, STRIDE)) for side in found.field.shape)
-    ends, sigma = smear_ends(grid.points, grid.displacement), 0.5**0.5 * grid.sigma_px
-    if found.geometry.F is not None:
-        residual, reason = serrmin(found.geometry.F, ends), "F of the camera's motion"
-    else:
-        residual, reason = 0.5 * grid.length_px**2, "a camera that does not move"
-    scale = max(float(np.median(np.sqrt(residual) / sigma)) / 0.6745, 1e-3)
-    score = (residual / (scale * sigma) ** 2).reshape(rows, cols).astype(np.float32)
-    smooth = cv2.GaussianBlur(np.minimum(score, 25), (0, 0), 3)
-    probability = 1 / (1 + np.exp(CHI_SQUARE / 2 - smooth))
-    full = _to_pixels(probability, found.field.shape)
-    labels = (full > 0.5).astype(np.uint8)
-    score_px = _to_pixels(score, found.field.shape)
+    shape = found.field.shape
+    if image is not None and image.shape != (*shape, 3):
+        raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
+    scored = motion_score(found)
+    cells = decide(scored, image, shape)
+    moving, seen = (
+        to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
+    )
+    labels = np.where(
+        moving, MotionLabel.MOVING, np.where(seen, MotionLabel.STATIC, MotionLabel.UNOBSERVABLE)
+    )
+    score = to_pixels_plainly(scored.score, shape)
+    regions = moving_regions(moving, score)
+    if options is not None and options.objects:
+        regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
-        labels=labels,
-        probability=full,
-        score=score_px,
-        regions=_regions(labels, score_px),
-        reason=reason,
+        labels=labels.astype(np.uint8),
+        probability=to_pixels(cells.probability, image, shape),
+        score=score,
+        regions=regions,
+        reason=scored.reason,
     )
 
 
-def _to_pixels(grid: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Resample a grid (h, w) to the pixels (H, W)."""
-    large = upsample_grid(grid[..., None], STRIDE)[: shape[0], : shape[1], 0]
+def with_motions(
+    found: Estimate,
+    moving: NDArray[np.bool_],
+    regions: tuple[MovingRegion, ...],
+    options: EstimatorOptions,
+    rng: np.random.Generator | None,
+) -> tuple[MovingRegion, ...]:
+    """Fit a motion to every connected part of a mask (H, W)."""
+    rng = np.random.default_rng(0) if rng is None else rng
+    told = []
+    for region in regions:
+        own = object_motion(found, region.of(moving), options, rng)
+        told.append(replace(region, F=own.F, H=own.H, reason=f"{own.config.name}: {own.reason}"))
+    return tuple(told)
+
+
+def to_pixels_plainly(grid: Array, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Resample the network's grid (h, w) to pixels (H, W)."""
+    large = upsample_grid(grid[..., None].astype(np.float32), STRIDE)[: shape[0], : shape[1], 0]
     missing = [(0, side - have) for side, have in zip(shape, large.shape, strict=True)]
     return np.pad(large, missing, mode="edge")
 
 
-def _regions(labels: NDArray[np.uint8], score: NDArray[np.float32]) -> tuple[MovingRegion, ...]:
-    """Describe the connected moving parts, largest first."""
-    moving = (labels == MotionLabel.MOVING).astype(np.uint8)
-    _, part, stats, centres = cv2.connectedComponentsWithStats(moving, connectivity=4)
+def moving_regions(moving: NDArray[np.bool_], score: NDArray[np.float32]) -> tuple[MovingRegion, ...]:
+    """Describe the connected parts of a mask (H, W), largest first."""
+    _, part, stats, centres = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=4)
     total = np.bincount(part.ravel(), weights=score.ravel())
+    _, first = np.unique(part, return_index=True)
     order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
     return tuple(
         MovingRegion(
@@ -145,6 +184,7 @@ def _regions(labels: NDArray[np.uint8], score: NDArray[np.float32]) -> tuple[Mov
             box=(int(stats[k, 0]), int(stats[k, 1]), int(stats[k, 2]), int(stats[k, 3])),
             centroid=(float(centres[k, 0]), float(centres[k, 1])),
             score=float(total[k] / stats[k, cv2.CC_STAT_AREA]),
+            inside=(int(first[k] % part.shape[1]), int(first[k] // part.shape[1])),
         )
         for k in order
     )

@@ -34,10 +34,12 @@ LAYERS = [
     {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
-    {"viz", "exposure_views", "half_exposure", "colmap_schema", "segmentation", "report_pack"},
-    {"mapping", "translation_sign", "neighbours", "mask_overlay"},
-    {"time_direction"},
-    {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"},
+    {"viz", "exposure_views", "half_exposure", "colmap_schema", "motion_score", "object_motion"}
+    | {"report_pack"},
+    {"mapping", "translation_sign", "neighbours", "motion_regions"},
+    {"time_direction", "segmentation"},
+    {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"}
+    | {"mask_overlay"},
     {"colmap_database", "matches_text", "estimate_file"},
     {"mask_results"},
     {"colmap_link", "hloc_files", "report_photograph"},
@@ -55,9 +57,9 @@ MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 NUMERIC = {"numpy", "scipy", "cv2"}
 BEFORE_MATCHES = {"image", "network_file", "pyramid", "predict", "exif", "colmap"}
 GEOMETRY = set().union(*LAYERS[: LAYERS.index({"two_view"}) + 1]) - BEFORE_MATCHES
-DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow"}
+DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 EXTRAS = {"h5py": "hloc"}  # what one door alone needs, and the extra that brings it
-PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "tqdm"} | set(EXTRAS)
+PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "tqdm"} | set(EXTRAS)
 
 
 def imported(path: Path) -> Iterator[str]:
