@@ -3,7 +3,6 @@
 import colorsys
 import json
 import math
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -23,8 +22,9 @@ from blur2view.geometry import Configuration
 from blur2view.report import Entry, report
 from blur2view.smear import smear_ends
 from blur2view.viz import farthest_points
+from tools.report_screenshot import find_chromium
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMIUM = find_chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here; apt-get install chromium")
 
 READY = "performance.getEntriesByName('blur2view-ready').length > 0"
@@ -325,7 +325,7 @@ def test_fan_of_epipolar_lines_is_where_F_says(opened: Opener) -> None:
     pixels, scale = stage_pixels(page), scale_of(page)
     inliers = np.flatnonzero(one.found.geometry.inlier_mask)
     chosen = inliers[farthest_points(one.found.matches.midpoint[inliers], 14)]
-    white: NDArray[np.bool_] = (pixels > 90).all(axis=-1)
+    white = near(pixels, (255, 255, 255), 165)
     explained = np.zeros_like(white)
     for k in chosen:
         line = on_screen(F @ [*in_order(F, one.found.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
@@ -443,6 +443,24 @@ def test_keyboard_chooses_moves_zooms_and_lets_go(opened: Opener) -> None:
     assert page.locator("[data-layer=sigma]").is_checked() and page.locator("[data-key=sigma]").is_visible()
 
 
+def test_drag_pans_the_zoomed_photograph_and_chooses_nothing(opened: Opener) -> None:
+    page = opened(Entry.of(made_up(F=turning_F())))
+    toggle(page, "smears")
+    page.locator("[data-zoom=in]").click(click_count=4)
+    settle(page)
+    before = stage_pixels(page)
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 400, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 350, box["y"] + 180, steps=5)
+    page.mouse.up()
+    settle(page)
+    after = stage_pixels(page)
+    np.testing.assert_array_equal(after[40:-60, 40:-90], before[60:-40, 90:-40])
+    assert value(page, "position") == "-"
+
+
 def gallery_entries() -> list[Entry]:
     """Four photographs and a failure."""
     F = turning_F()
@@ -548,6 +566,18 @@ def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path)
     assert near(picture, AMBER).sum() > 200 and near(picture, CYAN).sum() > 200
 
 
+def pinch(page: Page) -> None:
+    """Spread two fingers on the stage."""
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    session = page.context.new_cdp_session(page)
+    for kind, reach in (("touchStart", 20), ("touchMove", 40), ("touchMove", 70), ("touchEnd", 0)):
+        points = [{"x": x + side * reach, "y": y, "id": side} for side in (-1, 1)] if reach else []
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    settle(page)
+
+
 @pytest.mark.parametrize("dark", [False, True])
 def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bool) -> None:
     long = "folder/" + "a_very_long_name_without_any_blank" * 6 + ".png"
@@ -566,6 +596,8 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     page.locator("#stage").tap(position={"x": 120, "y": 90})
     settle(page)
     assert value(page, "length").endswith(" px") and page.locator("[data-mark=line-2]").count() == 1
+    pinch(page)
+    assert "stage-zoomed" in (page.locator("#stage").get_attribute("class") or "")
     red, green, blue = numbers(page.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert (red + green + blue < 128) == dark
 

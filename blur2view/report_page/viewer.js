@@ -3,6 +3,7 @@
 const SNAP_PX = 10; // a used smear this near to a click is chosen, where used smears are drawn
 const STILL_PX = 5; // a pointer that moves less between down and up has clicked
 const END_COLOURS = ["#22d3ee", "#fbbf24"]; // of the first and the second end, and of the lines in their views
+const LINE_WIDTHS = [4, 1.5]; // where both lines coincide both are seen
 const ZOOM_STEP = 1.5;
 const ARROWS = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
 const SVG = "http://www.w3.org/2000/svg";
@@ -27,7 +28,7 @@ class Viewer {
     indexMatches(photo);
     this.photo = photo;
     this.stage.style.aspectRatio = `${photo.width} / ${photo.height}`;
-    this.stage.style.maxWidth = `calc(78svh * ${photo.width / photo.height})`;
+    byId("stage-frame").style.setProperty("--shape", photo.width / photo.height);
     this.offer(photo);
     showFacts(photo);
     this.measure();
@@ -45,7 +46,7 @@ class Viewer {
     const [low, high] = sigmaRange(photo);
     byId("sigma-low").textContent = `${low.toPrecision(2)} px`;
     byId("sigma-high").textContent = `${high.toPrecision(2)} px`;
-    byId("mask-reason").textContent = photo.mask ? `measured against ${photo.mask.reason}` : "";
+    byId("mask-reason").textContent = photo.mask ? photo.mask.reason : "";
   }
 
   /** Take the stage's size, and show the whole photograph in it. */
@@ -87,18 +88,13 @@ class Viewer {
     const ends = smear.order ? inOrder(smear.ends, smear.order) : smear.ends;
     if (F) {
       const [first, second] = straightened(this.photo, ends);
-      this.markLine("line-1", lineInView1(F, second), END_COLOURS[0], 4);
-      this.markLine("line-2", lineInView2(F, first), END_COLOURS[1], 1.5); // within line 1 where they coincide
+      const lines = [lineInView1(F, second), lineInView2(F, first)].map((line) => drawnLine(this.photo, line));
+      lines.forEach((pieces, k) => this.markPiece(`line-${k + 1}-halo`, pieces, "rgb(0 0 0 / 0.5)", LINE_WIDTHS[k] + 2));
+      lines.forEach((pieces, k) => this.markPiece(`line-${k + 1}`, pieces, END_COLOURS[k], LINE_WIDTHS[k]));
     }
     this.markPiece("smear-halo", [ends], "black", 6);
     this.markPiece("smear", [ends], "white", 2.5);
     ends.forEach((end, k) => this.markEnd(end, k, Boolean(smear.order)));
-  }
-
-  markLine(name, line, colour, width) {
-    const pieces = drawnLine(this.photo, line);
-    this.markPiece(`${name}-halo`, pieces, "rgb(0 0 0 / 0.5)", width + 2);
-    this.markPiece(name, pieces, colour, width);
   }
 
   markPiece(name, pieces, colour, width) {
@@ -137,6 +133,7 @@ class Viewer {
   choose(smear) {
     this.chosen = smear;
     showValues("chosen", smear);
+    byId("values").classList.toggle("values-empty", !smear);
     if (smear && this.view) this.view.reveal([smear.x, smear.y]);
     if (this.view) this.drawSoon();
   }
