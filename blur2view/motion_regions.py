@@ -24,7 +24,7 @@ LOW, HIGH = 3.84, 9.0  # exceeded by chance in 5 % and 0.3 % (chi-square, one de
 CAP = 25.0  # of a cell's score: beyond five standard deviations more is no more evidence
 WORK_SIDE = 320  # pixels along the longer side, at most
 SUPERPIXELS, COMPACTNESS = 300, 0.06
-SURE_HEIGHT, FOOT_HEIGHT = 0.75, 0.25  # of an object's own height: surely of it, surely not
+SURE_HEIGHT, FOOT_HEIGHT = 0.85, 0.3  # of an object's own height: surely of it, surely not
 MARGIN = 12  # working pixels around a part within which it may grow
 CUTS, FEWEST, NO_BOX = 3, 20, (0, 0, 1, 1)
 EDGE = 1e-4  # variance of grey levels from which the guided filter keeps an edge
@@ -69,10 +69,10 @@ def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[
     """
     small = working_image(np.zeros((*shape, 3), np.float32) if image is None else image)
     shape = small.shape[:2]
-    score, reach = (resized(np.minimum(field, CAP), shape) for field in (scored.score, scored.reach))
+    score, reach = (resized(field, shape) for field in (scored.score, scored.reach))
     part = superpixels(small)
     sure = (reach >= HIGH).astype(float)
-    pooled = part_mean(score, sure + 1e-6, part)
+    pooled = part_mean(np.minimum(score, CAP), sure + 1e-6, part)
     seen = part_mean(sure, np.ones(shape), part) >= 0.5
     moving = moving_parts(np.where(seen, pooled, 0.0))
     if scored.still and image is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.matches import STRIDE
-from blur2view.motion_regions import decide, to_pixels
+from blur2view.motion_regions import decide, to_pixels, without_small
 from blur2view.motion_score import motion_score
 from blur2view.object_motion import object_motion
 from blur2view.pipeline import Estimate
@@ -133,6 +133,7 @@ def segment(
     moving, seen = (
         to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
     )
+    moving = without_small(moving)
     labels = np.where(
         moving, MotionLabel.MOVING, np.where(seen, MotionLabel.STATIC, MotionLabel.UNOBSERVABLE)
     )

@@ -102,8 +102,13 @@ def write_scene(index: int, out: Path, options: RenderOptions) -> None:
     }
     for suffix, picture in pictures.items():
         cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
+    write_truth(truth_path, scene)
+
+
+def write_truth(path: Path, scene: Rendering) -> None:
+    """Store what :func:`read_test_set` reads."""
     np.savez(
-        truth_path,
+        path,
         displacement=scene.displacement,
         valid=scene.valid,
         static=scene.static,
