@@ -165,7 +165,7 @@ def test_report_says_what_is_there_what_is_missing_and_what_is_best(tmp_path: Pa
         for seed in range(2):
             document = variant_document(name, 1 + seed + 4 * (name != SIX[1].name) + k)
             (runs / f"{name}_{seed}.json").write_text(json.dumps(document))
-    plan = paper.Plan(photos=None, work=tmp_path / "runs", scenes=tmp_path, results=tmp_path)
+    plan = paper.Plan(photos=None, work=tmp_path / "runs", shards=tmp_path, scenes=tmp_path, results=tmp_path)
     records = [found(scene, "ours", beta, scene.F, beta) for beta in BETAS]
     rows = [asdict(row) for row in rows_of(records, [scene])]
     paper.write_json(tmp_path / "paper_table2.json", {"model_id": "m", "rows": rows})

@@ -4,8 +4,8 @@
 
 renders what is missing (training scenes: 25 minutes of two cores), trains 33 networks (five and a half
 hours), estimates Table 2 (25 minutes of one core), counts failure cases (five minutes) and compares both ways
-to blur. Trainings, renderings and Table 2 go on where they were; ``--stages report`` writes the file from what
-is there.
+to blur. Trainings, renderings and Table 2 go on where they were; ``--stages report`` writes the file from
+what is there.
 """
 
 from __future__ import annotations
@@ -31,10 +31,14 @@ SCENES = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Where things are, and the budgets: `seeds`, `steps` and `plain_steps` of the trainings."""
+    """Where things are, and the budgets: `seeds`, `steps` and `plain_steps` of the trainings.
+
+    `shards` holds ``train`` and ``val``, as `tools.recipe` renders them.
+    """
 
     photos: Path | None
     work: Path
+    shards: Path
     scenes: Path
     results: Path
     seeds: int = 3
@@ -44,7 +48,7 @@ class Plan:
 
 def train(plan: Plan) -> None:
     """Render, train all variants, summarise Table 1."""
-    train, val = render_all(Recipe(), plan.photos, plan.work)
+    train, val = render_all(Recipe(), plan.photos, plan.shards)
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )
@@ -107,6 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--photos", type=Path, help="folder of the Kodak suite's 24 PNG files")
     parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
+    parser.add_argument("--shards", type=Path, default=Path("render"), help="(default: %(default)s)")
     parser.add_argument("--scenes", type=Path, default=Path("render/test"), help="(default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=Plan.seeds)
