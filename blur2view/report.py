@@ -157,8 +157,8 @@ def _card(index: int, entry: Entry) -> str:
     body = (
         f'<span class="card-picture">{picture_html}</span>'
         f'<span class="card-name">{_plain(PurePath(entry.name).name)}</span>'
-        f'<span class="chip chip-{entry.kind}">{_plain(entry.verdict)}</span>'
-        f'<span class="card-length">{facts if entry.content else ""}</span>'
+        f'<span class="card-verdict"><span class="chip chip-{entry.kind}">{_plain(entry.verdict)}</span>'
+        f'<span class="card-length">{facts if entry.content else ""}</span></span>'
         f'<span class="card-text">{_plain(entry.text)}</span>'
     )
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'

@@ -115,7 +115,8 @@ const VALUES = [
   ["sigma", "sigma", (smear) => fixed(smear.sigmaPx, " px")],
   ["sigma-direction", "sigma of direction", (smear) => (smear.sigmaRad === null ? "-" : fixed(degrees(smear.sigmaRad), "\u00b0", 1))],
   ["error", "\u221aSErrMin", (smear) => (smear.order ? fixed(smear.order.errorPx, " px") : "-")],
-  ["label", "label", (smear) => (smear.label ? `${smear.label.name} (${fixed(smear.label.probability, "")})` : "-")],
+  ["label", "label", (smear) => (smear.label ? smear.label.name : "-")],
+  ["probability", "P(moves)", (smear) => (smear.label ? fixed(smear.label.probability, "") : "-")],
   ["used", "used as", (smear) => (smear.match ? (smear.match.inlier ? "inlier" : "outlier") : "not used")],
 ];
 
