@@ -21,7 +21,7 @@ LAYERS = [
     {"predict", "matches", "metrics", "seven_smears", "hypotheses", "scoring", "sign_graph", "depth"}
     | {"cameras"},
     {"manifold", "components", "paper", "sign_free", "translation_grid"},
-    {"pose"},
+    {"pose", "exposure_motion"},
     {"geometry"},
     {"refine", "end_order"},
     {"homography"},
@@ -39,7 +39,7 @@ LAYERS = [
     {"mapping", "translation_sign", "neighbours", "motion_regions"},
     {"time_direction", "segmentation"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"}
-    | {"mask_overlay"},
+    | {"mask_overlay", "view_placement"},
     {"colmap_database", "matches_text", "estimate_file"},
     {"mask_results"},
     {"colmap_link", "hloc_files", "report_photograph"},
