@@ -11,8 +11,9 @@ from blur2view.exposure_views import CLOSE, OPEN
 from blur2view.manifold import rotation_matrix
 from tools.alignment import Motion
 from tools.recording import Recording, motion_per_frame, redkitchen_recording
-from tools.sfm_experiment import Model, Result, markdown, read_model
 from tools.sfm_plot import plot
+from tools.sfm_report import markdown
+from tools.sfm_result import Model, Result, read_model
 
 COUNT, SHARE = 8, 0.5
 
@@ -57,6 +58,7 @@ def result(known: bool = True, reverse: bool = False) -> Result:
     return Result(
         recording=truth,
         without=model(),
+        placed=joined,
         joined=joined,
         averaged=joined,
         estimated=lone,
@@ -91,22 +93,25 @@ def test_unknown_exposure_is_found_from_the_rotations() -> None:
 
 def test_tables_and_picture_say_it(tmp_path: Path) -> None:
     text = markdown(result())
-    assert "| photographs registered | 8 | 8 | 8 |" in text
-    assert "| views registered | 14 | 14 | 14 |" in text
+    assert "| photographs registered | 8 | 8 | 8 | 8 |" in text
+    assert "| views registered | 14 | 14 | 14 | 14 |" in text
     assert "Both views of 7 photographs" in text
     assert "| single photographs | 8 | 10.0% | 100% |" in text
     assert "| model with views, global mapping | 7 |" in text
+    assert "| views placed by the trajectory | 7 | 0.0% | 100% |" in text
     plot([result(), result(known=False)], tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
 def test_missing_models_are_told_not_raised(tmp_path: Path) -> None:
     nothing, found = read_model(None), result()
-    empty = replace(found, without=nothing, joined=nothing, averaged=nothing)
+    empty = replace(found, without=nothing, placed=nothing, joined=nothing, averaged=nothing)
     text = markdown(empty)
-    assert "| photographs registered | 0 | 0 | 0 |" in text and "Both views of 0 photographs" in text
+    assert "| photographs registered | 0 | 0 | 0 | 0 |" in text and "Both views of 0 photographs" in text
     assert "| model with views | 0 |" in text and "global mapping | 0" not in text
-    assert "| views registered | 0 | 14 | 0 |" in markdown(replace(found, without=nothing, averaged=nothing))
+    assert "| views registered | 0 | 0 | 14 | 0 |" in markdown(
+        replace(found, without=nothing, placed=nothing, averaged=nothing)
+    )
     plot([replace(empty, recording=recording())], tmp_path / "a.png")
 
 

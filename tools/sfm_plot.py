@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from tools.sfm_experiment import Result
+    from tools.sfm_result import Result
 
-SHOWN = {"true": ("0.2", 2.5), "model with views": ("C0", 1.2), "single photographs": ("C1", 0.8)}
+SHOWN = {"true": ("0.2", 2.5), "views placed": ("C2", 1.4), "views mapped": ("C0", 0.8)} | {
+    "single photographs": ("C1", 0.8)
+}
 """What is drawn: colour, width of the line."""
 
 
@@ -24,7 +26,8 @@ def plot(results: Sequence[Result], path: Path) -> None:
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(results), 3, squeeze=False)
     for row, result in zip(panels, results, strict=True):
-        motions = (result.true_motion, result.motion, result.estimated)
+        placed = result.motion_of(result.placed)
+        motions = (result.true_motion, placed, result.motion, result.estimated)
         for axis, panel in enumerate(row):
             for (name, (colour, width)), motion in zip(SHOWN.items(), motions, strict=True):
                 turns = np.degrees(motion.turns[:, axis])
