@@ -5,7 +5,9 @@ is ``CODE_RANGE_PX * (2 R - 1, 2 G - 1)`` and sigma is ``SIGMA_RANGE_PX * B``. S
 picture knows what the network will see in it.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -15,6 +17,10 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.smear import to_double_angle
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+    from report_browser import Opener
 
 CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0
@@ -85,3 +91,29 @@ def blurring_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "blurring.onnx"
     onnx.save(colour_code_network(blur=True), path)
     return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["Browser"]:
+    """Headless Chromium; where there is none the test is skipped."""
+    from playwright.sync_api import sync_playwright
+
+    from tools.report_screenshot import find_chromium
+
+    chromium = find_chromium()
+    if chromium is None:
+        pytest.skip("no Chromium here; apt-get install chromium")
+    with sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=chromium)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def opened(browser: "Browser", tmp_path: Path) -> Iterator["Opener"]:
+    """Return a function that opens a report; at the end no page may have complained or loaded anything."""
+    from report_browser import Visits
+
+    visits = Visits(browser=browser, folder=tmp_path)
+    yield visits.open
+    visits.close()
