@@ -21,9 +21,9 @@ from blur2view.motion_score import MotionScore
 Mask = NDArray[np.bool_]
 
 LOW, HIGH = 3.84, 9.0  # exceeded by chance in 5 % and 0.3 % (chi-square, one degree of freedom)
-CAP = 25.0  # of a cell's score: beyond five standard deviations more is no more evidence
+CAP = 16.0  # of a cell's score: beyond four standard deviations more is no more evidence
 WORK_SIDE = 320  # pixels along the longer side, at most
-SUPERPIXELS, COMPACTNESS = 300, 0.06
+SUPERPIXELS, COMPACTNESS, SMOOTHING = 300, 0.2, 1.0
 SURE_HEIGHT, FOOT_HEIGHT = 0.85, 0.3  # of an object's own height: surely of it, surely not
 MARGIN = 12  # working pixels around a part within which it may grow
 CUTS, FEWEST, NO_BOX = 3, 20, (0, 0, 1, 1)
@@ -101,6 +101,7 @@ def superpixels(image: NDArray[np.float32]) -> NDArray[np.int_]:
         cv2.cvtColor(image, cv2.COLOR_RGB2Lab),
         n_segments=SUPERPIXELS,
         compactness=COMPACTNESS,
+        sigma=SMOOTHING,
         max_num_iter=5,
         convert2lab=False,
         channel_axis=-1,

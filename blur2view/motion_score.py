@@ -105,7 +105,7 @@ def _against_F(grid: _Grid, F: Array) -> tuple[Array, Array]:
     """Sampson distances, and those of smears turned by 90 degrees, in standard deviations."""
     residual, turned = np.sqrt(serrmin(F, grid.ends)), np.sqrt(serrmin(F, turned_ends(grid.ends)))
     sigma = 0.5**0.5 * grid.across_px  # each end has half of the smear's error, and F meets both
-    sigma = np.hypot(_scale(residual, sigma, FLOOR_PX) * sigma, FLOOR_PX)
+    sigma = _met(residual, sigma)
     return residual / sigma, turned / sigma
 
 
@@ -114,7 +114,7 @@ def _against_H(grid: _Grid, H: Array) -> tuple[Array, Array]:
     predicted = displacement_of(H, grid.ends.mean(axis=1))
     seen = grid.ends[:, 1] - grid.ends[:, 0]
     error = np.minimum(*(np.linalg.norm(seen - sign * predicted, axis=1) for sign in (1, -1)))
-    sigma = np.hypot(_scale(error, grid.whole_px, FLOOR_PX) * grid.whole_px, FLOOR_PX)
+    sigma = _met(error, grid.whole_px)
     return error / sigma, np.maximum(2**0.5 * np.linalg.norm(predicted, axis=1), SIGHT_PX) / sigma
 
 
@@ -125,10 +125,11 @@ def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
     return grid.length_px / sigma, np.where(blind, 0.0, SIGHT_PX / sigma)
 
 
-def _scale(residual: Array, sigma: Array, floor_px: float) -> float:
-    """Errors over stated standard deviations (N,) of most smears, robustly."""
-    ratio = float(np.quantile(residual / np.hypot(sigma, floor_px), 0.6)) / HALF_NORMAL_60
-    return max(ratio, LEAST_SCALE)
+def _met(residual: Array, stated: Array) -> Array:
+    """Scale stated standard deviations (N,) to what most residuals show, never below a floor."""
+    ratio = float(np.quantile(residual / np.hypot(stated, FLOOR_PX), 0.6)) / HALF_NORMAL_60
+    own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, FLOOR_PX)
+    return np.asarray(max(ratio, 1.0) * own)
 
 
 def turned_ends(ends: Array) -> Array:

@@ -1,6 +1,6 @@
 """Rendered photographs in each of which something moves by itself: few scenes of the test split hold any.
 
-``python -m tools.mover_scenes render/movers --scenes 24`` writes ``NNNN.png`` and ``NNNN.npz`` as
+``python -m tools.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
 `tools.testset` does, of seeds of their own, with 1 to 40 % of every picture moving.
 """
 
@@ -54,7 +54,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("out", type=Path)
-    parser.add_argument("--scenes", type=int, default=24)
+    parser.add_argument("--scenes", type=int, default=12)
     arguments = parser.parse_args()
     write_mover_scenes(arguments.out, arguments.scenes, replace(test_options(None), mover_share=1.0))
 
