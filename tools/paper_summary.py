@@ -82,16 +82,18 @@ def label(variant: Variant) -> tuple[str, str]:
 def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
     """Write Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
     lines = [
-        "| network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
+        "| name | network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
         "| sparsification area | direction top 50 %, deg |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for variant in variants:
         if variant.name not in found:
             continue
         figures, (network, loss) = found[variant.name], label(variant)
         measured = " | ".join(f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES)
-        head = f"| {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
+        head = (
+            f"| {variant.name} | {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
+        )
         lines.append(f"{head} | {measured} |")
     return lines
 
