@@ -23,7 +23,7 @@ CROSS_CHECK_PX = 1.0
 SOLVED_PX = 0.25
 STEPS = 12
 FEWEST, MOST = 15, 240
-"""Sub-frames of one exposure; the paper's least, and a bound that keeps one photograph under a minute."""
+"""Sub-frames of one exposure: the paper's least, and a bound for smears that the whole image is long."""
 HIDDEN_WEIGHT = 0.05
 """Weight of a frame in which a point fails the cross-check: it counts where the other frame fails, too."""
 
