@@ -93,6 +93,12 @@ def add_to_colmap(commands: Any) -> None:
         help="with --link: do not copy the database to DB.<time>.bak first",
     )
     add("--dry-run", action="store_true", help="estimate, say what would be written, and write nothing")
+    add(
+        "--corrected",
+        action="store_true",
+        help="move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at "
+        "the pose that was estimated; not with --link",
+    )
     add("--skip-degenerate", action="store_true", help="leave out photographs without F")
     add(
         "--sequence",
@@ -121,6 +127,8 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     subjects, failures = _subjects(options)
     made = _make(options, run, [subject for subject in subjects if not _kept(subject)], failures)
     made = _with_time(options, made)
+    if options.corrected:
+        made = [replace(one, views=one.views.corrected()) for one in made]
     skipped = [one for one in made if options.skip_degenerate and one.views.geometry.F is None]
     written = [one for one in made if one not in skipped]
     backup = None if options.dry_run else _write(options, written)
@@ -133,6 +141,8 @@ def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], objec
     """Refuse options that do not go together."""
     if not options.link and (options.replace or options.no_backup):
         usage_error("--replace and --no-backup go with --link")
+    if options.link and options.corrected:
+        usage_error("--corrected is not for --link, whose views take the place of your features")
     if options.format == DATABASE and (options.db is None or options.output is not None):
         usage_error("name the database with --db; -o goes with --format matches or hloc")
     if options.format != DATABASE and (options.output is None or options.db is not None or options.link):

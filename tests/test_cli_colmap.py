@@ -16,6 +16,7 @@ from test_cli_camera import SIZE, smears
 from blur2view import cli
 from blur2view.cli_colmap import fresh_names
 from blur2view.colmap_check import check_database
+from blur2view.epipolar import sampson
 from tools.colmap_projects import ProjectOptions, make_project, user_rows
 
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
@@ -161,3 +162,20 @@ def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_pat
 def test_names_are_below_the_folder_that_all_share() -> None:
     assert fresh_names([Path("/x/a.jpg")]) == ["a.jpg"]
     assert fresh_names([Path("/x/left/a.jpg"), Path("/x/right/a.jpg")]) == ["left/a.jpg", "right/a.jpg"]
+
+
+def test_corrected_ends_lie_on_the_lines_of_the_geometry(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    database = tmp_path / "new.db"
+    code, _, _ = run("--db", database, "--corrected", *CAMERA, photos[0])
+    assert code == 0
+    with pycolmap.Database.open(database) as opened:
+        first, last = sorted(opened.read_all_images(), key=lambda image: str(image.name), reverse=True)
+        geometry = opened.read_two_view_geometry(first.image_id, last.image_id)
+        ends = [opened.read_keypoints(image.image_id)[:, :2].astype(float) for image in (first, last)]
+    one, two = (end[index] for end, index in zip(ends, np.asarray(geometry.inlier_matches).T, strict=True))
+    assert len(one) > 100
+    assert np.median(np.sqrt(sampson(np.asarray(geometry.F), one, two))) < 1e-3
+    with pytest.raises(SystemExit):
+        run("--db", database, "--link", "--corrected", photos[0])

@@ -1,5 +1,7 @@
 """Both virtual images of a photograph, and the two flips of time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import Scene, disturb, make_scene
@@ -50,6 +52,44 @@ def test_points_fit_F_in_the_stated_order(found: Estimate) -> None:
     assert np.median(right) < 0.1 < np.median(wrong)
     assert views.size == found.matches.image_size
     assert views.names == ("a.jpg#open", "a.jpg#close")
+
+
+def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    kept = views.geometry.inlier_mask & (np.arange(len(views.points_open)) >= 50)
+    views = replace(views, geometry=replace(views.geometry, inlier_mask=kept))
+    exact, F = views.corrected(), views.geometry.F
+    assert F is not None and kept.sum() > 200
+    assert sampson(F, exact.points_open, exact.points_close)[kept].max() < 1e-8
+    moved = ((exact.points_open - views.points_open) ** 2).sum(axis=1)
+    moved += ((exact.points_close - views.points_close) ** 2).sum(axis=1)
+    np.testing.assert_allclose(
+        moved[kept], sampson(F, views.points_open, views.points_close)[kept], rtol=0.2, atol=1e-6
+    )
+    assert not moved[~kept].any()
+    again = exact.corrected()
+    np.testing.assert_allclose(again.points_open, exact.points_open, atol=1e-4)
+
+
+def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estimate) -> None:
+    camera = found.camera
+    assert camera is not None
+    f, (width, height) = camera.focal_px, (camera.width, camera.height)
+    lens = Camera.from_string(f"SIMPLE_RADIAL {width} {height} {f} {width / 2} {height / 2} 0.05")
+    views = replace(views_of("a.jpg", found), camera=lens)
+    F, kept = views.geometry.F, views.geometry.inlier_mask
+    assert F is not None
+    before, after = (
+        np.median(sampson(F, lens.undistorted(v.points_open), lens.undistorted(v.points_close))[kept])
+        for v in (views, views.corrected())
+    )
+    assert after < 0.02 * before
+
+
+def test_views_without_F_have_nothing_to_correct(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    lost = replace(views, geometry=replace(views.geometry, F=None))
+    assert lost.corrected() is lost
 
 
 def test_both_flips_of_time_are_one_answer(found: Estimate) -> None:

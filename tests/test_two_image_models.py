@@ -125,13 +125,16 @@ def test_exposure_goes_through_colmap_and_into_the_tables() -> None:
     )  # fmt: skip
     kept = keep_poses(views)
     assert kept is not None and kept.points > 0.8 * count and kept.error_px < 1
-    outcome = Outcome(scene=scene, views=views, model=model, kept=kept)
+    corrected = reconstruct(views.corrected(), mapper_options())
+    outcome = Outcome(scene=scene, views=views, model=model, corrected=corrected, kept=kept)
     free, same = outcome.distance(model), outcome.distance(kept)
     assert free is not None and 1e-9 < free < 9.2
+    near = outcome.distance(corrected)
+    assert near is not None and near < 1e-2 * free
     assert same is not None and same < 1e-9
     error = MotionError.of(model.pose, outcome.true)
     assert error.rotation < 0.15 and error.translation_deg < 5
-    missing = Outcome(scene=scene, views=views, model=None, kept=None)
+    missing = Outcome(scene=scene, views=views, model=None, corrected=None, kept=None)
     text = markdown([outcome, missing], {"min_model_size": 1}, "net")
     assert "`mapper_options()` | 1 of 2 | 1 of 1 |" in text and "`min_model_size` | 1" in text
 

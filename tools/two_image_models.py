@@ -8,8 +8,9 @@ estimates each photograph with its intrinsics known, writes a database of its tw
 `blur2view.mapping.mapper_options`. Photographs count whose median smear is longer than 12 px and whose
 camera's translation makes more than a fifth of it. Told are the models that COLMAP builds, how far their
 motion is from the estimate's in the estimate's own covariance, and the errors of both against the truth;
-the same where the estimate's poses are kept (`blur2view.mapping.triangulate_exposure`); and how many models
-are left if one option is COLMAP's again.
+the same where the smears' ends are first moved onto their epipolar lines (``to-colmap --corrected``), and
+where the estimate's poses are kept (`blur2view.mapping.triangulate_exposure`); and how many models are left
+if one option is COLMAP's again.
 """
 
 from __future__ import annotations
@@ -109,6 +110,7 @@ class Outcome:
     scene: TestScene
     views: ExposureViews
     model: Model | None
+    corrected: Model | None
     kept: Model | None
 
     @property
@@ -219,6 +221,7 @@ def markdown(outcomes: Sequence[Outcome], left: dict[str, int], model_id: str) -
         "|---|---|---|---|---|---|---|",
         summary_row("our estimate", outcomes, None),
         summary_row("COLMAP's model, `mapper_options()`", outcomes, [o.model for o in outcomes]),
+        summary_row("the same of corrected ends, `--corrected`", outcomes, [o.corrected for o in outcomes]),
         summary_row("poses kept, `triangulate_exposure`", outcomes, [o.kept for o in outcomes]),
         "",
         "| option put back to COLMAP's default | models left |",
@@ -292,7 +295,8 @@ def main() -> None:
     for scene in scenes:
         views = estimate_views(scene, network)
         free, kept = reconstruct(views, mapper_options()), keep_poses(views)
-        outcomes.append(Outcome(scene=scene, views=views, model=free, kept=kept))
+        corrected = reconstruct(views.corrected(), mapper_options())
+        outcomes.append(Outcome(scene=scene, views=views, model=free, corrected=corrected, kept=kept))
     left = {
         name: sum(reconstruct(o.views, with_default(name)) is not None for o in outcomes) for name in ALONE
     }
