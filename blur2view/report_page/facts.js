@@ -104,12 +104,13 @@ function showSeconds(seconds) {
 }
 
 const fixed = (value, unit, digits = 2) => `${value.toFixed(digits)}${unit}`;
+const short = (value) => value.toFixed(Math.abs(value) < 100 ? 2 : 1);
 const degrees = (radians) => (radians * 180) / Math.PI;
 
 // What is told of a smear: a key, its name, and its text.
 const VALUES = [
   ["position", "position x, y", (smear) => `${smear.x}, ${smear.y}`],
-  ["displacement", "smear dx, dy", (smear) => `\u00b1(${fixed(smear.dx, "")}, ${fixed(smear.dy, "")})`],
+  ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${short(dx)}, ${short(dy)})`],
   ["length", "length", (smear) => fixed(smear.lengthPx, " px")],
   ["direction", "direction", (smear) => fixed(smear.directionDeg, "\u00b0", 1)],
   ["sigma", "sigma", (smear) => fixed(smear.sigmaPx, " px")],

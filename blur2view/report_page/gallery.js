@@ -21,8 +21,9 @@ class Gallery {
   /** Sort the cards; those without a value come last in either direction, equals keep the call's order. */
   sort() {
     const key = this.by.value;
-    const valueOf = (card) => (key === "name" ? card.dataset.name : card.dataset[key] === "" ? null : Number(card.dataset[key]));
-    const compare = (one, other) => (key === "name" ? one.localeCompare(other, undefined, { numeric: true }) : one - other);
+    const named = key === "name";
+    const valueOf = ({ dataset }) => (named ? dataset.name : dataset[key] === "" ? null : Number(dataset[key]));
+    const compare = (one, other) => (named ? one.localeCompare(other, undefined, { numeric: true }) : one - other);
     const sign = this.reversed ? -1 : 1;
     this.cards.sort((one, other) => {
       const [a, b] = [valueOf(one), valueOf(other)];

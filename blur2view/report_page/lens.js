@@ -21,7 +21,7 @@ class Lens {
     const row = Math.min(Math.max(Math.floor(y / this.step), 0), this.rows - 2);
     const u = x / this.step - column;
     const v = y / this.step - row;
-    const corners = [this.node(row, column), this.node(row, column + 1), this.node(row + 1, column), this.node(row + 1, column + 1)];
+    const corners = [[0, 0], [0, 1], [1, 0], [1, 1]].map(([down, right]) => this.node(row + down, column + right));
     const weights = [(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v];
     return [0, 1].map((axis) => corners.reduce((sum, corner, k) => sum + weights[k] * corner[axis], 0));
   }

@@ -36,7 +36,8 @@ async function savePicture(viewer) {
   drawing.setAttribute("viewBox", `0 0 ${view.width} ${view.height}`);
   drawing.setAttribute("width", canvas.width);
   drawing.setAttribute("height", canvas.height);
-  const image = await imageOf(`data:image/svg+xml,${encodeURIComponent(new XMLSerializer().serializeToString(drawing))}`);
+  const markup = new XMLSerializer().serializeToString(drawing);
+  const image = await imageOf(`data:image/svg+xml,${encodeURIComponent(markup)}`);
   const context = copy.getContext("2d");
   context.drawImage(canvas, 0, 0);
   context.drawImage(image, 0, 0);

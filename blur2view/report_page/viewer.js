@@ -38,7 +38,8 @@ class Viewer {
 
   /** Offer the layers that this photograph has. */
   offer(photo) {
-    const has = { inliers: photo.used.length > 0, lines: Boolean(photo.facts.F), mask: photo.mask, probability: photo.mask };
+    const { mask } = photo;
+    const has = { inliers: photo.used.length > 0, lines: Boolean(photo.facts.F), mask, probability: mask };
     for (const box of this.boxes) {
       box.disabled = box.dataset.layer in has && !has[box.dataset.layer];
       box.parentElement.classList.toggle("layer-absent", box.disabled);
@@ -46,13 +47,14 @@ class Viewer {
     const [low, high] = sigmaRange(photo);
     byId("sigma-low").textContent = `${low.toPrecision(2)} px`;
     byId("sigma-high").textContent = `${high.toPrecision(2)} px`;
-    byId("mask-reason").textContent = photo.mask ? photo.mask.reason : "";
+    byId("mask-reason").textContent = mask ? mask.reason : "";
   }
 
   /** Take the stage's size, and show the whole photograph in it. */
   measure() {
     const { width, height } = this.stage.getBoundingClientRect();
-    const same = this.view && this.view.photo === this.photo && this.view.width === width && this.view.height === height;
+    const { view } = this;
+    const same = view && view.photo === this.photo && view.width === width && view.height === height;
     if (!this.photo || !width || same) return;
     this.ratio = window.devicePixelRatio || 1;
     this.canvas.width = Math.round(width * this.ratio);
@@ -98,36 +100,35 @@ class Viewer {
   }
 
   markPiece(name, pieces, colour, width) {
-    const path = document.createElementNS(SVG, "path");
     const place = (point) => this.view.toScreen(point).map((value) => value.toFixed(3)).join(" ");
-    path.setAttribute("d", pieces.map(([from, to]) => `M${place(from)}L${place(to)}`).join(""));
-    const looks = { "data-mark": name, fill: "none", stroke: colour, "stroke-width": width, "stroke-linecap": "round" };
-    for (const [key, value] of Object.entries(looks)) path.setAttribute(key, value);
-    this.marks.append(path);
+    const d = pieces.map(([from, to]) => `M${place(from)}L${place(to)}`).join("");
+    this.markShape("path", { "data-mark": name, d, fill: "none", stroke: colour, "stroke-width": width, "stroke-linecap": "round" });
   }
 
   markEnd(end, k, known) {
-    const [x, y] = this.view.toScreen(end);
-    const circle = document.createElementNS(SVG, "circle");
-    const looks = { "data-mark": `end-${k + 1}`, cx: x, cy: y, r: 5, fill: known ? END_COLOURS[k] : "white", stroke: "black", "stroke-width": 1.5 };
-    for (const [key, value] of Object.entries(looks)) circle.setAttribute(key, value);
-    this.marks.append(circle);
-    if (known) this.markNumber([x, y], k);
+    const [cx, cy] = this.view.toScreen(end);
+    const fill = known ? END_COLOURS[k] : "white";
+    this.markShape("circle", { "data-mark": `end-${k + 1}`, cx, cy, r: 5, fill, stroke: "black", "stroke-width": 1.5 });
+    if (known) this.markNumber([cx, cy], k);
   }
 
   /** Write the end's number beside it, away from the other end. */
   markNumber([x, y], k) {
     const [one, other] = inOrder(this.chosen.ends, this.chosen.order).map((point) => this.view.toScreen(point));
-    const away = k ? [other[0] - one[0], other[1] - one[1]] : [one[0] - other[0], one[1] - other[1]];
+    const away = difference(k ? [one, other] : [other, one]);
     const length = Math.hypot(...away) || 1;
-    const text = document.createElementNS(SVG, "text");
-    const looks = {
-      x: x + (16 * away[0]) / length, y: y + (16 * away[1]) / length, fill: END_COLOURS[k], stroke: "black", "stroke-width": 3,
-      "paint-order": "stroke", "text-anchor": "middle", "dominant-baseline": "central", "font-size": 14, "font-weight": 700, "font-family": "sans-serif",
-    };
-    for (const [key, value] of Object.entries(looks)) text.setAttribute(key, value);
-    text.textContent = String(k + 1);
-    this.marks.append(text);
+    const looks = { fill: END_COLOURS[k], stroke: "black", "stroke-width": 3, "paint-order": "stroke" };
+    const type = { "text-anchor": "middle", "dominant-baseline": "central", "font-size": 14, "font-weight": 700, "font-family": "sans-serif" };
+    const place = { x: x + (16 * away[0]) / length, y: y + (16 * away[1]) / length };
+    this.markShape("text", { ...place, ...looks, ...type }).textContent = String(k + 1);
+  }
+
+  /** Add a shape; its looks are attributes, so that a saved picture has them too. */
+  markShape(tag, attributes) {
+    const shape = document.createElementNS(SVG, tag);
+    for (const [key, value] of Object.entries(attributes)) shape.setAttribute(key, value);
+    this.marks.append(shape);
+    return shape;
   }
 
   choose(smear) {
