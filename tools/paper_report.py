@@ -88,7 +88,7 @@ def comparison(table2: Any, evaluation: Any) -> list[str]:
     return [
         *lines,
         "",
-        "EPE-S is published for the paper's s, half of a smear; ours is of whole smears.",
+        "The paper's vector s is half of a smear; our EPE-S is of whole smears.",
         f"Ours: `{EVALUATION}` and Table 2 below.",
     ]
 
@@ -178,8 +178,7 @@ def convolution(document: Any) -> list[str]:
     border, inner = document["difference_at_borders"], document["difference_inside"]
     return [
         f"Both blurs of one rendered scene differ by {border:.1f} levels of 255 in the mean within 8 px of "
-        f"surfaces' edges ({document['border_share']:.0%} of the image) and by {inner:.1f} elsewhere, "
-        "most of it beside edges and the image's border, where what enters is never in the sharp frame.",
+        f"surfaces' edges ({document['border_share']:.0%} of the image) and by {inner:.1f} elsewhere.",
         "",
         "![blur by convolution and by averaging](figures/convolution.png)",
         "",
