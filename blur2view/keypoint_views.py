@@ -20,8 +20,10 @@ from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import EstimatorOptions
 
 Array = NDArray[np.float64]
-MAX_SIGMA_PX = 8.0  # each end errs by half of it; the mapper keeps what is 4 px off (filter_max_reproj_error)
-MAX_SIGMA_SHARE = 0.5  # of the smear's length: then its direction is known
+# Of the smear's length: then its direction is known. A limit in pixels as well (8) left 3 to 15 features of
+# frames with smears of 16 to 20 px, where there are 900 about as exact for their length: with it 22 of 28
+# views of a rendered video were mapped, 91 % of the exposures the right way in time, without all and 100 %.
+MAX_SIGMA_SHARE = 0.5
 STILL_PX = 1.5  # as short as that a smear need not be known better
 
 
@@ -96,9 +98,9 @@ class SampledSmears:
 
     @property
     def certain(self) -> NDArray[np.bool_]:
-        """Where sigma allows to use the smear: small itself, and small against its length."""
+        """Where sigma allows to use the smear: small against its length, or small itself."""
         allowed = np.maximum(MAX_SIGMA_SHARE * np.hypot(*self.displacement.T), STILL_PX)
-        return np.asarray(self.inside & (self.sigma_px <= np.minimum(allowed, MAX_SIGMA_PX)))
+        return np.asarray(self.inside & (self.sigma_px <= allowed))
 
 
 def sample(field: SmearField, points: Array) -> SampledSmears:

@@ -9,7 +9,7 @@ from scenes import make_scene
 from blur2view import estimate_two_view
 from blur2view.cameras import Camera
 from blur2view.epipolar import sampson
-from blur2view.keypoint_views import MAX_SIGMA_PX, keypoint_views, sample
+from blur2view.keypoint_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views, sample
 from blur2view.matches import SelectOptions, select_matches
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smear import SmearField
@@ -72,7 +72,8 @@ def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray,
 def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
     estimate, *_ = found
     sigma = estimate.field.sigma_px.copy()
-    sigma[:60] = MAX_SIGMA_PX + 0.1
+    length = np.linalg.norm(estimate.field.displacement, axis=-1)
+    sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
     estimate = replace(estimate, field=SmearField(displacement=estimate.field.displacement, sigma_px=sigma))
     keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
     linked = keypoint_views("a.jpg", keypoints, estimate)
@@ -100,7 +101,7 @@ def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.
 
 
 def test_sigma_is_judged_by_itself_and_against_the_length() -> None:
-    displacement, sigma = np.zeros((1, 6, 2), np.float32), [1.4, 1.6, 4.9, 5.1, 7.9, 8.1]
+    displacement, sigma = np.zeros((1, 6, 2), np.float32), [1.4, 1.6, 4.9, 5.1, 9.9, 10.1]
     displacement[0, :, 0] = [1, 1, 10, 10, 20, 20]
     field = SmearField(displacement=displacement, sigma_px=np.array([sigma], np.float32))
     found = sample(field, np.stack([np.arange(6.0), np.zeros(6)], axis=1))
