@@ -291,3 +291,12 @@ def test_grid_shape_is_that_of_the_smears() -> None:
         )
         rows, columns = motion_score.grid_shape(shape)
         assert rows * columns == len(GridSmears.of(field).points)
+
+
+def test_turned_smears_keep_midpoint_and_length_and_are_perpendicular() -> None:
+    ends = np.random.default_rng(6).uniform(0, 100, (20, 2, 2))
+    turned = motion_score.turned_ends(ends)
+    d, t = ends[:, 1] - ends[:, 0], turned[:, 1] - turned[:, 0]
+    np.testing.assert_allclose(turned.mean(axis=1), ends.mean(axis=1))
+    np.testing.assert_allclose(np.linalg.norm(t, axis=1), np.linalg.norm(d, axis=1))
+    np.testing.assert_allclose((d * t).sum(axis=1), 0, atol=1e-9)
