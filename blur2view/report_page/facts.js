@@ -104,17 +104,17 @@ function showSeconds(seconds) {
 }
 
 const fixed = (value, unit, digits = 2) => `${value.toFixed(digits)}${unit}`;
-const short = (value) => value.toFixed(Math.abs(value) < 100 ? 2 : 1);
+const both = (...values) => values.map((value) => value.toFixed(Math.hypot(...values) < 100 ? 2 : 1)).join(", ");
 const degrees = (radians) => (radians * 180) / Math.PI;
 
 // What is told of a smear: a key, its name, and its text.
 const VALUES = [
   ["position", "position x, y", (smear) => `${smear.x}, ${smear.y}`],
-  ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${short(dx)}, ${short(dy)})`],
+  ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${both(dx, dy)})`],
   ["length", "length", (smear) => fixed(smear.lengthPx, " px")],
   ["direction", "direction", (smear) => fixed(smear.directionDeg, "\u00b0", 1)],
   ["sigma", "sigma", (smear) => fixed(smear.sigmaPx, " px")],
-  ["sigma-direction", "sigma of direction", (smear) => (smear.sigmaRad === null ? "-" : fixed(degrees(smear.sigmaRad), "\u00b0", 1))],
+  ["sigma-direction", "direction sigma", (smear) => (smear.sigmaRad === null ? "-" : fixed(degrees(smear.sigmaRad), "\u00b0", 1))],
   ["error", "\u221aSErrMin", (smear) => (smear.order ? fixed(smear.order.errorPx, " px") : "-")],
   ["label", "label", (smear) => (smear.label ? smear.label.name : "-")],
   ["probability", "P(moves)", (smear) => (smear.label ? fixed(smear.label.probability, "") : "-")],
