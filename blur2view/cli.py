@@ -17,7 +17,8 @@ from blur2view.cli_segment import add_segment
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.estimate_file import estimate_file
 from blur2view.predict import SmearNetwork
-from blur2view.results import OutputFiles, Run, plan_outputs, prepare_folder, summary, write_results
+from blur2view.results import OutputFiles, Run, plan_outputs, prepare_folder, write_results
+from blur2view.summary import summary
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 

@@ -7,7 +7,7 @@ picture knows what the network will see in it.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
+from blur2view import cli
 from blur2view.smear import to_double_angle
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0
+HEIGHT, WIDTH = 240, 320
+EPIPOLE = np.array([150.0, 100.0])
 
 METADATA = {
     "blur2view_format": "1",
@@ -117,3 +120,33 @@ def opened(browser: "Browser", tmp_path: Path) -> Iterator["Opener"]:
     visits = Visits(browser=browser, folder=tmp_path)
     yield visits.open
     visits.close()
+
+
+def forward_motion() -> NDArray[np.float64]:
+    """Return the smears, (H, W, 2), of a camera moving towards EPIPOLE past a scene of varying depth."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    nearness = 0.16 + 0.06 * np.sin(x / 40) * np.cos(y / 30)
+    smears: NDArray[np.float64] = (np.stack([x, y], -1) - EPIPOLE) * nearness[..., None]
+    return smears
+
+
+@pytest.fixture
+def moving(tmp_path: Path) -> Path:
+    """Return a picture in which the tiny network sees forward motion."""
+    return write_picture(tmp_path / "moving.png", colour_code(forward_motion(), 1.0))
+
+
+@pytest.fixture
+def still(tmp_path: Path) -> Path:
+    """Return a picture in which the tiny network sees no motion."""
+    return write_picture(tmp_path / "still.png", colour_code(np.zeros((64, 80, 2)), 1.0))
+
+
+@pytest.fixture
+def run(tiny_model: Path) -> Any:
+    """Return ``blur2view estimate`` with the tiny network, in this process."""
+
+    def call(*arguments: object) -> int:
+        return cli.main(["estimate", "--model", str(tiny_model), *map(str, arguments)])
+
+    return call

@@ -40,7 +40,7 @@ LAYERS = [
     {"time_direction", "segmentation"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"}
     | {"mask_overlay", "view_placement"},
-    {"colmap_database", "matches_text", "estimate_file"},
+    {"colmap_database", "matches_text", "estimate_file", "summary"},
     {"mask_results"},
     {"colmap_link", "hloc_files", "report_photograph"},
     {"report"},

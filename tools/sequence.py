@@ -11,7 +11,7 @@ exposure about its own instant. Same seed and options, same bytes.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,47 +22,19 @@ from numpy.typing import NDArray
 from blur2view.errors import Blur2ViewError
 from tools.canvas import Canvas, paint
 from tools.exposure import KNOTS, Exposure, grid_points
-from tools.motion import Trajectory
 from tools.render import compose, mean_frame
 from tools.scene import Layer, Plane, sample_card, sample_illumination, tilted_normal
 from tools.testset import sharp_photograph
 from tools.textures import photographs
+from tools.wandering import sample_path
 
 Array = NDArray[Any]
 
-PERIOD = 15.0
-"""Frames in which the path comes round once."""
-HARMONICS = 3
 LARGEST_TILT, GROUND = 0.3, 0.3
 """Tilt of the wall, radians; height above the ground: no more than the path allows without a look behind."""
 STEPS = 60
 """Fixed-point steps at most."""
 SOLVED_PX = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class WanderingPath(Trajectory):
-    """A camera that sways about: sums of sinusoids, the identity at time 0; time counts frames.
-
-    Parameters
-    ----------
-    turns, moves : ndarray of shape (HARMONICS, 3)
-        Complex amplitudes of the rotation vector (radians) and of the position (scene units).
-    """
-
-    turns: Array = field(default_factory=lambda: np.zeros((HARMONICS, 3), complex))
-    moves: Array = field(default_factory=lambda: np.zeros((HARMONICS, 3), complex))
-
-    def at(self, tau: float) -> tuple[Array, Array]:
-        """Rotation matrix (3, 3) and position (3,) at a time in frames: X_cam = R (X - position)."""
-        angle = 2j * np.pi * np.arange(1, HARMONICS + 1) / PERIOD
-        phase = np.exp(angle * tau) - 1
-        R = np.asarray(cv2.Rodrigues((phase @ self.turns).real)[0], np.float64)
-        return R, np.asarray((phase @ self.moves).real)
-
-    def scaled(self, factor: float) -> WanderingPath:
-        """Return the same path, `factor` times as far."""
-        return replace(self, turns=self.turns * factor, moves=self.moves * factor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,19 +117,6 @@ def relative_pose(first: Array, second: Array) -> Array:
     """Give [R | t] (3, 4) that takes camera 1 to camera 2, from both cam_from_world."""
     R = second[:, :3] @ first[:, :3].T
     return np.column_stack([R, second[:, 3] - R @ first[:, 3]])
-
-
-def sample_path(rng: np.random.Generator, rotation_share: float) -> WanderingPath:
-    """Draw a path of unit speed that never stops: its first harmonic goes round, the others shake."""
-    falling = (0.16 ** np.arange(HARMONICS))[:, None]
-    moves = (
-        falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3))) * [0.7, 0.4, 0.7]
-    )
-    moves[0] = np.array([1.0, 0.8j * rng.choice([-1, 1]), 0.4]) * np.exp(2j * np.pi * rng.random())
-    # a hand turns to where it goes (RedKitchen's: cosine 0.86), unlike a camera that follows something
-    sweep = np.cross(moves, [0, 0, 1.0])
-    shake = falling * (rng.normal(size=(HARMONICS, 3)) + 1j * rng.normal(size=(HARMONICS, 3)))
-    return WanderingPath(moves=moves, turns=rotation_share * (0.7 * sweep + 0.7 * shake))
 
 
 def collage(rng: np.random.Generator, pool: tuple[Array, ...]) -> Array:
