@@ -20,9 +20,7 @@ from blur2view.pipeline import Estimate
 from blur2view.smear import smear_ends
 
 HALF_NORMAL_60 = 0.8416  # its quantile 0.6: the scale holds while at most 40 % of the smears move
-FLOOR_PX = (
-    1.0  # error of Sampson distances that no sigma tells; of 0.3, 0.6 and 1 px the best on rendered scenes
-)
+FLOORS_PX = 0.3, 1.0  # bounds of the error that no sigma tells: that of most residuals, between them
 STILL_FLOOR_PX = 0.75  # of lengths before a still camera: on sharp photographs their median is 0.3 to 0.6 px
 LEAST_SCALE = 0.2  # errors over stated ones, at least
 SIGHT_PX = 6.0  # length of a smear that must be told from none where nothing else moves
@@ -127,8 +125,9 @@ def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
 
 def _met(residual: Array, stated: Array) -> Array:
     """Scale stated standard deviations (N,) to what most residuals show, never below a floor."""
-    ratio = float(np.quantile(residual / np.hypot(stated, FLOOR_PX), 0.6)) / HALF_NORMAL_60
-    own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, FLOOR_PX)
+    floor_px = float(np.clip(np.quantile(residual, 0.6) / HALF_NORMAL_60, *FLOORS_PX))
+    ratio = float(np.quantile(residual / np.hypot(stated, floor_px), 0.6)) / HALF_NORMAL_60
+    own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, floor_px)
     return np.asarray(max(ratio, 1.0) * own)
 
 
