@@ -83,7 +83,7 @@ def test_score_of_a_smear_across_the_epipolar_lines_is_its_length_over_sigma() -
     scored = score_at(with_mover(), F=SIDEWAYS)
     length = np.hypot(*MOVER)
     # the Sampson distance of both ends from one horizontal line between them is dy / sqrt 2
-    sigma = np.hypot(motion_score.LEAST_SCALE * length * SURE_RAD / 2**0.5, motion_score.FLOORS_PX[0])
+    sigma = np.hypot(motion_score.LEAST_SCALE * length * SURE_RAD / 2**0.5, motion_score.FLOOR_PX)
     np.testing.assert_allclose(scored.score[30, 50], (MOVER[1] / 2**0.5 / sigma) ** 2, rtol=1e-6)
     np.testing.assert_allclose(scored.score[5, 5], 0, atol=1e-9)
 
