@@ -89,9 +89,7 @@ def test_known_intrinsics_improve_the_pose() -> None:
         rng = np.random.default_rng(seed)
         scene = with_outliers(disturb(make_scene(rng, length_px=20), rng, noise_px=1.0), rng, 0.3)
         pose = solve(scene, 2.0).cam2_from_cam1
-        matches = SmearMatches(
-            ends=scene.ends, sigma_px=np.full(len(scene.ends), 2.0), image_size=IMAGE_SIZE
-        )
+        matches = SmearMatches(ends=scene.ends, sigma_px=np.full(len(scene.ends), 2.0), image_size=IMAGE_SIZE)
         F = estimate_two_view(matches).F
         assert pose is not None and F is not None
         plain = decompose_essential(scene.K.T @ F @ scene.K)[0]

@@ -204,7 +204,7 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
 def run_all(variants: Sequence[Variant], seeds: int, options: TrainOptions, plain_steps: int) -> None:
     """Train and judge what is not finished; seeds in the outer loop, so that early results compare all."""
     options.out.mkdir(parents=True, exist_ok=True)
-    cv2.setNumThreads(0)  # workers are forked, and a forked OpenCV thread pool hangs
+    cv2.setNumThreads(1)  # ends OpenCV's pool: workers are forked, and would wait for threads they lack
     scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
     for seed in range(seeds):
         for variant in variants:

@@ -172,7 +172,7 @@ def train(options: TrainOptions, rank: int = 0) -> Run:
     """Run the schedule to its end; the first process prints and logs, and keeps ``out/last.pt`` fresh."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     options.out.mkdir(parents=True, exist_ok=True)
-    cv2.setNumThreads(0)  # workers are forked, and a forked OpenCV thread pool hangs
+    cv2.setNumThreads(1)  # ends OpenCV's pool: workers are forked, and would wait for threads they lack
     scenes, (images, targets) = load_shards(options.train), validation_crops(options.val)
     last = options.out / "last.pt"
     run = start_run(options.seed, options.learning_rate, device, last, options.weights)
