@@ -44,7 +44,7 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--model",
         metavar="ONNX",
-        help='"fast": the shipped network in 8-bit integers; or a file of tools/export_onnx.py',
+        help='"float": the shipped network in floating point; or a file of tools/export_onnx.py',
     )
 
 

@@ -26,8 +26,8 @@ class SmearNetwork:
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/export_onnx.py``; the shipped one by default, or "fast": the shipped
-        one in 8-bit integers, in half the time.
+        An ONNX file written by ``tools/export_onnx.py``; the shipped one, in 8-bit integers, by default;
+        "float": the shipped one in floating point, in twice the time.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is
         reproducible for a given number of threads.

@@ -172,8 +172,9 @@ def test_network_tells_what_it_is(tiny_model: Path) -> None:
 
 def test_shipped_networks_are_found_in_the_source_tree_and_others_by_their_path() -> None:
     models = Path(__file__).resolve().parents[1] / "models"
-    assert model_path(None) == model_path("default") == models / "smear.onnx"
+    assert model_path(None) == model_path("default") == model_path("fast")
     assert model_path("fast") == models / "smear_fast.onnx"
+    assert model_path("float") == models / "smear.onnx"
     assert model_path("./fast") == model_path(Path("fast")) == Path("fast")
 
 

@@ -58,7 +58,7 @@ def main() -> None:
     parser.add_argument("photographs", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
-    parser.add_argument("--model", help='ONNX file or "fast"; the shipped network by default')
+    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     tiles = [tile(path, network, arguments.plain) for path in arguments.photographs]

@@ -47,7 +47,7 @@ class Recipe:
     val_scenes: int = 100
     val_seed: int = 900_000
     steps: int = 10_000
-    more_steps: int = 8_000
+    more_steps: int = 9_000
     more_rate: float = 1.2e-3
     more_seed: int = 1
     processes: int = 2
