@@ -79,8 +79,9 @@ def place_views(
     model : Path
         Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
     names : sequence of str, optional
-        Photographs of one video in order. Default: those whose names differ by one in their number follow
-        one another.
+        Photographs of one video in order, none left out: those that are not registered or have no views are
+        passed over, and what they part does not follow one another. Default: those whose names differ by
+        one in their number follow one another.
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: what the smears tell.
 
@@ -106,7 +107,7 @@ def place_views(
         linked = _linked(opened, placed, names)
         if not linked:
             raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-        frames, spreads = _frames(placed, linked, names is not None)
+        frames, spreads = _frames(placed, linked, names)
         told = common_fraction(frames)
         motions = [
             exposure_motion(frame, told, spread) for frame, spread in zip(frames, spreads, strict=True)
@@ -145,12 +146,23 @@ def _linked(opened: Any, model: Any, names: Sequence[str] | None) -> list[_Linke
     return found
 
 
-def _frames(model: Any, linked: list[_Linked], in_order: bool) -> tuple[list[ExposedFrame], list[Array]]:
+def _runs(linked: list[_Linked], names: Sequence[str] | None) -> list[list[int]]:
+    """Group photographs that follow one another; a name in between that is not linked ends a run."""
+    found = [one.name for one in linked]
+    if names is None:
+        return consecutive_runs(found)
+    place = {name: str(number) for number, name in enumerate(names)}
+    return consecutive_runs([place[name] for name in found])
+
+
+def _frames(
+    model: Any, linked: list[_Linked], names: Sequence[str] | None
+) -> tuple[list[ExposedFrame], list[Array]]:
     """Smears at points of the model, with the velocity in each run of photographs and its spread."""
     frames = [_frame(model, one) for one in linked]
     spreads = [np.ones(6)] * len(frames)
     poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
-    for run in consecutive_runs([one.name for one in linked], in_order):
+    for run in _runs(linked, names):
         velocity = smooth_velocities(poses[run])
         for index, own in zip(run, velocity, strict=True):
             frames[index] = replace(frames[index], velocity=own)

@@ -119,6 +119,19 @@ def test_photographs_far_apart_are_placed_by_their_smears_alone(tmp_path: Path) 
     assert found.model.num_reg_images() == FRAMES + 4
 
 
+@pytest.mark.parametrize("lost", ["pose", "views"])
+def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Path, lost: str) -> None:
+    kept = [k for k in range(FRAMES) if k != 3]
+    database, model = project(tmp_path, kept if lost == "views" else list(range(FRAMES)))
+    if lost == "pose":
+        walk = pycolmap.Reconstruction(model)
+        walk.deregister_frame(walk.images[4].frame_id)
+        walk.write(model)
+    found = place_views(database, model, NAMES)
+    assert found.placed == tuple(NAMES[k] for k in kept)
+    assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
+
+
 def test_a_project_without_views_is_refused(tmp_path: Path) -> None:
     database, model = project(tmp_path, [])
     with pytest.raises(DatabaseError, match="link them first"):
