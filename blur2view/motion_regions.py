@@ -13,14 +13,15 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from blur2view.epipolar import Array
 from blur2view.motion_score import MotionScore
 
 Mask = NDArray[np.bool_]
 
-LOW, HIGH = 3.84, 9.0  # exceeded by chance in 5 % and 0.3 % (chi-square, one degree of freedom)
+# Exceeded by chance in 5 % and 0.3 % (chi-square, one degree of freedom), before a still camera, whose smears
+# err along both axes, in 15 % and 1.1 % (two).
+LOW, HIGH = 3.84, 9.0
 CAP = 16.0  # of a cell's score: beyond four standard deviations more is no more evidence
 WORK_SIDE = 320  # pixels along the longer side, at most
 SUPERPIXELS, COMPACTNESS, SMOOTHING = 300, 0.2, 1.0
@@ -30,7 +31,7 @@ CUTS, FEWEST, NO_BOX = 3, 20, (0, 0, 1, 1)
 EDGE = 1e-4  # variance of grey levels from which the guided filter keeps an edge
 LEAST_OVERLAP, LEAST_KEPT = 0.4, 0.1  # of the cut in the part, of the part in the cut
 LEAST_SHARE = 0.003  # of the photograph that a moving part covers, and a hole in one
-ODDS_AT_HIGH, ODDS_SLOPE = -0.46, 0.61  # log-odds of moving at HIGH, and per factor e; 76 rendered scenes
+ODDS_SLOPE = 0.61  # of the log-odds of moving over the log score (76 rendered scenes); they are 0 at HIGH
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,8 +51,8 @@ class MotionCells:
 
     @property
     def probability(self) -> Array:
-        """That a cell moves, (h, w), from its superpixel's score."""
-        odds = ODDS_AT_HIGH + ODDS_SLOPE * np.log(np.maximum(self.score, 1e-3) / HIGH)
+        """That a cell moves, (h, w), from its superpixel's score; 0.5 at HIGH."""
+        odds = ODDS_SLOPE * np.log(np.maximum(self.score, 1e-3) / HIGH)
         return np.asarray(np.where(self.observable, 1 / (1 + np.exp(-odds)), 0.0), float)
 
 
@@ -135,6 +136,8 @@ def along_colours(moving: Mask, score: Array, image: NDArray[np.float32]) -> Mas
     ----------
     Rother, Kolmogorov and Blake, GrabCut, SIGGRAPH 2004.
     """
+    from scipy.ndimage import label  # 0.15 s, so only where masks are asked for
+
     height, (part, count) = np.sqrt(score), label(moving)
     fitted = np.zeros_like(moving)
     for k in range(1, count + 1):
@@ -167,6 +170,8 @@ def _fitted(region: Mask, height: Array, image: NDArray[np.uint8]) -> Mask:
 
 def without_small(mask: Mask) -> Mask:
     """Clear connected parts of a mask (h, w) that cover less than LEAST_SHARE of it."""
+    from scipy.ndimage import label
+
     part, _ = label(mask)
     count = np.bincount(part.ravel())
     large = count >= LEAST_SHARE * mask.size

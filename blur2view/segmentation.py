@@ -18,6 +18,8 @@ from blur2view.pipeline import Estimate
 from blur2view.smear import upsample_grid
 from blur2view.two_view import EstimatorOptions
 
+STAYS, MOVES = 127 / 255, 128 / 255  # nearest to 0.5 on its two sides in a picture of 8 bits
+
 
 class MotionLabel(IntEnum):
     """What a pixel of a motion mask shows."""
@@ -73,9 +75,11 @@ class MotionMask:
     labels : ndarray of shape (H, W), uint8
         `MotionLabel`: 0 static, 1 moving, 2 unobservable.
     probability : ndarray of shape (H, W), float32
-        That a pixel moves, after regularisation; in [0, 1].
+        That a pixel moves, after regularisation; in [0, 1], above 0.5 exactly where labels say moving. It
+        grows with the score but is no frequency: with the network's smears fewer of those pixels move.
     score : ndarray of shape (H, W), float32
-        Squared residual over its variance (chi-square with one degree of freedom where nothing moves).
+        Squared residual over its variance (chi-square where nothing moves: of one degree of freedom, of
+        two before a still camera, where the squared length of a smear is measured).
     regions : tuple of MovingRegion
         The connected moving parts, largest first.
     reason : str
@@ -143,11 +147,17 @@ def segment(
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
         labels=labels.astype(np.uint8),
-        probability=to_pixels(cells.probability, image, shape),
+        probability=agreeing(to_pixels(cells.probability, image, shape), moving),
         score=score,
         regions=regions,
         reason=scored.reason,
     )
+
+
+def agreeing(probability: NDArray[np.float32], moving: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Bring probabilities (H, W) to the side of 0.5 that a mask (H, W) says, also in steps of 1 / 255."""
+    agreed = np.where(moving, np.maximum(probability, MOVES), np.minimum(probability, STAYS))
+    return agreed.astype(np.float32)
 
 
 def with_motions(

@@ -170,7 +170,20 @@ def test_mover_is_found_where_it_is_and_described() -> None:
     assert region.area_px == (mask.labels == MotionLabel.MOVING).sum()
     np.testing.assert_allclose(region.score, mask.score[mask.labels == MotionLabel.MOVING].mean(), rtol=1e-5)
     inside, outside = mask.probability[120, 225], mask.probability[20, 20]
-    assert 0 <= outside < 0.1 < 0.4 < inside <= 1
+    assert 0 <= outside < 0.1 < 0.55 < inside <= 1  # the evidence alone, at its cap, passes one half
+
+
+def test_probability_is_above_one_half_where_the_mask_says_moving_and_nowhere_else() -> None:
+    rng = np.random.default_rng(8)
+    noise = rng.normal(0, 0.5, (HEIGHT, WIDTH, 2)).astype(np.float32)
+    before_still = np.where(with_mover() == MOVER, with_mover(), 0)
+    for found in (estimate_of(with_mover() + noise, F=SIDEWAYS), estimate_of(before_still + noise)):
+        for image in (photo(), None):
+            mask = segment(found, image)
+            moving = mask.labels == MotionLabel.MOVING
+            assert 0.05 < moving.mean() < 0.4
+            np.testing.assert_array_equal(mask.probability > 0.5, moving)
+            np.testing.assert_array_equal(np.round(255 * mask.probability) >= 128, moving)
 
 
 def test_static_scene_has_no_moving_part() -> None:
