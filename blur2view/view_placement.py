@@ -29,6 +29,7 @@ from blur2view.exposure_views import CLOSE, OPEN
 from blur2view.manifold import rotation_matrix
 from blur2view.time_direction import consecutive_runs
 
+MOST_SCALED = 10.0  # times shorter than a given exposure has them; shorter smears are not scaled
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 
@@ -42,7 +43,8 @@ class Placement:
         As it was, with both views of ``placed`` beside their photographs, and with observations of its
         points in them where these lie within `MAX_ERROR_PX`.
     fraction : float
-        Exposure over frame interval as the smears tell it: as wrong in length as they are; NaN if unknown.
+        Exposure over frame interval: what was given, or as the smears tell it, as wrong in length as they
+        are; NaN if unknown.
     placed, left : tuple of str
         Photographs whose views were placed; those registered, with views in the database, that were not.
     """
@@ -94,12 +96,12 @@ def place_views(
     DatabaseError
         If the database holds no views of the model's photographs.
     ValueError
-        If the fraction is not positive.
+        If the fraction is not positive and finite.
     """
     import pycolmap
 
-    if fraction is not None and not fraction > 0:
-        raise ValueError(f"fraction must be positive, got {fraction}")
+    if fraction is not None and not 0 < fraction < np.inf:
+        raise ValueError(f"fraction must be positive and finite, got {fraction}")
     if not database.is_file():
         raise DatabaseError(f"{database}: no such database; add views with blur2view to-colmap --link")
     placed = pycolmap.Reconstruction(model)
@@ -108,12 +110,11 @@ def place_views(
         if not linked:
             raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
         frames, spreads = _frames(placed, linked, names)
-        told = common_fraction(frames)
+        told, scale = _told(frames, fraction)
         motions = [
             exposure_motion(frame, told, spread) for frame, spread in zip(frames, spreads, strict=True)
         ]
-        if fraction is not None and np.isfinite(told):
-            motions = [None if motion is None else motion * fraction / told for motion in motions]
+        motions = [None if motion is None else motion * scale for motion in motions]
         for one, motion in zip(linked, motions, strict=True):
             if motion is not None:
                 _add_views(opened, placed, one, motion)
@@ -123,6 +124,17 @@ def place_views(
         placed=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is not None),
         left=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is None),
     )
+
+
+def _told(frames: list[ExposedFrame], fraction: float | None) -> tuple[float, float]:
+    """Exposure over frame interval to weigh smears with, and what scales the motions to a given one.
+
+    It is the given one if smears tell none, or too little to be scaled.
+    """
+    told = common_fraction(frames)
+    if fraction is None:
+        return told, 1.0
+    return (told, fraction / told) if told * MOST_SCALED > fraction else (fraction, 1.0)
 
 
 def _linked(opened: Any, model: Any, names: Sequence[str] | None) -> list[_Linked]:

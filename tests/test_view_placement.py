@@ -35,7 +35,9 @@ def seen(pose: Array, points: Array) -> Array:
     return FOCAL * X[:, :2] / X[:, 2:] + (np.array(SIZE) - 1) / 2
 
 
-def project(folder: Path, linked: list[int]) -> tuple[Path, Path]:
+def project(
+    folder: Path, linked: list[int], share: float = SHARE, usable: int = FEATURES
+) -> tuple[Path, Path]:
     """Write a model of a steady walk and its database, some photographs with views."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
@@ -62,16 +64,16 @@ def project(folder: Path, linked: list[int]) -> tuple[Path, Path]:
     jobs = []
     for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
         assert isinstance(plan, LinkStep)
-        jobs.append(LinkJob(plan=plan, linked=smears(plan.image.name, points)))
+        jobs.append(LinkJob(plan=plan, linked=smears(plan.image.name, points, share, usable)))
     write_links(database, jobs, backup=False)
     (folder / "model").mkdir()
     model.write(folder / "model")
     return database, folder / "model"
 
 
-def smears(name: str, points: Array) -> KeypointViews:
+def smears(name: str, points: Array, share: float, usable: int) -> KeypointViews:
     time = NAMES.index(name)
-    first, last = (seen(pose_at(time + side * SHARE / 2), points) for side in (-1, 1))
+    first, last = (seen(pose_at(time + side * share / 2), points) for side in (-1, 1))
     middle = seen(pose_at(time), points)
     half = 0.5 * (last - first)
     plain = some_views(name, FEATURES)
@@ -83,7 +85,7 @@ def smears(name: str, points: Array) -> KeypointViews:
         points_close=middle + half,
         geometry=replace(plain.geometry, inlier_mask=everything),
     )
-    return KeypointViews(views=views, usable=everything)
+    return KeypointViews(views=views, usable=np.arange(FEATURES) < usable)
 
 
 def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
@@ -108,6 +110,13 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
 def test_a_known_exposure_scales_the_motion(tmp_path: Path) -> None:
     found = place_views(*project(tmp_path, list(range(FRAMES))), fraction=0.25)
     assert found.fraction == 0.25
+    np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
+
+
+@pytest.mark.parametrize(("share", "usable"), [(SHARE, 5), (0.0, FEATURES)], ids=["few", "still"])
+def test_a_known_exposure_counts_where_smears_tell_none(tmp_path: Path, share: float, usable: int) -> None:
+    found = place_views(*project(tmp_path, list(range(FRAMES)), share, usable), fraction=0.25)
+    assert found.placed == tuple(NAMES) and found.fraction == 0.25
     np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
 
 
@@ -140,3 +149,5 @@ def test_a_project_without_views_is_refused(tmp_path: Path) -> None:
         place_views(tmp_path / "none.db", model)
     with pytest.raises(ValueError, match="positive"):
         place_views(database, model, fraction=0.0)
+    with pytest.raises(ValueError, match="finite"):
+        place_views(database, model, fraction=np.inf)
