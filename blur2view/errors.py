@@ -22,4 +22,4 @@ class CameraError(Blur2ViewError):
 
 
 class DatabaseError(Blur2ViewError):
-    """A COLMAP database cannot be read or written."""
+    """A COLMAP database or model cannot be read or written."""

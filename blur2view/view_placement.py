@@ -94,18 +94,14 @@ def place_views(
     Raises
     ------
     DatabaseError
-        If the database holds no views of the model's photographs.
+        If the database or the model is missing or broken, or holds no views of the model's photographs.
     ValueError
         If the fraction is not positive and finite.
     """
-    import pycolmap
-
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
-    if not database.is_file():
-        raise DatabaseError(f"{database}: no such database; add views with blur2view to-colmap --link")
-    placed = pycolmap.Reconstruction(model)
-    with pycolmap.Database.open(database) as opened:
+    placed = _read_model(model)
+    with _open_database(database) as opened:
         linked = _linked(opened, placed, names)
         if not linked:
             raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
@@ -124,6 +120,31 @@ def place_views(
         placed=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is not None),
         left=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is None),
     )
+
+
+def _read_model(folder: Path) -> Any:
+    """Read a reconstruction."""
+    import pycolmap
+
+    try:
+        return pycolmap.Reconstruction(folder)
+    except (ValueError, RuntimeError):
+        reason = "is no model that can be read" if folder.is_dir() else "no such folder"
+        remedy = "name the one with cameras.bin, images.bin and points3D.bin"
+        raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+
+
+def _open_database(path: Path) -> Any:
+    """Open a database, which is there."""
+    import pycolmap
+
+    remedy = "add views with blur2view to-colmap --link"
+    if not path.is_file():
+        raise DatabaseError(f"{path}: no such database; {remedy}")
+    try:
+        return pycolmap.Database.open(path)
+    except RuntimeError:
+        raise DatabaseError(f"{path}: is no database of COLMAP; name another, or {remedy}") from None
 
 
 def _told(frames: list[ExposedFrame], fraction: float | None) -> tuple[float, float]:
