@@ -287,6 +287,9 @@ def _report(
         print(f"{one.views.name}: {one.views.geometry.config.name}, skipped: {one.views.geometry.reason}")
     for subject in kept:
         print(f"{subject.name}: has its views already")
+    if not written:
+        print(f"{options.db or options.output}: nothing to write")
+        return
     verb = "would write" if options.dry_run else "wrote"
     pairs = len(written) * (3 if options.link else 1)
     counts = f"{2 * len(written)} images and {pairs} pairs of {len(written)} photographs"

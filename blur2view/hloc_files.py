@@ -82,7 +82,7 @@ def _h5py() -> Any:
     try:
         import h5py
     except ImportError:
-        raise OutputError("hloc's files need h5py; install it with: pip install 'blur2view[hloc]'") from None
+        raise OutputError("hloc's files need h5py; install it with: pip install h5py") from None
     return h5py
 
 

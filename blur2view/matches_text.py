@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from blur2view.colmap import to_colmap
 from blur2view.errors import OutputError
-from blur2view.exposure_views import ExposureViews
+from blur2view.exposure_views import CLOSE, OPEN, ExposureViews
 from blur2view.results import write_atomically
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ def write_matches_text(
             for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
                 _write(paths[1] / f"{name}.txt", keypoints_text(points))
                 _link(paths[2] / name, photograph)
+        _forget(paths[1:], {name for views in sequence for name in views.names})
         _write(paths[0], "".join(map(matches_text, sequence)))  # last: it vouches for the others
     except OSError as error:
         reason = error.strerror or type(error).__name__
@@ -96,6 +97,15 @@ def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
             raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
         if names.count(name) > 1:
             raise OutputError(f"{name}: is there twice; name each photograph once")
+
+
+def _forget(folders: Sequence[Path], names: set[str]) -> None:
+    """Remove the views of an earlier call; what is not called like a view is not ours."""
+    for folder in folders:
+        for path in folder.glob("**/*#*"):
+            name = path.relative_to(folder).as_posix().removesuffix(".txt")
+            if name.endswith((OPEN, CLOSE)) and name not in names:
+                path.unlink()
 
 
 def _write(path: Path, text: str) -> None:

@@ -70,6 +70,21 @@ def test_all_files_of_a_call_fit_each_other(tmp_path: Path) -> None:
     assert len([path for path in out.rglob("*") if path.is_file()]) == 1 + 4 + 4  # nothing else is left
 
 
+def test_a_later_call_leaves_no_views_of_an_earlier_one_and_nothing_else_is_lost(tmp_path: Path) -> None:
+    photographs = [tmp_path / "one.jpg", tmp_path / "two.jpg"]
+    for path in photographs:
+        path.write_bytes(path.name.encode())
+    out = tmp_path / "out"
+    write_matches_text(out, [some_views("left/one.jpg", 5, 1), some_views("two.jpg", 7, 2)], photographs)
+    mine = out / "keypoints" / "note#1.txt"
+    mine.write_text("kept")
+    write_matches_text(out, [some_views("two.jpg", 7, 2)], photographs[1:])
+    left = sorted(path.name for path in out.rglob("*") if path.is_file() or path.is_symlink())
+    views = ["two.jpg#close", "two.jpg#close.txt", "two.jpg#open", "two.jpg#open.txt"]
+    assert left == sorted(["matches.txt", "note#1.txt", *views])
+    assert all(path.read_bytes() for path in photographs)
+
+
 def test_pycolmap_imports_the_pictures_under_the_views_names(tmp_path: Path) -> None:
     import cv2
     import pycolmap
