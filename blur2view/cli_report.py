@@ -34,7 +34,7 @@ def add_report(commands: Any) -> None:
         metavar="HTML",
         help="the page (default: %(default)s)",
     )
-    add("--overwrite", action="store_true", help="replace a page of an earlier call")
+    add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
     add("--no-mask", action="store_true", help="without the layers of what moves by itself")
     add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
     add("--exposure", type=float, metavar="S", help="exposure time in seconds (default: that of EXIF)")
@@ -43,7 +43,10 @@ def add_report(commands: Any) -> None:
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Estimate every photograph and write the page; a failing one gets a card with its reason."""
+    """Estimate every photograph and write the page; a failing one gets a card with its reason.
+
+    If all fail, the page of an earlier call is kept.
+    """
     run = read_run(options, usage_error)
     _check_output(options)
     network = SmearNetwork(options.model)
@@ -57,6 +60,8 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
             complain(error, say)
         else:
             say(f"{image}: {entries[-1].verdict}", file=sys.stdout)
+    if os.path.lexists(options.output) and all(entry.kind == "failed" for entry in entries):
+        raise OutputError(f"{options.output}: kept as it was, as every photograph failed; name others")
     page = report(entries, __version__)
     try:
         write_atomically(options.output, lambda file: file.write(page))

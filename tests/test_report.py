@@ -141,6 +141,20 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
 
 
+def test_page_is_kept_if_every_photograph_fails(
+    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, absent = tmp_path / "page.html", tmp_path / "absent.jpg"
+    assert call(absent) == 1 and page.is_file()  # there was none to keep
+    assert call(moving, "--overwrite") == 0
+    good = page.read_bytes()
+    capsys.readouterr()
+    assert call(absent, absent, "--overwrite") == 1 and page.read_bytes() == good
+    told = capsys.readouterr()
+    assert "page.html: kept as it was" in told.err.splitlines()[-1] and "wrote" not in told.out
+    assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
+
+
 def test_mask_can_be_left_out(call: Report, moving: Path, tmp_path: Path) -> None:
     assert call(moving, "--no-mask") == 0
     _, photo = Markup((tmp_path / "page.html").read_bytes()).blocks()
