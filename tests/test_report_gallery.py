@@ -12,6 +12,7 @@ from report_browser import (
     AMBER,
     CYAN,
     Opener,
+    Visits,
     click_at,
     gallery_entries,
     near,
@@ -80,6 +81,19 @@ def test_address_names_a_photograph(opened: Opener) -> None:
     )
     page = opened(*gallery_entries(), address="#photo-2")  # which failed
     assert page.locator("#gallery").is_visible() and page.locator("#photo").is_hidden()
+
+
+def test_damaged_photograph_is_told_also_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
+    visits = Visits(browser=browser, folder=tmp_path)
+    page = visits.open(*gallery_entries())
+    page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
+    assert page.locator("#notice").is_hidden()
+    with page.expect_event("pageerror"):
+        page.evaluate("location.hash = '#photo-3'")
+    assert page.locator("#notice").inner_text().startswith("The page is damaged: ")
+    assert len(visits.messages) == 1
+    visits.messages.clear()
+    visits.close()
 
 
 def test_facts_are_those_of_the_document(opened: Opener) -> None:

@@ -49,7 +49,7 @@ class Page {
     this.gallery = new Gallery();
     this.viewer = new Viewer();
     this.opened = null;
-    window.addEventListener("hashchange", () => this.route());
+    window.addEventListener("hashchange", () => this.follow());
     byId("download").addEventListener("click", () => {
       download(`${stemOf(this.viewer.photo.name)}.json`, [this.viewer.photo.text, "\n"], "application/json");
     });
@@ -67,6 +67,14 @@ class Page {
     const named = Number((/^#photo-(\d+)$/.exec(location.hash) || [])[1]);
     if (order.includes(named)) return named;
     return cards.length === 1 && order.length === 1 ? order[0] : null;
+  }
+
+  /** Show what the address names, or say that it cannot be shown. */
+  follow() {
+    this.route().catch((error) => {
+      tell(`The page is damaged: ${error.message}. Make it again with blur2view report.`);
+      throw error;
+    });
   }
 
   async route() {
@@ -109,8 +117,5 @@ function tell(message) {
 if (typeof DecompressionStream === "undefined") {
   tell("This browser is too old to show the pictures: it needs to be of 2023 or later.");
 } else {
-  new Page().route().catch((error) => {
-    tell(`The page is damaged: ${error.message}. Make it again with blur2view report.`);
-    throw error;
-  });
+  new Page().follow();
 }
