@@ -2,8 +2,8 @@
 
 A fit that starts elsewhere may end where another rotation and a translation 5 to 10 degrees off leave
 residuals of a hundredth of a smear's length: of 30 exact synthetic scenes three did. Given the translation, a
-smear moves away from the epipole, for its point lies before the camera; so its order is known, the rotation
-follows linearly, and a coarse grid of translations has no false minimum to be caught in.
+smear moves away from the epipole, or to it if t_z > 0, for its point lies before the camera; so its order is
+known, the rotation follows linearly, and a coarse grid of translations has no false minimum to be caught in.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from blur2view.hypotheses import half_sphere
 from blur2view.seven_smears import plane_basis
 
 DIRECTIONS = 80  # half a sphere in steps of about 9 degrees; basins of exact scenes reach as far
-SMEARS = 250  # at most, of which the rotations are found
+SMEARS = 250  # of which the rotations are found, if there are more: every n-th, so up to twice as many
 RINGS_DEG = (5.0, 2.5, 1.2, 0.6)  # about the best of the grid, and then of each ring
 RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 STEPS = 3  # of reweighting
@@ -86,7 +86,7 @@ def turns_given(translations: Array, ends: Array) -> tuple[Array, Array]:
     """
     middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.maximum(np.hypot(*displacement.T), TINY)
-    along, across = _unit_lines(translations, middle)  # (G, 2, N)
+    along, across = unit_lines(translations, middle)  # (G, 2, N)
     flow = turn_flow(middle) / length
     rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
     unit = displacement.T / length
@@ -104,8 +104,11 @@ def turns_given(translations: Array, ends: Array) -> tuple[Array, Array]:
     return turns, np.log(missed**2 + LEAST**2).mean(axis=1)
 
 
-def _unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
-    """Give unit vectors (G, 2, N) along epipolar lines, away from the epipole, and across them."""
+def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
+    """Give unit vectors (G, 2, N) along epipolar lines and across them.
+
+    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
+    """
     lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
     along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
     return along, np.stack([-along[:, 1], along[:, 0]], axis=1)

@@ -10,7 +10,7 @@ from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.epipolar import Array
 from blur2view.manifold import rotation_vector
 from blur2view.metrics import translation_direction_error_deg
-from blur2view.translation_grid import translation_search, turn_flow, turns_given
+from blur2view.translation_grid import translation_search, turn_flow, turns_given, unit_lines
 
 
 def rays_of(scene: Scene) -> Array:
@@ -53,6 +53,19 @@ def test_flow_of_a_rotation_is_the_motion_of_its_points() -> None:
     moved = seen + np.cross(turn, seen)
     exact = moved[:, :2] / moved[:, 2:] - points
     np.testing.assert_allclose(np.einsum("ikn,k->ni", turn_flow(points), turn), exact, atol=1e-11)
+
+
+@pytest.mark.parametrize("t_z", [0.5, -0.5])
+def test_points_before_the_camera_move_along_the_lines(t_z: float) -> None:
+    rng = np.random.default_rng(5)
+    points, t = rng.uniform(-0.5, 0.5, (20, 2)), np.array([0.1, -0.05, t_z])
+    moved = np.column_stack([points, np.ones(20)]) * rng.uniform(2, 5, (20, 1)) + t
+    along, across = unit_lines(t[None], points)
+    step = (moved[:, :2] / moved[:, 2:] - points).T
+    np.testing.assert_allclose((across[0] * step).sum(axis=0), 0, atol=1e-12)
+    assert ((along[0] * step).sum(axis=0) > 0).all()
+    to_epipole = (t[:2] / t_z - points).T
+    assert (np.sign((along[0] * to_epipole).sum(axis=0)) == np.sign(t_z)).all()
 
 
 def test_smears_without_length_and_pure_translations_do_not_break_it() -> None:
