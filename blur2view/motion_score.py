@@ -55,7 +55,10 @@ class MotionScore:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Grid:
-    """The smears that are judged: ends (N, 2, 2), lengths and standard deviations (N,), pixels."""
+    """The smears that are judged: ends (N, 2, 2), lengths and standard deviations (N,), pixels.
+
+    Ends are NaN where a distorted camera has no rays; then so are residuals against F and H.
+    """
 
     ends: Array
     length_px: Array
@@ -97,6 +100,7 @@ def motion_score(found: Estimate) -> MotionScore:
         residual = reach = np.zeros(len(grid.ends))
         reason = f"nothing to measure against: {geometry.reason}"
     reach = np.maximum(residual, reach)  # what is seen to move can be seen
+    residual, reach = (np.where(np.isnan(value), 0.0, value) for value in (residual, reach))  # without rays
     score, reach = (np.reshape(value**2, grid_shape(found.field.shape)) for value in (residual, reach))
     return MotionScore(score=score, reach=reach, reason=reason, still=still)
 
@@ -127,7 +131,9 @@ def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
 
 def _met(residual: Array, stated: Array) -> Array:
     """Scale stated standard deviations (N,) to what most residuals show, never below a floor."""
-    ratio = float(np.quantile(residual / np.hypot(stated, FLOOR_PX), 0.6)) / HALF_NORMAL_60
+    ratios = residual / np.hypot(stated, FLOOR_PX)
+    known = ratios[np.isfinite(ratios)]
+    ratio = float(np.quantile(known, 0.6)) / HALF_NORMAL_60 if len(known) else 1.0
     own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, FLOOR_PX)
     return np.asarray(max(ratio, 1.0) * own)
 
@@ -159,9 +165,7 @@ def _undistorted(ends: Array, camera: Camera | None) -> Array:
     """Give the ends as the camera's undistorted picture shows them, which F and H are of."""
     if camera is None or not camera.distorted:
         return ends
-    moved = camera.undistorted(ends)
-    seen = np.isfinite(moved).all(axis=(1, 2), keepdims=True)
-    return np.asarray(np.where(seen, moved, ends))
+    return camera.undistorted(ends)
 
 
 def grid_shape(shape: tuple[int, int]) -> tuple[int, int]:

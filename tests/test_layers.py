@@ -122,7 +122,8 @@ def test_tools_do_not_use_tests(path: Path) -> None:
 
 
 def test_import_of_the_package_is_light() -> None:
-    heavy = "h5py matplotlib onnx onnxruntime pycolmap scipy.ndimage skimage torch tqdm".split()
+    heavy = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch"]
+    heavy += ["tqdm"]
     program = f"import sys, blur2view; print([name for name in {heavy} if name in sys.modules])"
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from blur2view import mask_overlay, motion_regions, motion_score
 from blur2view.epipolar import Array, cross_matrix, serrmin
 from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.matches import GridSmears, select_matches
+from blur2view.matches import GridSmears, grid_pixels, select_matches
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions, segment
 from blur2view.smear import SmearField, smear_ends
@@ -19,6 +19,7 @@ SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # epipolar lines ar
 BOX = slice(80, 160), slice(180, 270)
 STATIC_PX, MOVER = 12.0, (3.0, 18.0)
 SURE_RAD = 0.05
+SHIFT = np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]])
 
 
 def sideways(shape: tuple[int, int] = (HEIGHT, WIDTH)) -> NDArray[np.float32]:
@@ -137,8 +138,7 @@ def test_displacements_of_a_homography_join_ends_that_it_maps_on_each_other() ->
 
 
 def test_homography_explains_its_own_smears_and_not_others() -> None:
-    shift = np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]])
-    mask = segment(estimate_of(with_mover(), H=shift), photo())
+    mask = segment(estimate_of(with_mover(), H=SHIFT), photo())
     assert overlap(mask) > 0.9 and "homography" in mask.reason
 
 
@@ -212,13 +212,16 @@ def test_objects_have_a_motion_of_their_own() -> None:
     assert all(region.F is None for region in segment(found, photo()).regions)
     (region,) = segment(found, photo(), SegmentOptions(objects=True)).regions
     assert region.reason
-    model = region.F if region.F is not None else None
-    assert model is not None or region.H is not None
     rows, columns = np.mgrid[100:140:5, 200:250:5]
     points = np.stack([columns.ravel(), rows.ravel()], axis=1)
     ends = smear_ends(points, displacement[rows, columns].reshape(-1, 2))
-    if model is not None:
-        assert np.median(serrmin(model, ends)) < 0.25 < np.median(serrmin(SIDEWAYS, ends))
+    assert region.H is not None  # the motion is affine
+    errors = [
+        motion_score.displacement_of(region.H, points) - sign * (ends[:, 1] - ends[:, 0]) for sign in (1, -1)
+    ]
+    assert min(np.median(np.linalg.norm(error, axis=1)) for error in errors) < 0.5
+    if region.F is not None:
+        assert np.median(serrmin(region.F, ends)) < 0.25 < np.median(serrmin(SIDEWAYS, ends))
 
 
 def test_weak_parts_move_only_with_strong_ones() -> None:
@@ -257,9 +260,11 @@ def test_halo_of_an_object_is_cut_along_its_colours() -> None:
     assert halo.sum() > 3 * disc.sum()
     cut = motion_regions.along_colours(halo, score, np.clip(image, 0, 1))
     assert (cut & disc).sum() / (cut | disc).sum() > 0.9
-    plain = np.full((160, 200, 3), 0.5, np.float32)  # colours tell nothing: at least half of its height stays
-    kept = motion_regions.along_colours(halo, score, plain)
-    assert kept.any()
+    plain = np.full((160, 200, 3), 0.5, np.float32)  # colours tell nothing: the score alone does
+    kept, height = motion_regions.along_colours(halo, score, plain), np.sqrt(score)
+    top = np.quantile(height[halo], 0.95)
+    assert kept[height >= motion_regions.SURE_HEIGHT * top].all()
+    assert not kept[height < motion_regions.FOOT_HEIGHT * top].any()
 
 
 def test_distorted_cameras_are_judged_by_undistorted_smears() -> None:
@@ -282,6 +287,26 @@ def test_distorted_cameras_are_judged_by_undistorted_smears() -> None:
     bent = motion_score.motion_score(found).score
     right = motion_score.motion_score(replace(found, camera=camera)).score
     assert np.quantile(right, 0.95) < 0.3 * np.quantile(bent, 0.95)
+
+
+@pytest.mark.parametrize(("F", "H"), [(SIDEWAYS, None), (None, SHIFT)], ids="FH")
+def test_smears_without_rays_of_a_distorted_camera_are_unobservable(F: Array | None, H: Array | None) -> None:
+    from blur2view.cameras import Camera
+
+    camera = Camera.from_string("SIMPLE_RADIAL 320 240 220 160 120 -0.35")
+    displacement = sideways()
+    displacement[:, :80] = MOVER
+    found = replace(estimate_of(displacement, F=F, H=H), camera=camera)
+    rows, columns = grid_pixels((HEIGHT, WIDTH))
+    ends = smear_ends(np.stack([columns, rows], axis=1), displacement[rows, columns])
+    scored = motion_score.motion_score(found)
+    rays = np.isfinite(camera.undistorted(ends)).all(axis=(1, 2))
+    blind = np.reshape(~rays, scored.score.shape)
+    assert blind[0, 0] and 0.05 < blind.mean() < 0.4
+    assert (scored.score[blind] == 0).all() and (scored.reach[blind] == 0).all()
+    assert (scored.reach[~blind] > 0).all()
+    labels = segment(found, photo()).labels
+    assert (labels[:10, :10] == MotionLabel.UNOBSERVABLE).all() and labels[120, 40] == MotionLabel.MOVING
 
 
 def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
