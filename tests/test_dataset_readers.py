@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -291,10 +292,46 @@ def test_command_writes_our_formats(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert second.name == "0001" and first.displacement.shape == (HEIGHT // 4, WIDTH // 4, 2)
     F, ends = first.F, true_ends(first)
     assert F is not None and np.sqrt(sampson(F, ends[:, 0], ends[:, 1])).max() < 0.02
-    assert "0001 eating_x2_left_0001" in (tmp_path / "split" / "origins.txt").read_text()
+    assert "0001 monkaa clean eating_x2_left_0001" in (tmp_path / "split" / "origins.txt").read_text()
     run([root, "--kind", "monkaa", "--out", tmp_path / "shards", "--train", "--most", 1], monkeypatch)
     scenes = load_shards(tmp_path / "shards")
     assert scenes.linear.shape == (1, HEIGHT, WIDTH, 3)
     np.testing.assert_allclose(scenes.displacement[0], first.displacement, atol=0.01)
     with pytest.raises(SystemExit, match=re.escape(str(tmp_path / "Driving"))):
         run([tmp_path / "Driving", "--kind", "driving", "--out", tmp_path / "x"], monkeypatch)
+
+
+def test_scenes_of_another_call_are_kept_and_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root, split = sceneflow(tmp_path / "Monkaa", "eating_x2", 0), tmp_path / "split"
+    call = [root, "--kind", "monkaa", "--out", split]
+    run(call, monkeypatch)
+    names, scene = (split / "origins.txt").read_text(), (split / "0000.npz").read_bytes()
+    for other in (["--side", "right"], ["--pass", "final"], ["--kind", "driving"]):
+        if "final" in other:
+            (root / "frames_cleanpass").rename(root / "frames_finalpass")
+        with pytest.raises(SystemExit, match=r"0000\.npz: is monkaa clean eating_x2_left_0000, not .*; name"):
+            run([*call, *other], monkeypatch)
+        if "final" in other:
+            (root / "frames_finalpass").rename(root / "frames_cleanpass")
+    assert (split / "origins.txt").read_text() == names and (split / "0000.npz").read_bytes() == scene
+    run(call, monkeypatch)
+    (split / "0001.npz").write_bytes(scene[:-100])
+    with pytest.raises(SystemExit, match=r"0001\.npz: does not say what it is, not .*; name .* remove it"):
+        run(call, monkeypatch)
+
+
+def test_a_stopped_scene_is_not_taken_for_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root, split = sceneflow(tmp_path / "Monkaa", "eating_x2", 0), tmp_path / "split"
+    savez = np.savez
+
+    def stopped(file: Any, **arrays: Any) -> None:
+        savez(file, K=arrays["K"])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tools.datasets.convert.np.savez", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run([root, "--kind", "monkaa", "--out", split], monkeypatch)
+    assert not list(split.glob("*.npz")) and not list(split.glob(".*"))
+    monkeypatch.undo()
+    run([root, "--kind", "monkaa", "--out", split], monkeypatch)
+    assert len(list(read_test_set(split))) == 2

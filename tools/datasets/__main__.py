@@ -37,6 +37,12 @@ def reader(kind: str, root: Path, side: str, render_pass: str, split: str) -> It
     return readers[kind]()
 
 
+def source(arguments: argparse.Namespace) -> str:
+    """Name what exposures are of, beside their own names."""
+    sceneflow = arguments.kind in ("monkaa", "driving")
+    return f"{arguments.kind} {arguments.render_pass}" if sceneflow else str(arguments.kind)
+
+
 def thinned(exposures: Iterable[Exposure], every: int, most: int) -> Iterator[Exposure]:
     """Keep every so many exposures, and at most so many."""
     return islice(exposures, 0, every * most, every)
@@ -56,10 +62,13 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="take every n-th exposure (default 1)")
     parser.add_argument("--most", type=int, default=1_000_000, help="at most so many")
     arguments = parser.parse_args()
-    write = write_shards if arguments.train else write_test_scenes
     try:
         found = reader(arguments.kind, arguments.root, arguments.side, arguments.render_pass, arguments.split)
-        written = write(thinned(found, arguments.every, arguments.most), arguments.out)
+        exposures = thinned(found, arguments.every, arguments.most)
+        if arguments.train:
+            written = write_shards(exposures, arguments.out)
+        else:
+            written = write_test_scenes(exposures, arguments.out, source(arguments))
     except Blur2ViewError as error:
         raise SystemExit(str(error)) from None
     print(f"{written} exposures in {arguments.out}")

@@ -6,11 +6,14 @@ from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.errors import Blur2ViewError
+from blur2view.results import write_atomically
 from tools.dataset import Scenes, encode_linear
 from tools.datasets.exposure import Exposure
 from tools.exposure import GRID, grid_points
@@ -40,24 +43,43 @@ def grid_truth(exposure: Exposure) -> tuple[Array, NDArray[np.bool_]]:
     return displacement.mean(axis=0).astype(np.float32), valid & (spread < 1)
 
 
-def write_test_scenes(exposures: Iterable[Exposure], out: Path) -> int:
+def write_test_scenes(exposures: Iterable[Exposure], out: Path, source: str) -> int:
     """Write what :func:`tools.testset.read_test_set` reads; finished ones are kept. Give their number.
 
-    ``origins.txt`` says which exposure each number is. Without cameras R and t are NaN and K is a guess.
+    ``origins.txt`` says which exposure of the source each number is, as every file does itself. Without
+    cameras R and t are NaN and K is a guess.
+
+    Raises
+    ------
+    Blur2ViewError
+        If the folder holds another exposure under a number, or a file that is no scene.
     """
     out.mkdir(parents=True, exist_ok=True)
     count, names = 0, []
     for count, exposure in enumerate(exposures, 1):
-        stem = out / f"{count - 1:04d}"
-        names.append(f"{stem.name} {exposure.name}\n")
-        if not stem.with_suffix(".npz").exists():
-            write_test_scene(exposure, stem)
+        stem, origin = out / f"{count - 1:04d}", f"{source} {exposure.name}"
+        names.append(f"{stem.name} {origin}\n")
+        if stem.with_suffix(".npz").exists():
+            _require_origin(stem.with_suffix(".npz"), origin)
+        else:
+            write_test_scene(exposure, stem, origin)
         (out / "origins.txt").write_text("".join(names))
     return count
 
 
-def write_test_scene(exposure: Exposure, stem: Path) -> None:
-    """Write one exposure as ``STEM.png``, ``STEM_open.png``, ``STEM_close.png`` and ``STEM.npz``."""
+def _require_origin(path: Path, origin: str) -> None:
+    """Complain unless a scene is the exposure that is to be written there."""
+    try:
+        with path.open("rb") as file, np.load(file) as stored:
+            found = f"is {stored['origin']}"
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        found = "does not say what it is"
+    if found != f"is {origin}":
+        raise Blur2ViewError(f"{path}: {found}, not {origin}; name another folder or remove it")
+
+
+def write_test_scene(exposure: Exposure, stem: Path, origin: str) -> None:
+    """Write ``STEM.png``, ``STEM_open.png``, ``STEM_close.png`` and, last and whole, ``STEM.npz``."""
     width, height = cropped(exposure)
     pictures = {"": exposure.photograph, "_open": exposure.first, "_close": exposure.last}
     for suffix, picture in pictures.items():
@@ -65,17 +87,18 @@ def write_test_scene(exposure: Exposure, stem: Path) -> None:
         cv2.imwrite(str(path), picture[:height, :width, ::-1])
     displacement, valid = grid_truth(exposure)
     F, pose = exposure.fundamental(), exposure.pose
-    np.savez(
-        stem.with_suffix(".npz"),
-        displacement=displacement,
-        valid=valid,
-        static=np.ones_like(valid),
-        K=exposure.K,
-        R=np.full((3, 3), np.nan) if pose is None else pose.R,
-        t=np.full(3, np.nan) if pose is None else pose.t,
-        F=np.zeros((0, 3)) if F is None else F,
-        kind="measured" if pose is None else "rendered",
-    )
+    arrays: dict[str, Any] = {
+        "displacement": displacement,
+        "valid": valid,
+        "static": np.ones_like(valid),
+        "K": exposure.K,
+        "R": np.full((3, 3), np.nan) if pose is None else pose.R,
+        "t": np.full(3, np.nan) if pose is None else pose.t,
+        "F": np.zeros((0, 3)) if F is None else F,
+        "kind": np.array("measured" if pose is None else "rendered"),
+        "origin": np.array(origin),
+    }
+    write_atomically(stem.with_suffix(".npz"), lambda file: np.savez(file, **arrays))
 
 
 def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
