@@ -335,3 +335,26 @@ def test_a_stopped_scene_is_not_taken_for_finished(tmp_path: Path, monkeypatch: 
     monkeypatch.undo()
     run([root, "--kind", "monkaa", "--out", split], monkeypatch)
     assert len(list(read_test_set(split))) == 2
+
+
+def test_exposures_passed_over_are_not_read(tmp_path: Path) -> None:
+    sequence, pairs = tmp_path / "all/test/GOPR0384_02_00", tmp_path / "large/test/GOPR0384_11_00"
+    for k in range(1, 7):  # the exposures are 1 and 2, 3 and 4, 5 and 6
+        png(sequence / f"{k:06d}.png", shifted(1.5 * k))
+    (sequence / "000003.png").write_bytes(b"")
+    found = command.thinned(GoProSharp(tmp_path / "all"), every=2, most=9)
+    assert [e.name[-6:] for e in found] == ["000001", "000005"]
+    for k in range(1, 6):  # the exposures are 2, 3 and 4
+        png(pairs / "sharp" / f"{k:06d}.png", shifted(5.5 * k))
+        png(pairs / "blur" / f"{k:06d}.png", shifted(5.5 * k))
+    (pairs / "blur" / "000003.png").write_bytes(b"")
+    found = command.thinned(GoProPairs(tmp_path / "large"), every=2, most=9)
+    assert [e.name[-6:] for e in found] == ["000002", "000004"]
+    for k in (1, 9, 41, 49):
+        png(tmp_path / "Sharp" / "_Scene7" / "RGB" / f"{k}.png", shifted(k % 20))
+    for k in (1, 2, 3):
+        png(tmp_path / "Blur" / "_Scene7" / "RGB" / f"{k}.png", shifted(5 * k))
+    assert [e.name for e in command.thinned(RBI(tmp_path), 2, 9)] == ["Scene7_0001", "Scene7_0003"]
+    root = sceneflow(tmp_path / "Monkaa", "eating_x2", 0)
+    (root / "optical_flow/eating_x2/into_future/left/OpticalFlowIntoFuture_0001_L.pfm").unlink()
+    assert [e.name[-4:] for e in command.thinned(SceneFlow(root), 2, 9)] == ["0000"]

@@ -12,22 +12,22 @@ counts as static, as in the paper: the datasets do not say what moves by itself.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
 from tools.datasets.convert import write_shards, write_test_scenes
-from tools.datasets.exposure import Exposure
+from tools.datasets.exposure import Exposure, Reader
 from tools.datasets.sceneflow import PASSES, SIDES, SceneFlow
 from tools.datasets.videos import RBI, GoProPairs, GoProSharp
 
 KINDS = ("monkaa", "driving", "gopro-sharp", "gopro", "rbi")
 
 
-def reader(kind: str, root: Path, side: str, render_pass: str, split: str) -> Iterable[Exposure]:
+def reader(kind: str, root: Path, side: str, render_pass: str, split: str) -> Reader:
     """Open a dataset."""
-    readers: dict[str, Callable[[], Iterable[Exposure]]] = {
+    readers: dict[str, Callable[[], Reader]] = {
         "monkaa": lambda: SceneFlow(root, side, render_pass),
         "driving": lambda: SceneFlow(root, side, render_pass),
         "gopro-sharp": lambda: GoProSharp(root, split),
@@ -43,9 +43,9 @@ def source(arguments: argparse.Namespace) -> str:
     return f"{arguments.kind} {arguments.render_pass}" if sceneflow else str(arguments.kind)
 
 
-def thinned(exposures: Iterable[Exposure], every: int, most: int) -> Iterator[Exposure]:
-    """Keep every so many exposures, and at most so many."""
-    return islice(exposures, 0, every * most, every)
+def thinned(exposures: Reader, every: int, most: int) -> Iterator[Exposure]:
+    """Read every so many exposures, and at most so many."""
+    return (read() for read in islice(exposures.unread(), 0, every * most, every))
 
 
 def main() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,6 +86,18 @@ class Exposure:
         middle = np.stack([4 * columns + 1, 4 * rows + 1], axis=1).astype(float)
         half = smears.displacement[1::4, 1::4][rows, columns].astype(float) / 2
         return np.stack([middle - half, middle + half], axis=1)
+
+
+class Reader(ABC):
+    """Exposures of a dataset in order; iterating reads them all."""
+
+    @abstractmethod
+    def unread(self) -> Iterator[Callable[[], Exposure]]:
+        """Yield for every exposure what reads it, so that those passed over cost nothing."""
+
+    def __iter__(self) -> Iterator[Exposure]:
+        """Read one after another."""
+        return (read() for read in self.unread())
 
 
 def read_frame(path: Path) -> Array:

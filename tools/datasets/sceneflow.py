@@ -14,7 +14,8 @@ and the same for ``right``, ``R``. Frames are numbered from 0 (Monkaa) or 1 (Dri
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from tools.datasets.exposure import Exposure, Pose, linearised, numbered, read_frame, require_folder
+from tools.datasets.exposure import Exposure, Pose, Reader, linearised, numbered, read_frame, require_folder
 from tools.datasets.flow import averaged, mid_smears, sub_frames
 
 Array = NDArray[Any]
@@ -97,7 +98,7 @@ def intrinsics(scene: str, size: tuple[int, int]) -> Array:
     return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
 
 
-class SceneFlow:
+class SceneFlow(Reader):
     """Every exposure of one side of Monkaa or Driving.
 
     Parameters
@@ -127,18 +128,18 @@ class SceneFlow:
         if not self.scenes:
             raise Blur2ViewError(f"{self.frames}: holds no folder {side}; unpack the frames again")
 
-    def __iter__(self) -> Iterator[Exposure]:
-        """Yield the exposures scene by scene."""
+    def unread(self) -> Iterator[Callable[[], Exposure]]:
+        """Yield what reads the exposures, scene by scene."""
         for scene in self.scenes:
             yield from self.exposures(scene)
 
-    def exposures(self, scene: str) -> Iterator[Exposure]:
-        """Yield the exposures of one scene, between frames whose numbers follow each other."""
+    def exposures(self, scene: str) -> Iterator[Callable[[], Exposure]]:
+        """Yield what reads the exposures of one scene, between frames whose numbers follow each other."""
         frames = numbered(self.frames / scene / self.side, (".png", ".webp"))
         cameras = read_cameras(self.root / "camera_data" / scene / "camera_data.txt", self.side)
         for number, path in frames.items():
             if number + 1 in frames:
-                yield self.exposure(scene, number, path, frames[number + 1], cameras)
+                yield partial(self.exposure, scene, number, path, frames[number + 1], cameras)
 
     def exposure(
         self, scene: str, number: int, path: Path, next_path: Path, cameras: dict[int, Array]

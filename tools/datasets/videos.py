@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from tools.datasets.exposure import Exposure, linearised, numbered, read_frame, require_folder
+from tools.datasets.exposure import Exposure, Reader, linearised, numbered, read_frame, require_folder
 from tools.datasets.flow import (
     CROSS_CHECK_PX,
     MidSmears,
@@ -40,7 +41,7 @@ def averaged_frames(sequence: Path) -> int:
     return int(told[1])
 
 
-class GoProSharp:
+class GoProSharp(Reader):
     """GOPRO_Large_all: all sharp frames, 240 a second, such as ``test/GOPR0384_11_00/000001.png``.
 
     Exposures are runs of as many frames as the dataset's own (see NAME), or of `window`, that do not overlap,
@@ -58,17 +59,18 @@ class GoProSharp:
                 f"{self.folder}: holds no folders of numbered PNG files; GOPRO_Large is read by --kind gopro"
             )
 
-    def __iter__(self) -> Iterator[Exposure]:
-        """Yield the exposures of every sequence in order."""
+    def unread(self) -> Iterator[Callable[[], Exposure]]:
+        """Yield what reads the exposures of every sequence in order."""
         for sequence in self.sequences:
             paths, window = list(numbered(sequence).values()), self.window or averaged_frames(sequence)
             for start in range(0, len(paths) - window + 1, window):
                 chosen = paths[start : start + window]
-                yield from_sharp(f"{sequence.name}_{chosen[0].stem}", [read_frame(p) for p in chosen])
+                yield partial(from_sharp, f"{sequence.name}_{chosen[0].stem}", chosen)
 
 
-def from_sharp(name: str, frames: Sequence[Array]) -> Exposure:
-    """Blur a run of sharp uint8 frames; its first and last are the ends of the exposure."""
+def from_sharp(name: str, paths: Sequence[Path]) -> Exposure:
+    """Blur a run of sharp frames; its first and last are the ends of the exposure."""
+    frames = [read_frame(path) for path in paths]
     forward, backward = computed_flow(frames[0], frames[-1])
     smears = mid_smears(forward, backward)
     gaps = len(frames) - 1
@@ -81,7 +83,7 @@ def from_sharp(name: str, frames: Sequence[Array]) -> Exposure:
     )
 
 
-class GoProPairs:
+class GoProPairs(Reader):
     """GOPRO_Large: ``test/GOPR0384_11_00`` with ``blur_gamma``, ``blur`` and ``sharp``, the middle frames.
 
     ``blur_gamma`` is what was averaged in linear light, and preferred. There are no sharp frames at the ends.
@@ -102,8 +104,8 @@ class GoProPairs:
             require_folder(sequence / "sharp", "the sharp frames of blur")
             averaged_frames(sequence)
 
-    def __iter__(self) -> Iterator[Exposure]:
-        """Yield the exposures that have a neighbour on both sides."""
+    def unread(self) -> Iterator[Callable[[], Exposure]]:
+        """Yield what reads the exposures that have a neighbour on both sides."""
         for sequence in self.sequences:
             linear = sequence / "blur_gamma"
             blurred, sharp = (
@@ -113,15 +115,21 @@ class GoProPairs:
             if list(blurred) != list(sharp):
                 raise Blur2ViewError(f"{sequence}: blur and sharp hold different frames; unpack it again")
             count, numbers = averaged_frames(sequence), list(blurred)
-            for before, number, after in zip(numbers, numbers[1:], numbers[2:], strict=False):
-                first, middle, last = (read_frame(sharp[k]) for k in (before, number, after))
-                yield Exposure(
-                    name=f"{sequence.name}_{number:06d}",
-                    linear=linearised(read_frame(blurred[number])),
-                    first=first,
-                    last=last,
-                    smears=half_way(first, middle, last, (count - 1) / count),
-                )
+            for near in zip(numbers, numbers[1:], numbers[2:], strict=False):
+                name, number = f"{sequence.name}_{near[1]:06d}", near[1]
+                yield partial(from_pair, name, blurred[number], [sharp[k] for k in near], (count - 1) / count)
+
+
+def from_pair(name: str, blurred: Path, sharp: Sequence[Path], share: float) -> Exposure:
+    """Read a blurred frame, and the sharp ones before, at and after it."""
+    first, middle, last = map(read_frame, sharp)
+    return Exposure(
+        name=name,
+        linear=linearised(read_frame(blurred)),
+        first=first,
+        last=last,
+        smears=half_way(first, middle, last, share),
+    )
 
 
 def half_way(first: Array, middle: Array, last: Array, share: float) -> MidSmears:
@@ -136,7 +144,7 @@ def half_way(first: Array, middle: Array, last: Array, share: float) -> MidSmear
     return MidSmears(displacement=displacement, valid=checked & ends_seen)
 
 
-class RBI:
+class RBI(Reader):
     """RBI: ``Blur/_Scene1/RGB/1.png`` and ``Sharp/_Scene1/RGB/1.png``.
 
     Blurred frame k was exposed while the sharp camera took its frames 20 (k - 1) + 1 to 20 (k - 1) + 9.
@@ -150,8 +158,8 @@ class RBI:
         for scene in self.scenes:
             require_folder(self.sharp / scene / "RGB", "the sharp frames of a scene")
 
-    def __iter__(self) -> Iterator[Exposure]:
-        """Yield the exposures scene by scene."""
+    def unread(self) -> Iterator[Callable[[], Exposure]]:
+        """Yield what reads the exposures scene by scene."""
         for scene in self.scenes:
             folders = {p.parent for p in (self.blur / scene).rglob("*.png")}
             if len(folders) != 1:
@@ -159,7 +167,7 @@ class RBI:
                     f"{self.blur / scene}: {len(folders)} folders of PNG files, expected one"
                 )
             for number, path in numbered(folders.pop()).items():
-                yield self.exposure(scene, number, path)
+                yield partial(self.exposure, scene, number, path)
 
     def exposure(self, scene: str, number: int, path: Path) -> Exposure:
         """Read a blurred frame and the sharp frames at its ends."""
