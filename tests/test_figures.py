@@ -21,7 +21,7 @@ from tools.figure_cases import Case, at_pixels, at_quantiles
 from tools.figure_curves import SERRMIN_PX2, image_curves, mean_curve
 from tools.figure_failures import failure_figure, told
 from tools.figure_panels import draw_line, in_true_time
-from tools.figure_segmentation import overlap, painted
+from tools.figure_segmentation import mask_iou, painted, segmentation_panels
 from tools.testset import TestScene, read_test_set
 
 SIZE = (160, 128)
@@ -136,15 +136,29 @@ def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     labels = np.where(at_pixels(~static, SIZE[::-1]) > 0.5, 1, 0).astype(np.uint8)
     plain = np.zeros(SIZE[::-1], np.float32)
     mask = MotionMask(labels=labels, probability=plain, score=plain, regions=(), reason="")
-    assert overlap(shown, mask) == 1
+    assert mask_iou(shown, mask) == 1
     labels[:, 4 * 16 : 4 * 20] = 2  # a third of it cannot be told
-    assert overlap(shown, mask) == 1
+    assert mask_iou(shown, mask) == 1
     labels[:, : 4 * 14] = 0  # of the rest, 2 of 8 columns are found
-    assert overlap(shown, mask) == pytest.approx(2 / 8)
+    assert mask_iou(shown, mask) == pytest.approx(2 / 8)
     moving, unseen = labels == 1, labels == 2
     picture = painted(np.ones((*SIZE[::-1], 3)), moving, unseen)
     assert np.ptp(picture[moving], axis=1).min() > 0.2 and np.ptp(picture[~moving], axis=1).max() < 1e-9
     assert picture[unseen].max() < 0.4 < picture[~unseen & ~moving].min()
+
+
+def test_without_movers_the_picture_of_masks_is_left_out(
+    case: Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tiny_model: Path,
+) -> None:
+    calm = replace(case, scene=replace(case.scene, static=np.ones_like(case.scene.static)))
+    assert segmentation_panels([calm]) is None
+    monkeypatch.setattr(figures, "cases", lambda scenes, network: [calm])
+    figures.write(tmp_path, tmp_path, SmearNetwork(tiny_model), None, "segmentation")
+    assert capsys.readouterr().out == "no scene for segmentation\n" and not list(tmp_path.iterdir())
 
 
 def test_every_figure_is_drawn(case: Case, tmp_path: Path) -> None:
@@ -153,7 +167,9 @@ def test_every_figure_is_drawn(case: Case, tmp_path: Path) -> None:
     case = replace(case, scene=replace(case.scene, static=static))
     with figure_style.style():
         for name, draw in figures.OF_CASES.items():
-            path = figure_style.save(draw([case, without_F(case)]), tmp_path / f"{name}.png")
+            figure = draw([case, without_F(case)])
+            assert figure is not None
+            path = figure_style.save(figure, tmp_path / f"{name}.png")
             picture = cv2.imread(str(path))
             assert picture is not None and picture.std() > 10 and min(picture.shape[:2]) > 200
 

@@ -10,8 +10,9 @@ import pytest
 from test_segmentation import BOX, SIDEWAYS, estimate_of, photo, sideways, with_mover
 
 from blur2view.geometry import TwoViewGeometry
+from blur2view.predict import SmearNetwork
 from blur2view.segmentation import segment
-from tools import mover_scenes
+from tools import mover_scenes, segmentation
 from tools.render import RenderOptions
 from tools.segmentation import (
     OUTLINE,
@@ -102,6 +103,23 @@ def test_table_and_panel_hold_the_scene() -> None:
     assert np.isnan(mean([], lambda figure: figure.iou))
 
 
+def test_without_movers_the_table_is_written_and_no_panel(
+    tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = estimate_of(sideways(), F=SIDEWAYS)
+    calm, mask = replace(scene(), static=np.ones((60, 80), bool)), segment(found, photo())
+    figures = judge(calm, found, mask)
+    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, true=figures)
+    monkeypatch.setattr(segmentation, "SmearNetwork", lambda: SmearNetwork(tiny_model))
+    monkeypatch.setattr(segmentation, "judged_scenes", lambda folders, network: [(tmp_path, one)])
+    monkeypatch.setattr(
+        "sys.argv", f"segmentation {tmp_path} --real {tmp_path}/no --out {tmp_path}/out".split()
+    )
+    segmentation.main()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.md"]
+    assert "no movers, predicted smears | 1 |" in (tmp_path / "out.md").read_text()
+
+
 def test_outline_of_the_walker_is_a_simple_shape_of_a_person() -> None:
     outline = json.loads((Path(__file__).parent / OUTLINE.name).read_text())
     polygon = np.array(outline["polygon"], np.int32)
@@ -119,3 +137,13 @@ def test_mover_scenes_hold_movers(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for one in scenes:
         assert 0.02 <= (one.valid & ~one.static).mean() <= mover_scenes.LARGEST
         assert cv2.imread(str(one.image_path)) is not None
+    with pytest.raises(SystemExit, match="not empty"):
+        mover_scenes.write_mover_scenes(tmp_path, 2, options)
+
+
+def test_mover_scenes_give_up_where_no_seed_suits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mover_scenes, "suits", lambda scene, options: False)
+    monkeypatch.setattr(mover_scenes, "TRIES", 2)
+    with pytest.raises(SystemExit, match="only 0 of 1 scenes suit, of 2 seeds"):
+        mover_scenes.write_mover_scenes(tmp_path, 1, RenderOptions(size=(48, 32), split="test"))
+    assert not list(tmp_path.iterdir())

@@ -14,6 +14,7 @@ from blur2view.segmentation import MotionLabel, MotionMask, segment
 from tools.figure_cases import Case, at_pixels, at_quantiles
 from tools.figure_panels import QUANTILES, pale
 from tools.figure_style import new_figure, show_picture
+from tools.segmentation import overlap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,12 +38,12 @@ def masked(case: Case) -> MotionMask:
     return segment(found, case.image)
 
 
-def overlap(case: Case, mask: MotionMask) -> float:
-    """Give the IoU of "moving" over the cells that have a truth and whose motion the mask can tell."""
+def mask_iou(case: Case, mask: MotionMask) -> float:
+    """Give the IoU of "moving" over cells that have a truth and whose motion the mask can tell; 0 if none."""
     labels = mask.labels[1::4, 1::4]
     known = case.scene.valid & (labels != MotionLabel.UNOBSERVABLE)
     mine, true = (labels == MotionLabel.MOVING) & known, ~case.scene.static & known
-    return float((mine & true).sum() / max((mine | true).sum(), 1))
+    return float(np.nan_to_num(overlap(mine, true)))
 
 
 def painted(image: Array, moving: Array, unseen: Array) -> Array:
@@ -53,17 +54,22 @@ def painted(image: Array, moving: Array, unseen: Array) -> Array:
     return picture
 
 
-def segmentation_panels(found: Sequence[Case]) -> Figure:
-    """Draw a good, a middling and a bad mask, by their IoU, of scenes in which something moves by itself."""
+def segmentation_panels(found: Sequence[Case]) -> Figure | None:
+    """Draw a good, a middling and a bad mask, by their IoU, of scenes in which something moves by itself.
+
+    None where nothing does.
+    """
     movers = [c for c in found if (~c.scene.static & c.scene.valid).mean() >= LEAST_SHARE]
+    if not movers:
+        return None
     masks = {id(case): masked(case) for case in movers}
-    chosen = at_quantiles(movers, lambda case: -overlap(case, masks[id(case)]), QUANTILES)
+    chosen = at_quantiles(movers, lambda case: -mask_iou(case, masks[id(case)]), QUANTILES)
     figure = new_figure(10, 2.05 * len(chosen) + 0.8)
     grid = figure.add_gridspec(len(chosen) + 1, 4, height_ratios=[1] * len(chosen) + [0.07])
     for k, (case, quantile) in enumerate(zip(chosen, QUANTILES, strict=True)):
         row = [figure.add_subplot(grid[k, column]) for column in range(4)]
         scale = mask_row(row, case, masks[id(case)])
-        iou = f"IoU {overlap(case, masks[id(case)]):.2f}"
+        iou = f"IoU {mask_iou(case, masks[id(case)]):.2f}"
         row[0].set_ylabel(f"scene {case.scene.name}\n{iou}\n({quantile:.0%} are better)")
         if k == 0:
             for axes, title in zip(row, TITLES, strict=True):

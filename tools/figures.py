@@ -28,7 +28,7 @@ from tools.testset import read_test_set
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OF_CASES: dict[str, Callable[[Sequence[Case]], Figure]] = {
+OF_CASES: dict[str, Callable[[Sequence[Case]], Figure | None]] = {
     "sparsification": sparsification,
     "cumulative": cumulative,
     "smears": smear_panels,
@@ -37,7 +37,6 @@ OF_CASES: dict[str, Callable[[Sequence[Case]], Figure]] = {
 }
 """Figures of the test split."""
 FAILURES = "failures"
-OUT = Path("tools/results/figures")
 
 
 def write(scenes: Path, out: Path, network: blur2view.SmearNetwork, photos: Path | None, only: str) -> None:
@@ -48,7 +47,8 @@ def write(scenes: Path, out: Path, network: blur2view.SmearNetwork, photos: Path
         raise SystemExit(f"no scenes in {scenes}: run python -m tools.testset {scenes}")
     with style():
         for name in wanted:
-            print(save(OF_CASES[name](found), out / f"{name}.png"), flush=True)
+            figure = OF_CASES[name](found)
+            print(save(figure, out / f"{name}.png") if figure else f"no scene for {name}", flush=True)
         if only in ("", FAILURES):
             for kind, figure in zip(KINDS, failure_figures(network, photos), strict=True):
                 print(save(figure, out / f"failure_{kind.replace(' ', '_')}.png"), flush=True)

@@ -19,6 +19,7 @@ from tools.testset import test_options, write_truth
 
 FIRST_SEED = 6_000_000
 SMALLEST, LARGEST = 0.01, 0.4
+TRIES = 50  # seeds per scene that is wanted, at most
 
 
 def moving_share(scene: Rendering) -> float:
@@ -35,17 +36,22 @@ def suits(scene: Rendering, options: RenderOptions) -> bool:
 
 
 def write_mover_scenes(out: Path, scenes: int, options: RenderOptions, first_seed: int = FIRST_SEED) -> None:
-    """Write the first ``scenes`` that suit, in order of their seeds."""
+    """Write the first ``scenes`` that suit, in order of their seeds, to a new or empty folder."""
     out.mkdir(parents=True, exist_ok=True)
-    seed, done = first_seed, 0
-    while done < scenes:
+    if any(out.iterdir()):
+        raise SystemExit(f"{out} is not empty")
+    done = 0
+    for seed in range(first_seed, first_seed + TRIES * scenes):
         scene = render(seed, options)
         if suits(scene, options):
             picture = photograph(np.random.default_rng([seed, 2]), scene.linear, SensorOptions())
             cv2.imwrite(str(out / f"{done:04d}.png"), picture[..., ::-1])
             write_truth(out / f"{done:04d}.npz", scene)
             done += 1
-        seed += 1
+        if done == scenes:
+            break
+    if done < scenes:
+        raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
 def main() -> None:

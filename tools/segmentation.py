@@ -221,12 +221,14 @@ def real_lines(folder: Path, network: SmearNetwork) -> list[str]:
     return lines
 
 
+def with_movers(judged: Iterable[Judged]) -> list[Judged]:
+    """Choose the scenes that count as ones with movers."""
+    return [one for one in judged if one.predicted.share >= LEAST_SHARE]
+
+
 def panel(judged: list[Judged], rows: int = 8) -> Array:
-    """Show scenes with movers, evenly from the best mask to the worst: photograph with truth, score, mask."""
-    some = sorted(
-        (one for one in judged if one.predicted.share >= LEAST_SHARE),
-        key=lambda one: -np.nan_to_num(one.predicted.iou),
-    )
+    """Show one scene or more, evenly from the best mask to the worst: photograph with truth, score, mask."""
+    some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
@@ -280,8 +282,9 @@ def main() -> None:
     if arguments.real.is_dir():
         text += "\nReal photographs:\n\n" + "\n".join(real_lines(arguments.real, network)) + "\n"
     arguments.out.with_suffix(".md").write_text(text)
-    picture = panel([one for some in judged.values() for one in some])
-    cv2.imwrite(str(arguments.out.with_suffix(".png")), picture[..., ::-1])
+    some = with_movers(one for some in judged.values() for one in some)
+    if some:
+        cv2.imwrite(str(arguments.out.with_suffix(".png")), panel(some)[..., ::-1])
 
 
 if __name__ == "__main__":
