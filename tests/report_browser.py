@@ -62,7 +62,7 @@ class Visits:
 
 
 def wait_until_drawn(page: Page, polls: int = 750) -> None:
-    """Ask every 20 ms from outside: Playwright's own waiting evaluates text, which the page's policy forbids."""
+    """Ask every 20 ms from outside; Playwright's own waiting is against the page's policy."""
     for _ in range(polls):
         if page.evaluate(READY):
             return
