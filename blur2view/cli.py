@@ -2,7 +2,6 @@
 
 import argparse
 import io
-import json
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -10,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
+from blur2view.cli_batch import plan_files, run_each
 from blur2view.cli_colmap import add_to_colmap
-from blur2view.cli_options import add_estimator_options, complain, progress, read_run
+from blur2view.cli_options import add_estimator_options, complain, read_run
 from blur2view.cli_report import add_report
 from blur2view.cli_segment import add_segment
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError
 from blur2view.estimate_file import estimate_file
 from blur2view.predict import SmearNetwork
-from blur2view.results import OutputFiles, Run, plan_outputs, prepare_folder, write_results
+from blur2view.results import OutputFiles, Run, write_results
 from blur2view.summary import summary
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
@@ -89,40 +89,17 @@ def _add_estimate(commands: Any) -> None:
 def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Estimate every photograph; a failing one costs a line on stderr, not the others."""
     run = read_run(options, usage_error)
-    plan = _plan(options)
+    plan = plan_files(options, OutputFiles)
     network = SmearNetwork(options.model)
-    jobs, say = progress(list(zip(options.images, plan, strict=True)))
-    estimates: list[dict[str, Any]] = []
-    failures: list[dict[str, str]] = []
-    for image, files in jobs:
-        try:
-            facts, lines = _estimate_one(image, files, network, run)
-        except Blur2ViewError as error:
-            failures.append({"image": str(image), "error": str(error)})
-            complain(error, say)
-            continue
-        estimates.append(facts)
-        if not options.json:
-            say(lines, file=sys.stdout)
-    if options.json:
-        print(json.dumps({"estimates": estimates, "failures": failures}, indent=2, allow_nan=False))
-    return FAILED if failures else DONE
-
-
-def _plan(options: argparse.Namespace) -> Sequence[OutputFiles | OutputError | None]:
-    """Decide before any work where each photograph's results go; nowhere without -o."""
-    if options.output is None:
-        return [None] * len(options.images)
-    prepare_folder(options.output)
-    return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=OutputFiles)
+    return run_each(
+        options, plan, "estimates", lambda image, files: _estimate_one(image, files, network, run)
+    )
 
 
 def _estimate_one(
-    path: Path, files: OutputFiles | OutputError | None, network: SmearNetwork, run: Run
+    path: Path, files: OutputFiles | None, network: SmearNetwork, run: Run
 ) -> tuple[dict[str, Any], str]:
     """Read, estimate and write one photograph; return its JSON document and its summary."""
-    if isinstance(files, OutputError):
-        raise files
     one = estimate_file(path, network, run)
     if files:
         write_results(files, one.facts, one.image, one.found)

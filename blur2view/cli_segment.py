@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from blur2view.cli_options import add_estimator_options, complain, progress, read_run
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.cli_batch import plan_files, run_each
+from blur2view.cli_options import add_estimator_options, read_run
 from blur2view.estimate_file import estimate_file
 from blur2view.mask_results import MaskFiles, mask_document, mask_summary, write_mask
 from blur2view.predict import SmearNetwork
-from blur2view.results import Run, plan_outputs, prepare_folder
+from blur2view.results import Run
 from blur2view.segmentation import SegmentOptions, segment
-
-DONE, FAILED = 0, 1
 
 
 def add_segment(commands: Any) -> None:
@@ -48,44 +44,21 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     """Segment every photograph; a failing one costs a line on stderr, not the others."""
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
-    plan = _plan(options)
+    plan = plan_files(options, MaskFiles)
     network = SmearNetwork(options.model)
-    jobs, say = progress(list(zip(options.images, plan, strict=True)))
-    masks: list[dict[str, Any]] = []
-    failures: list[dict[str, str]] = []
-    for image, files in jobs:
-        try:
-            facts, lines = _segment_one(image, files, network, run, wanted)
-        except Blur2ViewError as error:
-            failures.append({"image": str(image), "error": str(error)})
-            complain(error, say)
-            continue
-        masks.append(facts)
-        if not options.json:
-            say(lines, file=sys.stdout)
-    if options.json:
-        print(json.dumps({"masks": masks, "failures": failures}, indent=2, allow_nan=False))
-    return FAILED if failures else DONE
-
-
-def _plan(options: argparse.Namespace) -> Sequence[MaskFiles | OutputError | None]:
-    """Decide before any work where each photograph's results go; nowhere without -o."""
-    if options.output is None:
-        return [None] * len(options.images)
-    prepare_folder(options.output)
-    return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=MaskFiles)
+    return run_each(
+        options, plan, "masks", lambda image, files: _segment_one(image, files, network, run, wanted)
+    )
 
 
 def _segment_one(
     path: Path,
-    files: MaskFiles | OutputError | None,
+    files: MaskFiles | None,
     network: SmearNetwork,
     run: Run,
     options: SegmentOptions,
 ) -> tuple[dict[str, Any], str]:
     """Read, estimate, segment and write one photograph; return its JSON document and its summary."""
-    if isinstance(files, OutputError):
-        raise files
     one = estimate_file(path, network, run)
     start = time.perf_counter()
     mask = segment(one.found, one.image, options, np.random.default_rng(run.seed))

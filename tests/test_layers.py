@@ -46,6 +46,7 @@ LAYERS = [
     {"report"},
     {"__init__"},
     {"cli_options"},
+    {"cli_batch"},
     {"cli_colmap", "cli_segment", "cli_report"},
     {"cli"},
     {"__main__"},
