@@ -125,7 +125,7 @@ def made_by_training() -> str:
 def second_table(document: Any) -> list[str]:
     """Write Table 2 with its verdict."""
     if document is None:
-        return missing(TABLE_2, "15 minutes of one core, nearly all for the paper's estimator")
+        return missing(TABLE_2, "11 minutes of one core, nearly all for the paper's estimator")
     rows = [paper_tables.Row(**(row | {"curve": tuple(row["curve"])})) for row in document["rows"]]
     return [
         *paper_tables.markdown(rows),
@@ -134,7 +134,7 @@ def second_table(document: Any) -> list[str]:
         "",
         "![cumulative SErrMin of both estimators](paper_table2.png)",
         "",
-        f"Network {document['model_id']}. Made by `{TABLE_2}` (15 minutes of one core).",
+        f"Network {document['model_id']}. Made by `{TABLE_2}` (11 minutes of one core).",
     ]
 
 
