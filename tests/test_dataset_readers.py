@@ -1,105 +1,33 @@
 """Readers of the paper's datasets: tiny trees in their true layouts; flow, cameras and F are known."""
 
-import re
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from dataset_trees import (
+    HEIGHT,
+    PIXELS,
+    SCENES,
+    WIDTH,
+    Floats,
+    R,
+    T,
+    homography,
+    mapped,
+    pfm,
+    png,
+    sceneflow,
+    shifted,
+    texture,
+)
 
 from blur2view.epipolar import fundamental_from_pose, sampson, unit_norm
 from blur2view.errors import Blur2ViewError
-from tools.dataset import load_shards
-from tools.datasets import __main__ as command
 from tools.datasets import flow as flows
-from tools.datasets.exposure import coded, linearised
+from tools.datasets.exposure import Exposure, coded, linearised
 from tools.datasets.gold_standard import gold_standard_fundamental
-from tools.datasets.sceneflow import FLIP, SceneFlow, intrinsics, read_pfm
+from tools.datasets.sceneflow import SceneFlow, read_pfm
 from tools.datasets.videos import RBI, GoProPairs, GoProSharp
-from tools.evaluate import true_ends
-from tools.testset import read_test_set
-
-Floats = NDArray[np.float64]
-WIDTH, HEIGHT = 96, 64
-PIXELS = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), -1).astype(float)
-
-
-def texture(points: Floats) -> Floats:
-    """Linear light (..., 3) of a smooth wall."""
-    x, y = points[..., 0], points[..., 1]
-    waves = [np.sin(0.31 * x + 0.2 * y), np.sin(0.17 * x - 0.37 * y), np.cos(0.11 * x * 1.7 + 0.05 * y)]
-    return 0.5 + 0.3 * np.stack(waves, axis=-1)
-
-
-def mapped(H: Floats, points: Floats) -> Floats:
-    """Map points (..., 2) by a homography."""
-    moved = np.concatenate([points, np.ones_like(points[..., :1])], -1) @ H.T
-    return np.asarray(moved[..., :2] / moved[..., 2:])
-
-
-def pfm(path: Path, flow: Floats, big: bool = False) -> None:
-    """Write (H, W, 2) as SceneFlow does: three channels, the last empty, rows from the bottom up."""
-    three = np.concatenate([flow, np.zeros_like(flow[..., :1])], -1)[::-1]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    head = f"PF\n{flow.shape[1]} {flow.shape[0]}\n{1.0 if big else -1.0}\n".encode()
-    path.write_bytes(head + three.astype(">f4" if big else "<f4").tobytes())
-
-
-def png(path: Path, linear: Floats) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), coded(linear)[..., ::-1])
-
-
-def camera_line(letter: str, world_from_camera: Floats) -> str:
-    """Write a camera as SceneFlow does, in Blender's axes."""
-    blender = world_from_camera.copy()
-    blender[:3, :3] = blender[:3, :3] @ FLIP
-    return f"{letter} " + " ".join(repr(float(v)) for v in blender.ravel())
-
-
-SCENES = {"monkaa": "eating_x2", "driving": "15mm_focallength/scene_forwards/fast"}
-R = np.asarray(cv2.Rodrigues(np.array([0.01, -0.02, 0.015]))[0], float)
-T = np.array([0.05, 0.02, 0.03])
-NORMAL, DISTANCE = np.array([0.1, 0.3, 1.0]), 1.0
-
-
-def homography(scene: str) -> tuple[Floats, Floats]:
-    """Homography of the wall from one frame to the next, and F, of the cameras that `sceneflow` writes."""
-    K = intrinsics(scene, (WIDTH, HEIGHT))
-    H = K @ (R + np.outer(T, NORMAL) / DISTANCE) @ np.linalg.inv(K)
-    return H / H[2, 2], fundamental_from_pose(K, R, T)
-
-
-def sceneflow(root: Path, scene: str, first: int) -> Path:
-    """Write a scene of three frames, left and right the same, before a tilted wall.
-
-    The flow beyond both ends, which no exposure needs, is zero.
-    """
-    step = homography(scene)[0]
-    relative = np.vstack([np.c_[R, T], [0, 0, 0, 1]])
-    world = np.vstack([np.c_[cv2.Rodrigues(np.array([0.3, 1.1, -0.4]))[0], [1, -2, 3]], [0, 0, 0, 1]])
-    cameras = []
-    for k in range(3):
-        H = np.linalg.matrix_power(step, k)
-        cameras += [f"Frame {first + k}", camera_line("L", world), camera_line("R", world), ""]
-        world = world @ np.linalg.inv(relative)
-        for side, letter in (("left", "L"), ("right", "R")):
-            name = f"{first + k:04d}"
-            png(
-                root / "frames_cleanpass" / scene / side / f"{name}.png",
-                texture(mapped(np.linalg.inv(H), PIXELS)),
-            )
-            for time, way in (("Future", step), ("Past", np.asarray(np.linalg.inv(step), float))):
-                folder = root / "optical_flow" / scene / f"into_{time.lower()}" / side
-                beyond = (time, k) in (("Future", 2), ("Past", 0))
-                moved = 0 * PIXELS if beyond else mapped(way, PIXELS) - PIXELS
-                pfm(folder / f"OpticalFlowInto{time}_{name}_{letter}.pfm", moved)
-    (root / "camera_data" / scene).mkdir(parents=True)
-    (root / "camera_data" / scene / "camera_data.txt").write_text("\n".join(cameras))
-    return root
 
 
 @pytest.mark.parametrize("kind", SCENES)
@@ -207,17 +135,8 @@ def test_gold_standard_is_better_than_its_start_and_stands_movers() -> None:
     np.testing.assert_allclose(unit_norm(true), true)
 
 
-def shifted(pixels: float) -> Floats:
-    """Show the wall, textured finely, moved right by some pixels."""
-    noise = np.random.default_rng(1).random((HEIGHT * 2, WIDTH * 3, 3)).astype(np.float32)
-    large = cv2.GaussianBlur(noise, (0, 0), 2.0)
-    large = (large - large.min()) / np.ptp(large)
-    move = np.array([[1, 0, pixels - WIDTH], [0, 1, -HEIGHT / 2]])
-    return np.asarray(cv2.warpAffine(large, move, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC).clip(0, 1))
-
-
-def median_smear(exposure: object) -> Floats:
-    smears = exposure.smears  # type: ignore[attr-defined]
+def median_smear(exposure: Exposure) -> Floats:
+    smears = exposure.smears
     assert smears.valid.mean() > 0.6
     return np.asarray(np.median(smears.displacement[smears.valid], axis=0))
 
@@ -278,83 +197,3 @@ def test_rbi_takes_the_sharp_frames_of_the_exposure(tmp_path: Path) -> None:
         list(RBI(tmp_path))
     with pytest.raises(Blur2ViewError, match="Blur: no such folder, RBI"):
         RBI(tmp_path / "Blur")
-
-
-def run(words: Iterable[object], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.argv", ["datasets", *map(str, words)])
-    command.main()
-
-
-def test_command_writes_our_formats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root = sceneflow(tmp_path / "Monkaa", "eating_x2", 0)
-    run([root, "--kind", "monkaa", "--out", tmp_path / "split"], monkeypatch)
-    first, second = read_test_set(tmp_path / "split")
-    assert second.name == "0001" and first.displacement.shape == (HEIGHT // 4, WIDTH // 4, 2)
-    F, ends = first.F, true_ends(first)
-    assert F is not None and np.sqrt(sampson(F, ends[:, 0], ends[:, 1])).max() < 0.02
-    assert "0001 monkaa clean eating_x2_left_0001" in (tmp_path / "split" / "origins.txt").read_text()
-    run([root, "--kind", "monkaa", "--out", tmp_path / "shards", "--train", "--most", 1], monkeypatch)
-    scenes = load_shards(tmp_path / "shards")
-    assert scenes.linear.shape == (1, HEIGHT, WIDTH, 3)
-    np.testing.assert_allclose(scenes.displacement[0], first.displacement, atol=0.01)
-    with pytest.raises(SystemExit, match=re.escape(str(tmp_path / "Driving"))):
-        run([tmp_path / "Driving", "--kind", "driving", "--out", tmp_path / "x"], monkeypatch)
-
-
-def test_scenes_of_another_call_are_kept_and_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root, split = sceneflow(tmp_path / "Monkaa", "eating_x2", 0), tmp_path / "split"
-    call = [root, "--kind", "monkaa", "--out", split]
-    run(call, monkeypatch)
-    names, scene = (split / "origins.txt").read_text(), (split / "0000.npz").read_bytes()
-    for other in (["--side", "right"], ["--pass", "final"], ["--kind", "driving"]):
-        if "final" in other:
-            (root / "frames_cleanpass").rename(root / "frames_finalpass")
-        with pytest.raises(SystemExit, match=r"0000\.npz: is monkaa clean eating_x2_left_0000, not .*; name"):
-            run([*call, *other], monkeypatch)
-        if "final" in other:
-            (root / "frames_finalpass").rename(root / "frames_cleanpass")
-    assert (split / "origins.txt").read_text() == names and (split / "0000.npz").read_bytes() == scene
-    run(call, monkeypatch)
-    (split / "0001.npz").write_bytes(scene[:-100])
-    with pytest.raises(SystemExit, match=r"0001\.npz: does not say what it is, not .*; name .* remove it"):
-        run(call, monkeypatch)
-
-
-def test_a_stopped_scene_is_not_taken_for_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root, split = sceneflow(tmp_path / "Monkaa", "eating_x2", 0), tmp_path / "split"
-    savez = np.savez
-
-    def stopped(file: Any, **arrays: Any) -> None:
-        savez(file, K=arrays["K"])
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("tools.datasets.convert.np.savez", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run([root, "--kind", "monkaa", "--out", split], monkeypatch)
-    assert not list(split.glob("*.npz")) and not list(split.glob(".*"))
-    monkeypatch.undo()
-    run([root, "--kind", "monkaa", "--out", split], monkeypatch)
-    assert len(list(read_test_set(split))) == 2
-
-
-def test_exposures_passed_over_are_not_read(tmp_path: Path) -> None:
-    sequence, pairs = tmp_path / "all/test/GOPR0384_02_00", tmp_path / "large/test/GOPR0384_11_00"
-    for k in range(1, 7):  # the exposures are 1 and 2, 3 and 4, 5 and 6
-        png(sequence / f"{k:06d}.png", shifted(1.5 * k))
-    (sequence / "000003.png").write_bytes(b"")
-    found = command.thinned(GoProSharp(tmp_path / "all"), every=2, most=9)
-    assert [e.name[-6:] for e in found] == ["000001", "000005"]
-    for k in range(1, 6):  # the exposures are 2, 3 and 4
-        png(pairs / "sharp" / f"{k:06d}.png", shifted(5.5 * k))
-        png(pairs / "blur" / f"{k:06d}.png", shifted(5.5 * k))
-    (pairs / "blur" / "000003.png").write_bytes(b"")
-    found = command.thinned(GoProPairs(tmp_path / "large"), every=2, most=9)
-    assert [e.name[-6:] for e in found] == ["000002", "000004"]
-    for k in (1, 9, 41, 49):
-        png(tmp_path / "Sharp" / "_Scene7" / "RGB" / f"{k}.png", shifted(k % 20))
-    for k in (1, 2, 3):
-        png(tmp_path / "Blur" / "_Scene7" / "RGB" / f"{k}.png", shifted(5 * k))
-    assert [e.name for e in command.thinned(RBI(tmp_path), 2, 9)] == ["Scene7_0001", "Scene7_0003"]
-    root = sceneflow(tmp_path / "Monkaa", "eating_x2", 0)
-    (root / "optical_flow/eating_x2/into_future/left/OpticalFlowIntoFuture_0001_L.pfm").unlink()
-    assert [e.name[-4:] for e in command.thinned(SceneFlow(root), 2, 9)] == ["0000"]
