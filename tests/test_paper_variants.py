@@ -153,7 +153,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.usefixtures("small")
-def test_resumed_variant_equals_an_uninterrupted_one(shards: Path, tmp_path: Path) -> None:
+def test_resumed_variant_equals_one_uninterrupted_among_others(shards: Path, tmp_path: Path) -> None:
     tmp_path.joinpath("parts").mkdir()
     tmp_path.joinpath("whole").mkdir()
 
@@ -170,14 +170,17 @@ def test_resumed_variant_equals_an_uninterrupted_one(shards: Path, tmp_path: Pat
         )
 
     scenes, variant = load_shards(shards), SIX[-1]
-    whole = paper_variants.train(variant, 1, options("whole", 4), scenes)
+    whole = paper_variants.train(SIX, 1, options("whole", 4), scenes)[-1]
     half = paper_variants.start(variant, 1, 2e-3, torch.device("cpu"))
     batches = batches_of(scenes, options("parts", 4), 0)
     for _ in range(2):
-        paper_variants.advance(half, *next(batches), options("parts", 4))
+        images, targets = next(batches)
+        inputs = paper_variants.shared_input(half.network, images)
+        paper_variants.advance(half, inputs, targets, options("parts", 4))
     half.save(tmp_path / "parts" / f"{variant.name}_1.pt")
-    resumed = paper_variants.train(variant, 1, options("parts", 4), scenes)
-    assert resumed.step == whole.step == 4 and np.isfinite(resumed.history + whole.history).all()
+    other, resumed = paper_variants.train([SIX[0], variant], 1, options("parts", 4), scenes)
+    assert other.step == resumed.step == whole.step == 4
+    assert np.isfinite(resumed.history + whole.history).all()
     for name in ("network", "average"):
         found, expected = (getattr(run, name).state_dict().values() for run in (resumed, whole))
         for a, b in zip(found, expected, strict=True):
@@ -196,11 +199,11 @@ def test_every_kind_of_variant_is_trained_once(
     shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = ["stem_local_nomap_0.01", "plain_double_map_0.01", "factored"]
-    words = f"variants --train {shards} --val {shards} --out {tmp_path} --seeds 1 --steps 2 --plain-steps 1"
+    words = f"variants --train {shards} --val {shards} --out {tmp_path} --seeds 0 --steps 2 --plain-steps 1"
     words += f" --batch 2 --side 64 --workers 0 --only {' '.join(names)}"
     monkeypatch.setattr("sys.argv", words.split())
     paper_variants.main()
-    assert capsys.readouterr().out.count("seed 0: step") == 3
+    assert capsys.readouterr().out.count("_0: step") == 3
     found = {name: json.loads((tmp_path / f"{name}_0.json").read_text()) for name in names}
     assert [document["steps"] for document in found.values()] == [2, 1, 2]
     for document in found.values():

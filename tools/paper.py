@@ -21,7 +21,7 @@ import blur2view
 from tools import convolution_blur, failure_cases, paper_summary, paper_tables
 from tools.figure_style import save, style
 from tools.paper_report import RESULTS, report
-from tools.paper_variants import VARIANTS, run_all
+from tools.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
 from tools.recipe import Recipe, render_all
 from tools.testset import read_test_set, test_options, write_test_set
 from tools.train import TrainOptions
@@ -42,8 +42,8 @@ class Plan:
     scenes: Path
     results: Path
     seeds: int = 3
-    steps: int = 3500
-    plain_steps: int = 130
+    steps: int = STEPS
+    plain_steps: int = PLAIN_STEPS
 
 
 def train(plan: Plan) -> None:
@@ -52,7 +52,7 @@ def train(plan: Plan) -> None:
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )
-    run_all(list(VARIANTS.values()), plan.seeds, options, plan.plain_steps)
+    run_all(list(VARIANTS.values()), range(plan.seeds), options, plan.plain_steps)
     summarise(plan)
 
 

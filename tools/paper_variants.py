@@ -34,11 +34,13 @@ from tools.loss import loss_of, smear_error, target_parts
 from tools.model import SmearUNet, decode
 from tools.paper_loss import Representation, decoded, paper_loss
 from tools.paper_network import PlainUNet, stem_network
-from tools.train import TrainOptions, batches_of, forward
+from tools.train import TrainOptions, batches_of
 from tools.validation import figures_of, validation_crops
 
 NetworkName = Literal["stem", "plain", "factored"]
 ALPHA = 0.01
+STEPS, PLAIN_STEPS = 2000, 71
+"""Budget of one run; a step of the plain U-Net takes 28 times as long."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,12 +129,19 @@ def learning_rate_at(step: int, options: TrainOptions) -> float:
     return options.learning_rate * warm * (0.01 + 0.99 * fall)
 
 
-def raw_output(network: nn.Module, images: Tensor) -> Tensor:
-    """Run a network in training, in bfloat16 but for the stem."""
-    if isinstance(network, SmearUNet):
-        return forward(network, images)
-    with torch.autocast(images.device.type, dtype=torch.bfloat16):
-        output: Tensor = network(images)
+def shared_input(network: nn.Module, images: Tensor) -> Tensor:
+    """Compute what networks of one kind share: the features of our stem, which has no parameters, or RGB."""
+    if not isinstance(network, SmearUNet):
+        return images
+    with torch.no_grad():
+        features: Tensor = network.stem(images)
+    return features.contiguous(memory_format=torch.channels_last)
+
+
+def raw_output(network: nn.Module, inputs: Tensor) -> Tensor:
+    """Run a network in training on its :func:`shared_input`, in bfloat16."""
+    with torch.autocast(inputs.device.type, dtype=torch.bfloat16):
+        output: Tensor = network.body(inputs) if isinstance(network, SmearUNet) else network(inputs)
     return output.float()
 
 
@@ -143,12 +152,11 @@ def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
     return paper_loss(raw, targets, variant.representation, variant.cross_check, variant.alpha)
 
 
-def advance(run: VariantRun, images: Tensor, targets: Tensor, options: TrainOptions) -> float:
-    """Make one step as :func:`tools.train.advance` does; give the loss."""
+def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
+    """Make one step on a :func:`shared_input` as :func:`tools.train.advance` does; give the loss."""
     for group in run.optimiser.param_groups:
         group["lr"] = learning_rate_at(run.step, options)
-    device = next(run.network.parameters()).device
-    loss = loss_value(run.variant, raw_output(run.network, images.to(device)), targets.to(device))
+    loss = loss_value(run.variant, raw_output(run.network, inputs), targets)
     run.optimiser.zero_grad(set_to_none=True)
     torch.autograd.backward(loss)
     torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
@@ -158,24 +166,37 @@ def advance(run: VariantRun, images: Tensor, targets: Tensor, options: TrainOpti
     return float(loss.detach())
 
 
-def train(variant: Variant, seed: int, options: TrainOptions, scenes: Scenes) -> VariantRun:
-    """Train one variant to the end of its schedule, from its last checkpoint if there is one."""
+def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes: Scenes) -> list[VariantRun]:
+    """Train variants of one kind of network to the end of their schedule, from their last checkpoints.
+
+    They share crops and stem features, which are computed once; one that is further on waits for the rest.
+    """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    run, last = start(variant, seed, options.learning_rate, device), options.out / f"{variant.name}_{seed}.pt"
-    if last.exists():
-        run.load(last)
-    batches, losses = batches_of(scenes, options, run.step), []
-    run.network.train()
-    while run.step < options.steps:
-        losses.append(advance(run, *next(batches), options))
-        done = run.step == options.steps
-        if done or run.step % 100 == 0:
-            run.history.append(float(np.mean(losses)))
-            print(f"{variant.name} seed {seed}: step {run.step}, loss {run.history[-1]:.3f}", flush=True)
-            losses = []
-        if done or run.step % options.save_every == 0:
-            run.save(last)
-    return run
+    runs = [start(variant, seed, options.learning_rate, device) for variant in variants]
+    files = [options.out / f"{variant.name}_{seed}.pt" for variant in variants]
+    for run, last in zip(runs, files, strict=True):
+        if last.exists():
+            run.load(last)
+        run.network.train()
+    first = min(run.step for run in runs)
+    batches = batches_of(scenes, options, first)
+    losses: dict[str, list[float]] = {variant.name: [] for variant in variants}
+    for step in range(first, options.steps):
+        images, targets = (tensor.to(device) for tensor in next(batches))
+        inputs = shared_input(runs[0].network, images)
+        for run, last in zip(runs, files, strict=True):
+            if run.step != step:
+                continue
+            recent = losses[run.variant.name]
+            recent.append(advance(run, inputs, targets, options))
+            done = run.step == options.steps
+            if done or run.step % 100 == 0:
+                run.history.append(float(np.mean(recent)))
+                print(f"{last.stem}: step {run.step}, loss {run.history[-1]:.3f}", flush=True)
+                recent.clear()
+            if done or run.step % options.save_every == 0:
+                run.save(last)
+    return runs
 
 
 @torch.no_grad()
@@ -201,24 +222,33 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
     }
 
 
-def run_all(variants: Sequence[Variant], seeds: int, options: TrainOptions, plain_steps: int) -> None:
+def kinds_of(variants: Sequence[Variant]) -> list[list[Variant]]:
+    """Part variants into those behind our stem and plain U-Nets; empty parts are left out."""
+    plain = [variant for variant in variants if variant.network == "plain"]
+    stem = [variant for variant in variants if variant.network != "plain"]
+    return [kind for kind in (stem, plain) if kind]
+
+
+def run_all(
+    variants: Sequence[Variant], seeds: Sequence[int], options: TrainOptions, plain_steps: int
+) -> None:
     """Train and judge what is not finished; seeds in the outer loop, so that early results compare all."""
     options.out.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)  # ends OpenCV's pool: workers are forked, and would wait for threads they lack
     scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
-    for seed in range(seeds):
-        for variant in variants:
-            result = options.out / f"{variant.name}_{seed}.json"
-            if result.exists():
-                continue
-            steps = plain_steps if variant.network == "plain" else options.steps
+    for seed in seeds:
+        left = [v for v in variants if not (options.out / f"{v.name}_{seed}.json").exists()]
+        for kind in kinds_of(left):
+            steps = plain_steps if kind[0].network == "plain" else options.steps
             own = TrainOptions(**(vars(options) | {"steps": steps, "seed": seed}))
-            run = train(variant, seed, own, scenes)
-            document = {
-                "variant": vars(variant), "seed": seed, "steps": steps, "batch": own.batch, "side": own.side,
-                "scenes": len(scenes), "history": run.history, **judged(predict(run, images), truth),
-            }  # fmt: skip
-            result.write_text(json.dumps(document, indent=1) + "\n")
+            for run in train(kind, seed, own, scenes):
+                document = {
+                    "variant": vars(run.variant), "seed": seed, "steps": steps, "batch": own.batch,
+                    "side": own.side, "scenes": len(scenes), "history": run.history,
+                    **judged(predict(run, images), truth),
+                }  # fmt: skip
+                result = options.out / f"{run.variant.name}_{seed}.json"
+                result.write_text(json.dumps(document, indent=1) + "\n")
 
 
 def main() -> None:
@@ -228,9 +258,11 @@ def main() -> None:
     for name in ("train", "val", "out"):
         parser.add_argument(f"--{name}", type=Path, required=True)
     parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=3500)
-    parser.add_argument("--plain-steps", type=int, default=130, help="of the plain U-Net (default 130)")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="SEED")
+    parser.add_argument("--steps", type=int, default=STEPS, help="(default: %(default)s)")
+    parser.add_argument(
+        "--plain-steps", type=int, default=PLAIN_STEPS, help="of the plain U-Net (default: %(default)s)"
+    )
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--workers", type=int, default=1)
