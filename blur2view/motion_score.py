@@ -68,7 +68,7 @@ class _Grid:
     @classmethod
     def of(cls, found: Estimate) -> _Grid:
         smears = GridSmears.of(found.field)
-        ends = _undistorted(smear_ends(smears.points, smears.displacement), found.camera)
+        ends = measured_ends(smears, found.camera)
         across = smears.sigma_px if smears.across_px is None else smears.across_px
         return cls(ends=ends, length_px=smears.length_px, across_px=across, whole_px=smears.sigma_px)
 
@@ -161,8 +161,9 @@ def _mapped(H: Array, points: Array) -> Array:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def _undistorted(ends: Array, camera: Camera | None) -> Array:
-    """Give the ends as the camera's undistorted picture shows them, which F and H are of."""
+def measured_ends(smears: GridSmears, camera: Camera | None) -> Array:
+    """Give the ends (N, 2, 2) as the camera's undistorted picture shows them, which F and H are of."""
+    ends = smear_ends(smears.points, smears.displacement)
     if camera is None or not camera.distorted:
         return ends
     return camera.undistorted(ends)

@@ -52,16 +52,20 @@ class ModelInfo:
 def model_path(name: str | os.PathLike[str] | None) -> Path:
     """Return the file of a network: a shipped one by its name, or the path itself.
 
-    Shipped networks lie inside the installed package, or in ``models/`` of a source checkout. None means
-    "default", which is "fast": 8-bit integers, as good as "float" and twice as fast. A file that is called
-    like one of these is named with its folder, ``./fast``.
+    None means "default", which is "fast": 8-bit integers, as good as "float" and twice as fast. A file that
+    is called like one of these is named with its folder, ``./fast``.
     """
     name = "default" if name is None else name
     if not isinstance(name, str) or name not in SHIPPED:
         return Path(name)
+    return shipped_file(SHIPPED[name])
+
+
+def shipped_file(name: str) -> Path:
+    """Return a file of ``models/``: inside the installed package, or of a source checkout."""
     package = Path(__file__).resolve().parent
-    installed = package / "models" / SHIPPED[name]
-    return installed if installed.exists() else package.parent / "models" / SHIPPED[name]
+    installed = package / "models" / name
+    return installed if installed.exists() else package.parent / "models" / name
 
 
 def open_session(path: Path, threads: int) -> Any:
@@ -86,6 +90,11 @@ def open_session(path: Path, threads: int) -> Any:
         )
     except session_errors():
         raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
+
+
+def usable_cores() -> int:
+    """Count the cores this process may use, which in a container can be fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def session_errors() -> tuple[type[Exception], ...]:

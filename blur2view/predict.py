@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.network_file import REMEDY, model_path, open_session, read_info, session_errors
+from blur2view.network_file import (
+    REMEDY,
+    model_path,
+    open_session,
+    read_info,
+    session_errors,
+    usable_cores,
+)
 from blur2view.pyramid import PyramidOptions, blended, halved
 from blur2view.smear import SmearField, from_double_angle, upsample_grid
 from blur2view.tiles import TileOptions, cells, ramps, reflected, spans
@@ -40,7 +47,7 @@ class SmearNetwork:
 
     def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
         self.path = model_path(path)
-        self._session = open_session(self.path, threads or _usable_cores())
+        self._session = open_session(self.path, threads or usable_cores())
         self.info = read_info(self.path, self._session)
 
     def predict(
@@ -156,11 +163,6 @@ def predict(
     """
     network = model if isinstance(model, SmearNetwork) else SmearNetwork(model)
     return network.predict(image, options)
-
-
-def _usable_cores() -> int:
-    """Count the cores this process may use, which in a container can be fewer than the machine has."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_image(image: NDArray[np.float32]) -> None:

@@ -4,11 +4,11 @@
     python -m tools.dataset --out render/val --scenes 100 --first-seed 900000 --split test --photos KODAK
     python -m tools.paper_variants --train render/train --val render/val --out runs/paper
 
-trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 3500 steps of 16 crops
-of 128 px, about ten minutes of two cores; the plain U-Net at full resolution takes 28 times as long a step
-and gets 130 (--plain-steps). All 33 runs take about five and a half hours of two cores. A stopped run goes on
-from its checkpoint; finished ones (NAME_SEED.json in OUT) are not trained again. :mod:`tools.paper_report`
-makes the tables of them.
+trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 2000 steps of 16 crops
+of 128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71 (--plain-steps). Runs
+of one seed share crops and stem features, which are computed once: about 6.5 minutes of one core for each
+run. A stopped run goes on from its checkpoint; finished ones (NAME_SEED.json in OUT) are not trained again;
+two processes may share the work (--seeds, --only). :mod:`tools.paper_report` makes the tables of them.
 """
 
 from __future__ import annotations

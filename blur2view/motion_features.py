@@ -1,0 +1,98 @@
+"""What the network of moving things is told of every smear, on the smear network's grid.
+
+Beside the photograph it gets the direction which the camera's motion gives a smear of this length, and how
+smear, uncertainty and residual lie to it. So what it learns does not depend on which way the camera went.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.epipolar import Array, serrmin
+from blur2view.matches import GridSmears
+from blur2view.motion_score import MotionScore, displacement_of, grid_shape, measured_ends
+from blur2view.pipeline import Estimate
+
+CHANNELS = 13
+TURNS = 24  # directions that are tried for a smear of given length and place
+MEET_PX = 1.0  # Sampson distance up to which a direction agrees with F
+LONGEST_SCORE = 6.0  # standard deviations
+LENGTH_UNIT = 3.0  # of log(1 + length)
+
+
+def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) -> NDArray[np.float32]:
+    """Describe the smears of an estimate against the camera's motion.
+
+    Parameters
+    ----------
+    found : Estimate
+    scored : MotionScore
+        Of the same estimate.
+    scale : float
+        Lengths are told in pixels of the photograph made so much larger.
+
+    Returns
+    -------
+    ndarray of shape (CHANNELS, h, w), float32
+        On the network's grid: (0, 1) unit double angle of the direction that the camera's motion predicts,
+        times how sharply it does; (2, 3) double angle of the smear against it; (4) log(1 + length);
+        (5, 6) log of the sigmas, px and rad; (7, 8) square roots of score and reach; (9, 10, 11) whether the
+        camera's motion is an F, a homography, or none; (12) log(1 + length) that a homography predicts.
+    """
+    smears = GridSmears.of(found.field)
+    ends, geometry = measured_ends(smears, found.camera), found.geometry
+    length, nothing = smears.length_px, np.zeros(len(smears.points))
+    predicted_length = nothing
+    if geometry.F is not None:
+        predicted = directions_of_F(geometry.F, ends)
+    elif geometry.H is not None:
+        displacement = displacement_of(geometry.H, ends.mean(axis=1))
+        predicted_length = np.hypot(*displacement.T)
+        predicted = doubled(displacement) * (predicted_length / (1 + predicted_length))
+    else:
+        predicted = nothing.astype(complex)
+    own = doubled(smears.displacement)
+    across = np.pi / 2 if smears.sigma_rad is None else np.maximum(smears.sigma_rad, 1e-3)
+    against = own * np.conj(unit(predicted))
+    moves = geometry.F is not None, geometry.F is None and geometry.H is not None
+    columns = [
+        predicted.real, predicted.imag, against.real, against.imag, np.log1p(scale * length) / LENGTH_UNIT,
+        np.log(scale * smears.sigma_px) / LENGTH_UNIT, np.log(across) / LENGTH_UNIT,
+        *(np.minimum(np.sqrt(v.ravel()), LONGEST_SCORE) / LENGTH_UNIT for v in (scored.score, scored.reach)),
+        *(nothing + float(is_so) for is_so in (*moves, not any(moves))),
+        np.log1p(scale * predicted_length) / LENGTH_UNIT,
+    ]  # fmt: skip
+    stacked = np.nan_to_num(np.stack(columns).astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray(stacked.reshape(CHANNELS, *grid_shape(found.field.shape)))
+
+
+def directions_of_F(F: Array, ends: Array) -> Array:
+    """Average, in double angle, the directions in which smears (N, 2, 2) of these places and lengths meet F.
+
+    Returns
+    -------
+    ndarray of complex, shape (N,)
+        Length 1 where only one direction does, 0 where all do.
+    """
+    middle, half = ends.mean(axis=1), 0.5 * np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    half = np.maximum(half, MEET_PX)
+    total, weight = np.zeros(len(ends), complex), np.zeros(len(ends))
+    for angle in np.arange(TURNS) * np.pi / TURNS:
+        step = half[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        met = np.exp(-0.5 * serrmin(F, np.stack([middle - step, middle + step], axis=1)) / MEET_PX**2)
+        total += met * np.exp(2j * angle)
+        weight += met
+    return np.asarray(total / np.maximum(weight, 1e-9))
+
+
+def doubled(displacement: Array) -> Array:
+    """Give the unit double angle of displacements (N, 2), complex; 0 of none."""
+    value = (displacement[:, 0] + 1j * displacement[:, 1]) ** 2
+    return unit(value)
+
+
+def unit(value: Array) -> Array:
+    """Bring complex numbers to length 1; 0 stays."""
+    size = np.abs(value)
+    return np.asarray(np.where(size > 0, value / np.maximum(size, 1e-12), 0))

@@ -1,0 +1,147 @@
+"""The network of moving things: a checked ONNX file, run on a photograph of moderate size."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import ModelError
+from blur2view.motion_features import CHANNELS, motion_features
+from blur2view.motion_score import MotionScore
+from blur2view.network_file import open_session, session_errors, shipped_file, usable_cores
+from blur2view.pipeline import Estimate
+from blur2view.tiles import reflected
+
+SHIPPED = "motion.onnx"
+FORMAT = "motion-1"
+SIGNATURE = {"image": 3, "features": CHANNELS, "moving": 1}
+REMEDY = "export one with tools/export_motion.py or leave it out to use the shipped one"
+LONGEST_SIDE = 640
+"""Larger photographs are made smaller: things that move are large, and masks need no more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionInfo:
+    """What the file says of itself: name of the weights, cell size and granularity in pixels, licence."""
+
+    model_id: str
+    stride: int
+    multiple_of: int
+    license: str = ""
+
+
+class MotionNetwork:
+    """A loaded network of moving things; load once, use for many photographs.
+
+    Parameters
+    ----------
+    path : path-like, optional
+        An ONNX file written by ``tools/export_motion.py``; the shipped one by default.
+    threads : int, optional
+        Threads of one inference; all cores this process may use by default.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, not ONNX, or not a network of this format.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+        self.path = shipped_file(SHIPPED) if path is None else Path(path)
+        self._session = open_session(self.path, threads or usable_cores())
+        self.info = read_info(self.path, self._session)
+
+    def probability(
+        self, found: Estimate, scored: MotionScore, image: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Tell how probably every cell moves by itself.
+
+        Parameters
+        ----------
+        found, scored : Estimate, MotionScore
+            Of the photograph.
+        image : ndarray of shape (H, W, 3), float32
+            The photograph, sRGB-coded RGB in [0, 1].
+
+        Returns
+        -------
+        ndarray of shape (h, w), float32
+            On a grid of cells of ``info.stride`` pixels of the photograph at no more than LONGEST_SIDE.
+
+        Raises
+        ------
+        ModelError
+            If the network cannot be run or its output is not what its format promises.
+        """
+        small, scale = reduced(image)
+        stride, step = self.info.stride, self.info.multiple_of
+        height, width = small.shape[:2]
+        rows, columns = (range(-(-side // step) * step) for side in (height, width))
+        shape = -(-height // stride), -(-width // stride)
+        features = resized_cells(motion_features(found, scored, scale), shape)
+        missing = [
+            (0, 0),
+            *((0, len(span) // stride - n) for span, n in zip((rows, columns), shape, strict=True)),
+        ]
+        planes = np.ascontiguousarray(reflected(small, rows, columns).transpose(2, 0, 1)[None])
+        logits = self._run(planes, np.pad(features, missing, mode="edge")[None])[: shape[0], : shape[1]]
+        return np.asarray(1 / (1 + np.exp(-logits)), np.float32)
+
+    def _run(self, image: NDArray[np.float32], features: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network on one picture (1, 3, H, W); logits (h, w)."""
+        try:
+            (logits,) = self._session.run(["moving"], {"image": image, "features": features})
+        except session_errors():
+            size = f"{image.shape[3]}x{image.shape[2]} pixels"
+            raise ModelError(f"{self.path}: cannot be run on {size}") from None
+        if logits.shape != (1, 1, *features.shape[2:]) or not np.isfinite(logits).all():
+            raise ModelError(f"{self.path}: gives other values than its format promises")
+        return np.asarray(logits[0, 0], np.float32)
+
+
+def read_info(path: Path, session: Any) -> MotionInfo:
+    """Return the metadata of a network of this format; refuse any other."""
+    try:
+        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+        channels = {
+            node.name: node.shape[1]
+            for node in (*session.get_inputs(), *session.get_outputs())
+            if len(node.shape) == 4
+        }
+        if metadata.get("blur2view_format") != FORMAT or channels != SIGNATURE:
+            raise ModelError(f"{path}: is not a network of moving things of format {FORMAT}; {REMEDY}")
+        info = MotionInfo(
+            model_id=metadata["model_id"],
+            stride=int(metadata["stride"]),
+            multiple_of=int(metadata["multiple_of"]),
+            license=metadata.get("license", ""),
+        )
+    except (UnicodeDecodeError, KeyError, ValueError) as error:
+        raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
+    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
+        raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
+    return info
+
+
+def reduced(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+    """Reduce a photograph (H, W, 3) to at most LONGEST_SIDE; also how many of its pixels one old one is."""
+    scale = min(1.0, LONGEST_SIDE / max(image.shape[:2]))
+    if scale == 1.0:
+        return image, 1.0
+    width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)), scale
+
+
+def resized_cells(features: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Resample features (C, h, w) to another grid."""
+    if features.shape[1:] == shape:
+        return features
+    way = cv2.INTER_AREA if features.shape[1] > shape[0] else cv2.INTER_LINEAR
+    planes = [cv2.resize(plane, shape[::-1], interpolation=way).reshape(shape) for plane in features]
+    return np.stack(planes)
