@@ -215,7 +215,11 @@ class GridSmears:
     @classmethod
     def of(cls, field: SmearField) -> GridSmears:
         """Sample a field."""
-        rows, cols = grid_pixels(field.shape)
+        return cls.at(field, *grid_pixels(field.shape))
+
+    @classmethod
+    def at(cls, field: SmearField, rows: NDArray[np.int_], cols: NDArray[np.int_]) -> GridSmears:
+        """Sample a field at pixels (N,)."""
         told = field.sigma_rad
         return cls(
             points=np.stack([cols, rows], axis=1).astype(np.float64),

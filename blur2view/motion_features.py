@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.epipolar import Array, serrmin
-from blur2view.matches import GridSmears
-from blur2view.motion_score import MotionScore, displacement_of, grid_shape, measured_ends
+from blur2view.matches import STRIDE, GridSmears
+from blur2view.motion_score import MotionScore, displacement_of, measured_ends
 from blur2view.pipeline import Estimate
 
 CHANNELS = 13
@@ -30,17 +30,28 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     scored : MotionScore
         Of the same estimate.
     scale : float
-        Lengths are told in pixels of the photograph made so much larger.
+        At most 1: cells are those of the photograph made so much smaller, and lengths in its pixels.
 
     Returns
     -------
     ndarray of shape (CHANNELS, h, w), float32
-        On the network's grid: (0, 1) unit double angle of the direction that the camera's motion predicts,
-        times how sharply it does; (2, 3) double angle of the smear against it; (4) log(1 + length);
-        (5, 6) log of the sigmas, px and rad; (7, 8) square roots of score and reach; (9, 10, 11) whether the
-        camera's motion is an F, a homography, or none; (12) log(1 + length) that a homography predicts.
+        Per cell of STRIDE x STRIDE pixels: (0, 1) unit double angle of the direction that the camera's
+        motion predicts, times how sharply it does; (2, 3) double angle of the smear against it; (4)
+        log(1 + length); (5, 6) log of the sigmas, px and rad; (7, 8) square roots of score and reach;
+        (9, 10, 11) whether the camera's motion is an F, a homography, or none; (12) log(1 + length) that a
+        homography predicts.
     """
-    smears = GridSmears.of(found.field)
+    rows, columns = (cell_pixels(side, scale) for side in found.field.shape)
+    smears = GridSmears.at(
+        found.field, *(index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    )
+    near = np.ix_(
+        *(
+            np.minimum(pixels // STRIDE, cells - 1)  # the last cell may have no centre inside the photograph
+            for pixels, cells in zip((rows, columns), scored.score.shape, strict=True)
+        )
+    )
+    score, reach = scored.score[near], scored.reach[near]
     ends, geometry = measured_ends(smears, found.camera), found.geometry
     length, nothing = smears.length_px, np.zeros(len(smears.points))
     predicted_length = nothing
@@ -56,15 +67,22 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     across = np.pi / 2 if smears.sigma_rad is None else np.maximum(smears.sigma_rad, 1e-3)
     against = own * np.conj(unit(predicted))
     moves = geometry.F is not None, geometry.F is None and geometry.H is not None
-    columns = [
+    told = [
         predicted.real, predicted.imag, against.real, against.imag, np.log1p(scale * length) / LENGTH_UNIT,
         np.log(scale * smears.sigma_px) / LENGTH_UNIT, np.log(across) / LENGTH_UNIT,
-        *(np.minimum(np.sqrt(v.ravel()), LONGEST_SCORE) / LENGTH_UNIT for v in (scored.score, scored.reach)),
+        *(np.minimum(np.sqrt(v.ravel()), LONGEST_SCORE) / LENGTH_UNIT for v in (score, reach)),
         *(nothing + float(is_so) for is_so in (*moves, not any(moves))),
         np.log1p(scale * predicted_length) / LENGTH_UNIT,
     ]  # fmt: skip
-    stacked = np.nan_to_num(np.stack(columns).astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.asarray(stacked.reshape(CHANNELS, *grid_shape(found.field.shape)))
+    stacked = np.nan_to_num(np.stack(told).astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray(stacked.reshape(CHANNELS, *score.shape))
+
+
+def cell_pixels(side: int, scale: float) -> NDArray[np.int_]:
+    """Give the pixels of one side nearest the centres of the cells of a smaller copy."""
+    count = -(-max(round(side * scale), 1) // STRIDE)
+    centres = (STRIDE * np.arange(count) + STRIDE / 2) / scale - 0.5
+    return np.minimum(centres.astype(np.int_), side - 1)
 
 
 def directions_of_F(F: Array, ends: Array) -> Array:

@@ -83,14 +83,12 @@ class MotionNetwork:
         stride, step = self.info.stride, self.info.multiple_of
         height, width = small.shape[:2]
         rows, columns = (range(-(-side // step) * step) for side in (height, width))
-        shape = -(-height // stride), -(-width // stride)
-        features = resized_cells(motion_features(found, scored, scale), shape)
-        missing = [
-            (0, 0),
-            *((0, len(span) // stride - n) for span, n in zip((rows, columns), shape, strict=True)),
-        ]
+        features = motion_features(found, scored, scale)
+        shape = features.shape[1:]
+        missing = [(0, len(span) // stride - n) for span, n in zip((rows, columns), shape, strict=True)]
+        padded = np.pad(features, [(0, 0), *missing], mode="edge")
         planes = np.ascontiguousarray(reflected(small, rows, columns).transpose(2, 0, 1)[None])
-        logits = self._run(planes, np.pad(features, missing, mode="edge")[None])[: shape[0], : shape[1]]
+        logits = self._run(planes, padded[None])[: shape[0], : shape[1]]
         return np.asarray(1 / (1 + np.exp(-logits)), np.float32)
 
     def _run(self, image: NDArray[np.float32], features: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -136,12 +134,3 @@ def reduced(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
         return image, 1.0
     width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)), scale
-
-
-def resized_cells(features: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Resample features (C, h, w) to another grid."""
-    if features.shape[1:] == shape:
-        return features
-    way = cv2.INTER_AREA if features.shape[1] > shape[0] else cv2.INTER_LINEAR
-    planes = [cv2.resize(plane, shape[::-1], interpolation=way).reshape(shape) for plane in features]
-    return np.stack(planes)
