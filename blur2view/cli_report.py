@@ -12,6 +12,7 @@ from blur2view import __version__
 from blur2view.cli_options import add_estimator_options, complain, progress, read_run
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.estimate_file import estimate_file
+from blur2view.motion_network import MotionNetwork
 from blur2view.predict import SmearNetwork
 from blur2view.report import Entry, report
 from blur2view.results import Run, prepare_folder, unwritable, write_atomically
@@ -49,12 +50,12 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     """
     run = read_run(options, usage_error)
     _check_output(options)
-    network = SmearNetwork(options.model)
+    network, of_motion = SmearNetwork(options.model), None if options.no_mask else MotionNetwork()
     jobs, say = progress(options.images)
     entries = []
     for image in jobs:
         try:
-            entries.append(_entry(image, network, run, options))
+            entries.append(_entry(image, network, of_motion, run, options))
         except Blur2ViewError as error:
             entries.append(Entry.failed(str(image), str(error)))
             complain(error, say)
@@ -83,10 +84,12 @@ def _check_output(options: argparse.Namespace) -> None:
     prepare_folder(target.parent)
 
 
-def _entry(path: Path, network: SmearNetwork, run: Run, options: argparse.Namespace) -> Entry:
-    """Estimate one photograph and pack it."""
+def _entry(
+    path: Path, network: SmearNetwork, of_motion: MotionNetwork | None, run: Run, options: argparse.Namespace
+) -> Entry:
+    """Estimate one photograph and pack it; without a network of moving things without a mask."""
     one = estimate_file(path, network, run)
     start = time.perf_counter()
-    mask = None if options.no_mask else segment(one.found, one.image)
+    mask = None if of_motion is None else segment(one.found, one.image, network=of_motion)
     mask_s = None if mask is None else time.perf_counter() - start
     return Entry.of(one, mask, mask_s, timings=not options.no_timings)

@@ -14,6 +14,7 @@ from blur2view.cli_batch import plan_files, run_each
 from blur2view.cli_options import add_estimator_options, read_run
 from blur2view.estimate_file import estimate_file
 from blur2view.mask_results import MaskFiles, mask_document, mask_summary, write_mask
+from blur2view.motion_network import MotionNetwork
 from blur2view.predict import SmearNetwork
 from blur2view.results import Run
 from blur2view.segmentation import SegmentOptions, segment
@@ -45,23 +46,23 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
-    network = SmearNetwork(options.model)
+    networks = SmearNetwork(options.model), MotionNetwork()
     return run_each(
-        options, plan, "masks", lambda image, files: _segment_one(image, files, network, run, wanted)
+        options, plan, "masks", lambda image, files: _segment_one(image, files, networks, run, wanted)
     )
 
 
 def _segment_one(
     path: Path,
     files: MaskFiles | None,
-    network: SmearNetwork,
+    networks: tuple[SmearNetwork, MotionNetwork],
     run: Run,
     options: SegmentOptions,
 ) -> tuple[dict[str, Any], str]:
     """Read, estimate, segment and write one photograph; return its JSON document and its summary."""
-    one = estimate_file(path, network, run)
+    one = estimate_file(path, networks[0], run)
     start = time.perf_counter()
-    mask = segment(one.found, one.image, options, np.random.default_rng(run.seed))
+    mask = segment(one.found, one.image, options, np.random.default_rng(run.seed), networks[1])
     facts = mask_document(one, mask, time.perf_counter() - start)
     if files:
         write_mask(files, facts, one, mask)

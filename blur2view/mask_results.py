@@ -84,6 +84,7 @@ def mask_document(one: FileEstimate, mask: MotionMask, segment_s: float) -> dict
         "max_error_px": one.facts["max_error_px"],
         "seed": one.facts["seed"],
         "model_id": one.facts["model_id"],
+        "motion_model_id": mask.model_id or None,
         "timings_s": one.facts["timings_s"] | {"segment": segment_s},
     }
 

@@ -64,7 +64,7 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     else:
         predicted = nothing.astype(complex)
     own = doubled(smears.displacement)
-    across = np.pi / 2 if smears.sigma_rad is None else np.maximum(smears.sigma_rad, 1e-3)
+    across = nothing + np.pi / 2 if smears.sigma_rad is None else np.maximum(smears.sigma_rad, 1e-3)
     against = own * np.conj(unit(predicted))
     moves = geometry.F is not None, geometry.F is None and geometry.H is not None
     told = [

@@ -1,9 +1,10 @@
-"""From scores of smears to moving parts: superpixels, two thresholds, rules for small and faint parts.
+"""From evidence per cell to moving parts: two thresholds, superpixels, rules for small and faint parts.
 
-A network's errors are alike over tens of pixels, so a superpixel is evidence once, whatever its size: its
-score is the mean of its cells. A part moves where superpixels pass a low threshold and touch one that passes
-a high one. A network smooths: the smear of an object bleeds beyond it, and its edge is where the residual
-falls to half of the object's own.
+A part moves where cells pass a low threshold and touch one that passes a high one. The network of moving
+things has looked at the photograph, so its probabilities are taken as they are. Scores of smears are not: the
+smear network's errors are alike over tens of pixels, so a superpixel is evidence once, whatever its size, and
+its score is the mean of its cells. That network smooths, too: before a still camera the smear of an object
+bleeds beyond it, and the object's edge is found by its colours.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ CUTS, FEWEST, NO_BOX = 3, 20, (0, 0, 1, 1)
 EDGE = 1e-4  # variance of grey levels from which the guided filter keeps an edge
 LEAST_OVERLAP, LEAST_KEPT = 0.4, 0.1  # of the cut in the part, of the part in the cut
 LEAST_SHARE = 0.003  # of the photograph that a moving part covers, and a hole in one
+LOW_PROBABILITY, HIGH_PROBABILITY = 0.25, 0.4  # of the network: on 40 rendered scenes the best overlap
 ODDS_SLOPE = 0.61  # of the log-odds of moving over the log score (76 rendered scenes); they are 0 at HIGH
 
 
@@ -40,24 +42,18 @@ class MotionCells:
 
     Parameters
     ----------
-    score : ndarray of shape (h, w)
-        Means over superpixels.
+    probability : ndarray of shape (h, w)
+        That a cell moves; 0.5 where a part begins to be sure of it.
     moving, observable : ndarray of bool, shape (h, w)
     """
 
-    score: Array
+    probability: Array
     moving: Mask
     observable: Mask
 
-    @property
-    def probability(self) -> Array:
-        """That a cell moves, (h, w), from its superpixel's score; 0.5 at HIGH."""
-        odds = ODDS_SLOPE * np.log(np.maximum(self.score, 1e-3) / HIGH)
-        return np.asarray(np.where(self.observable, 1 / (1 + np.exp(-odds)), 0.0), float)
-
 
 def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[int, int]) -> MotionCells:
-    """Decide what moves.
+    """Decide by the scores of smears what moves.
 
     Parameters
     ----------
@@ -75,17 +71,47 @@ def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[
     sure = (reach >= HIGH).astype(float)
     pooled = part_mean(np.minimum(score, CAP), sure + 1e-6, part)
     seen = part_mean(sure, np.ones(shape), part) >= 0.5
-    moving = moving_parts(np.where(seen, pooled, 0.0))
+    moving = moving_parts(np.where(seen, pooled, 0.0), LOW, HIGH)
     if scored.still and image is not None:
         moving = along_colours(moving, score, small)
-    return MotionCells(score=pooled, moving=moving, observable=seen | moving)
+    odds = ODDS_SLOPE * np.log(np.maximum(pooled, 1e-3) / HIGH)
+    observable = seen | moving
+    return MotionCells(
+        probability=np.where(observable, 1 / (1 + np.exp(-odds)), 0.0), moving=moving, observable=observable
+    )
+
+
+def decide_by_network(
+    scored: MotionScore, probability: NDArray[np.float32], shape: tuple[int, int]
+) -> MotionCells:
+    """Decide by the network of moving things what moves.
+
+    Parameters
+    ----------
+    scored : MotionScore
+        On the smear network's grid.
+    probability : ndarray of shape (h, w)
+        That cells move, as the network says.
+    shape : (int, int)
+        H and W of the photograph.
+    """
+    working = working_shape(shape)
+    chance, reach = resized(probability.astype(float), working), resized(scored.reach, working)
+    moving = moving_parts(chance, LOW_PROBABILITY, HIGH_PROBABILITY)
+    odds = chance / np.maximum(1 - chance, 1e-6) * ((1 - HIGH_PROBABILITY) / HIGH_PROBABILITY)
+    return MotionCells(probability=odds / (1 + odds), moving=moving, observable=(reach >= HIGH) | moving)
 
 
 def working_image(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """Reduce a photograph (H, W, 3) to at most WORK_SIDE pixels along its longer side."""
-    factor = min(1.0, WORK_SIDE / max(image.shape))
-    width, height = (max(round(side * factor), 1) for side in image.shape[1::-1])
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+    size = working_shape(image.shape[:2])[::-1]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def working_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Give height and width of the working grid of a photograph (H, W)."""
+    factor = min(1.0, WORK_SIDE / max(shape))
+    return max(round(shape[0] * factor), 1), max(round(shape[1] * factor), 1)
 
 
 def resized(field: Array, shape: tuple[int, ...]) -> Array:
@@ -118,11 +144,11 @@ def part_mean(values: Array, weight: Array, part: NDArray[np.int_]) -> Array:
     return np.asarray(mean[part])
 
 
-def moving_parts(score: Array) -> Mask:
-    """Mark the connected parts (h, w) that pass LOW everywhere and HIGH somewhere, without small ones."""
+def moving_parts(score: Array, low: float, high: float) -> Mask:
+    """Mark the connected parts (h, w) that pass low everywhere and high somewhere, without small ones."""
     from skimage.filters import apply_hysteresis_threshold
 
-    moving = np.asarray(apply_hysteresis_threshold(score, LOW, HIGH))
+    moving = np.asarray(apply_hysteresis_threshold(score, low, high))
     return without_small(~without_small(~without_small(moving)))
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.matches import STRIDE
-from blur2view.motion_regions import decide, to_pixels, without_small
+from blur2view.motion_network import MotionNetwork
+from blur2view.motion_regions import decide, decide_by_network, to_pixels, without_small
 from blur2view.motion_score import motion_score
 from blur2view.object_motion import object_motion
 from blur2view.pipeline import Estimate
@@ -80,23 +81,35 @@ class MotionMask:
     score : ndarray of shape (H, W), float32
         Squared residual over its variance (chi-square where nothing moves: of one degree of freedom, of
         two before a still camera, where the squared length of a smear is measured).
+    evidence : ndarray of shape (H, W), float32
+        What parts were found in: the probability that the network of moving things gives, before any
+        regularisation, or the score where that was not asked.
     regions : tuple of MovingRegion
         The connected moving parts, largest first.
     reason : str
         What the score was measured against.
+    model_id : str
+        Name of the network of moving things' weights; empty if scores decided alone.
     """
 
     labels: NDArray[np.uint8]
     probability: NDArray[np.float32]
     score: NDArray[np.float32]
+    evidence: NDArray[np.float32]
     regions: tuple[MovingRegion, ...]
     reason: str
+    model_id: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentOptions:
-    """What is asked for: with ``objects`` a motion of its own for every moving part, by ``estimator``."""
+    """What is asked for.
 
+    With ``objects`` a motion of its own for every moving part, by ``estimator``. Unless ``learned`` the
+    scores of smears decide alone, without the network of moving things.
+    """
+
+    learned: bool = True
     objects: bool = False
     estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
 
@@ -106,8 +119,12 @@ def segment(
     image: NDArray[np.float32] | None = None,
     options: SegmentOptions | None = None,
     rng: np.random.Generator | None = None,
+    network: MotionNetwork | None = None,
 ) -> MotionMask:
     """Tell pixels that move by themselves from those that the camera's motion explains.
+
+    Before a camera that moves, a network decides from the photograph and its smears; before one that stands
+    still, or without the photograph, the scores of the smears do.
 
     Parameters
     ----------
@@ -118,6 +135,8 @@ def segment(
     options : SegmentOptions, optional
     rng : numpy.random.Generator, optional
         Of the objects' estimator; ``default_rng(0)`` by default.
+    network : MotionNetwork, optional
+        The shipped one by default; load it once for many photographs.
 
     Returns
     -------
@@ -126,14 +145,20 @@ def segment(
 
     Raises
     ------
-    ValueError
-        If the image is not of the field's size.
+    ValueError, ModelError
+        If the image is not of the field's size; if the network cannot be used.
     """
-    shape = found.field.shape
+    options, shape = options or SegmentOptions(), found.field.shape
     if image is not None and image.shape != (*shape, 3):
         raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
     scored = motion_score(found)
-    cells = decide(scored, image, shape)
+    if image is not None and options.learned and scored.reach.any() and not scored.still:
+        network = network or MotionNetwork()
+        chance, model_id = network.probability(found, scored, image), network.info.model_id
+        cells, evidence = decide_by_network(scored, chance, shape), to_size(chance, shape)
+    else:
+        cells, evidence = decide(scored, image, shape), to_pixels_plainly(scored.score, shape)
+        model_id = ""
     moving, seen = (
         to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
     )
@@ -143,15 +168,22 @@ def segment(
     )
     score = to_pixels_plainly(scored.score, shape)
     regions = moving_regions(moving, score)
-    if options is not None and options.objects:
+    if options.objects:
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
         labels=labels.astype(np.uint8),
         probability=agreeing(to_pixels(cells.probability, image, shape), moving),
         score=score,
+        evidence=evidence,
         regions=regions,
         reason=scored.reason,
+        model_id=model_id,
     )
+
+
+def to_size(grid: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Resample a grid (h, w) that covers a photograph to its pixels (H, W)."""
+    return np.asarray(cv2.resize(grid, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def agreeing(probability: NDArray[np.float32], moving: NDArray[np.bool_]) -> NDArray[np.float32]:

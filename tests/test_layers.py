@@ -38,7 +38,8 @@ LAYERS = [
     | {"report_pack"},
     {"mapping", "translation_sign", "neighbours", "motion_regions", "motion_features"},
     {"motion_network"},
-    {"time_direction", "segmentation"},
+    {"time_direction", "motion_network"},
+    {"segmentation"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"}
     | {"mask_overlay", "view_placement"},
     {"colmap_database", "matches_text", "estimate_file", "summary"},

@@ -42,6 +42,13 @@ def photo() -> NDArray[np.float32]:
     return np.clip(image, 0, 1)
 
 
+def by_scores(
+    found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
+) -> MotionMask:
+    """Segment without the network of moving things."""
+    return segment(found, image, replace(options or SegmentOptions(), learned=False))
+
+
 def estimate_of(
     displacement: NDArray[np.float32],
     F: Array | None = None,
@@ -138,7 +145,7 @@ def test_displacements_of_a_homography_join_ends_that_it_maps_on_each_other() ->
 
 
 def test_homography_explains_its_own_smears_and_not_others() -> None:
-    mask = segment(estimate_of(with_mover(), H=SHIFT), photo())
+    mask = by_scores(estimate_of(with_mover(), H=SHIFT), photo())
     assert overlap(mask) > 0.9 and "homography" in mask.reason
 
 
@@ -150,18 +157,18 @@ def test_before_a_still_camera_the_score_is_the_length() -> None:
     assert scored.still
     expected = (np.hypot(*MOVER) / motion_score.STILL_FLOOR_PX) ** 2
     np.testing.assert_allclose(scored.score[30, 50], expected, rtol=1e-6)
-    mask = segment(found, photo())
+    mask = by_scores(found, photo())
     assert overlap(mask) > 0.9 and "stands still" in mask.reason
 
 
 def test_without_any_motion_of_the_camera_to_measure_against_all_is_unobservable() -> None:
-    mask = segment(estimate_of(sideways()), photo())
+    mask = by_scores(estimate_of(sideways()), photo())
     assert (mask.labels == MotionLabel.UNOBSERVABLE).all() and mask.regions == ()
     assert "told by the test" in mask.reason
 
 
 def test_mover_is_found_where_it_is_and_described() -> None:
-    mask = segment(estimate_of(with_mover(), F=SIDEWAYS), photo())
+    mask = by_scores(estimate_of(with_mover(), F=SIDEWAYS), photo())
     assert overlap(mask) > 0.95
     (region,) = mask.regions
     x, y, width, height = region.box
@@ -179,7 +186,7 @@ def test_probability_is_above_one_half_where_the_mask_says_moving_and_nowhere_el
     before_still = np.where(with_mover() == MOVER, with_mover(), 0)
     for found in (estimate_of(with_mover() + noise, F=SIDEWAYS), estimate_of(before_still + noise)):
         for image in (photo(), None):
-            mask = segment(found, image)
+            mask = by_scores(found, image)
             moving = mask.labels == MotionLabel.MOVING
             assert 0.05 < moving.mean() < 0.4
             np.testing.assert_array_equal(mask.probability > 0.5, moving)
@@ -189,18 +196,18 @@ def test_probability_is_above_one_half_where_the_mask_says_moving_and_nowhere_el
 def test_static_scene_has_no_moving_part() -> None:
     noisy = sideways()
     noisy += np.random.default_rng(4).normal(0, 0.5, noisy.shape).astype(np.float32)
-    mask = segment(estimate_of(noisy, F=SIDEWAYS), photo())
+    mask = by_scores(estimate_of(noisy, F=SIDEWAYS), photo())
     assert (mask.labels == MotionLabel.STATIC).all()
 
 
 def test_image_is_optional_and_any_size_will_do() -> None:
-    assert overlap(segment(estimate_of(with_mover(), F=SIDEWAYS))) > 0.8
+    assert overlap(by_scores(estimate_of(with_mover(), F=SIDEWAYS))) > 0.8
     for shape in ((17, 16), (18, 203), (61, 35)):
         found = estimate_of(sideways(shape), F=SIDEWAYS)
-        mask = segment(found, np.zeros((*shape, 3), np.float32))
+        mask = by_scores(found, np.zeros((*shape, 3), np.float32))
         assert mask.labels.shape == mask.score.shape == mask.probability.shape == shape
     with pytest.raises(ValueError, match=r"expected an image of shape"):
-        segment(found, photo())
+        by_scores(found, photo())
 
 
 def test_objects_have_a_motion_of_their_own() -> None:
@@ -209,8 +216,8 @@ def test_objects_have_a_motion_of_their_own() -> None:
     own = np.dstack([0.05 * (x - 225), 0.25 * (y - 20)])  # stretched: away from a far epipole
     displacement[BOX] = own
     found = estimate_of(displacement, F=SIDEWAYS)
-    assert all(region.F is None for region in segment(found, photo()).regions)
-    (region,) = segment(found, photo(), SegmentOptions(objects=True)).regions
+    assert all(region.F is None for region in by_scores(found, photo()).regions)
+    (region,) = by_scores(found, photo(), SegmentOptions(objects=True)).regions
     assert region.reason
     rows, columns = np.mgrid[100:140:5, 200:250:5]
     points = np.stack([columns.ravel(), rows.ravel()], axis=1)
@@ -230,7 +237,7 @@ def test_weak_parts_move_only_with_strong_ones() -> None:
     score[60:90, 10:30] = 5.0
     score[60:70, 30:60] = 12.0  # strong, beside a weak one
     score[5:7, 100:102] = 30.0  # strong, but tiny
-    moving = motion_regions.moving_parts(score)
+    moving = motion_regions.moving_parts(score, motion_regions.LOW, motion_regions.HIGH)
     assert not moving[10:40, 10:30].any() and not moving[:10].any()
     assert moving[60:90, 10:30].all() and moving[60:70, 30:60].all()
 
@@ -239,7 +246,7 @@ def test_small_holes_are_filled_and_large_ones_stay() -> None:
     score = np.zeros((100, 120))
     score[20:80, 20:80] = 12.0
     score[30:33, 30:33] = score[50:70, 50:70] = 0.0
-    moving = motion_regions.moving_parts(score)
+    moving = motion_regions.moving_parts(score, motion_regions.LOW, motion_regions.HIGH)
     assert moving[31, 31] and not moving[60, 60]
 
 
@@ -305,12 +312,12 @@ def test_smears_without_rays_of_a_distorted_camera_are_unobservable(F: Array | N
     assert blind[0, 0] and 0.05 < blind.mean() < 0.4
     assert (scored.score[blind] == 0).all() and (scored.reach[blind] == 0).all()
     assert (scored.reach[~blind] > 0).all()
-    labels = segment(found, photo()).labels
+    labels = by_scores(found, photo()).labels
     assert (labels[:10, :10] == MotionLabel.UNOBSERVABLE).all() and labels[120, 40] == MotionLabel.MOVING
 
 
 def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
-    mask, image = segment(estimate_of(with_mover(), F=SIDEWAYS), photo()), photo()
+    mask, image = by_scores(estimate_of(with_mover(), F=SIDEWAYS), photo()), photo()
     picture = mask_overlay.draw_motion(image, mask)
     canvas = picture[:480]
     np.testing.assert_allclose(canvas[20, 20], 255 * image[10, 10], atol=25)

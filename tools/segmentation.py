@@ -1,7 +1,8 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.png`` (photograph, truth, score and mask of some scenes).
+``segmentation.md`` (the table) and ``segmentation.png`` (photograph with truth, score, probability and mask of
+some scenes).
 Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where smears are known. The
 scenes of one folder count as one split: `tools.testset` makes the test split, `tools.mover_scenes` another
 with a mover in every picture.
@@ -26,9 +27,10 @@ from blur2view.epipolar import serrmin
 from blur2view.image import read_image
 from blur2view.mask_overlay import draw_motion
 from blur2view.matches import grid_pixels, select_matches
+from blur2view.motion_network import MotionNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.predict import SmearNetwork
-from blur2view.segmentation import MotionLabel, MotionMask, segment
+from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions, segment
 from blur2view.smear import SmearField, smear_ends
 from blur2view.two_view import estimate_two_view
 from tools.testset import TestScene, read_test_set
@@ -47,7 +49,7 @@ TRUE_SIGMA_PX = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SceneFigures:
-    """One scene: what moves, what was called moving, and how well the score ranks.
+    """One scene: what moves, what was called moving, and how well the evidence ranks.
 
     Of scenes without movers only ``called`` has a meaning; the others may be NaN, as where a method calls
     every pixel of a mover unobservable.
@@ -87,7 +89,7 @@ def overlap(found: Mask, true: Mask) -> float:
 def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
     """Compare a mask with the truth, and SErrMin above BASELINE with the same."""
     shape, (rows, columns) = scene.valid.shape, grid_pixels(found.field.shape)
-    label, score = (field[rows, columns].reshape(shape) for field in (mask.labels, mask.score))
+    label, evidence = (field[rows, columns].reshape(shape) for field in (mask.labels, mask.evidence))
     valid, moving = scene.valid, ~scene.static & scene.valid
     called = (label == MotionLabel.MOVING) & valid
     seen = (label != MotionLabel.UNOBSERVABLE) & valid
@@ -98,7 +100,7 @@ def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
         share=float(moving.mean()),
         iou=overlap(called[seen], moving[seen]) if moving[seen].any() else float("nan"),
         iou_everywhere=overlap(called, moving),
-        precision=average_precision(score[seen], moving[seen]),
+        precision=average_precision(evidence[seen], moving[seen]),
         called=float(called.sum() / valid.sum()),
         unobservable=float(1 - seen.sum() / valid.sum()),
         iou_baseline=overlap(plain_called, moving),
@@ -142,13 +144,16 @@ class Judged:
     true: SceneFigures
 
 
-def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tuple[Path, Judged]]:
-    """Segment every scene of every folder."""
+def judged_scenes(
+    folders: Iterable[Path], network: SmearNetwork, of_motion: MotionNetwork
+) -> Iterator[tuple[Path, Judged]]:
+    """Segment every scene of every folder; from true smears by their scores alone."""
+    by_scores = SegmentOptions(learned=False)
     for folder in folders:
         for scene in read_test_set(folder):
             image = read_image(scene.image_path)
             found = estimate(image, network=network)
-            mask = segment(found, image)
+            mask = segment(found, image, network=of_motion)
             truly = true_estimate(scene, found)
             yield (
                 folder,
@@ -157,7 +162,7 @@ def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tu
                     image=image,
                     mask=mask,
                     predicted=judge(scene, found, mask),
-                    true=judge(scene, truly, segment(truly, image)),
+                    true=judge(scene, truly, segment(truly, image, by_scores)),
                 ),
             )
 
@@ -197,20 +202,21 @@ def _row(name: str, scenes: list[SceneFigures]) -> str:
     return f"| {name} | {len(scenes)} | {told} |"
 
 
-def real_lines(folder: Path, network: SmearNetwork) -> list[str]:
+def real_lines(folder: Path, network: SmearNetwork, of_motion: MotionNetwork) -> list[str]:
     """Measure the overlap with the outlined walker, and what is called moving where nothing is."""
     outline = json.loads(OUTLINE.read_text())
     person = np.zeros((outline["height"], outline["width"]), np.uint8)
     cv2.fillPoly(person, [np.array(outline["polygon"], np.int32)], 1)
     image = read_image(folder / outline["photograph"])
-    moving = segment(estimate(image, network=network), image).labels == MotionLabel.MOVING
+    mask = segment(estimate(image, network=network), image, network=of_motion)
+    moving = mask.labels == MotionLabel.MOVING
     lines = [f"- {outline['photograph']}: IoU {overlap(moving, person > 0):.2f} with the outlined person"]
     for name in STREETS:
         image = read_image(folder / name)
         found = estimate(image, network=network)
-        segment(found, image)  # once to load what is loaded late
+        segment(found, image, network=of_motion)  # once to load what is loaded late
         start = time.process_time()
-        mask = segment(found, image)
+        mask = segment(found, image, network=of_motion)
         seconds = time.process_time() - start
         share = float((mask.labels == MotionLabel.MOVING).mean())
         size = f"{image.shape[1]}x{image.shape[0]}"
@@ -227,35 +233,38 @@ def with_movers(judged: Iterable[Judged]) -> list[Judged]:
 
 
 def panel(judged: list[Judged], rows: int = 8) -> Array:
-    """Show one scene or more, evenly from the best mask to the worst: photograph with truth, score, mask."""
+    """Show one scene or more, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
     some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
 
 def _panel_row(one: Judged) -> Array:
-    """Photograph with the truth outlined, score, mask."""
+    """Photograph with the truth outlined, square root of the score to 5, probability, mask."""
     height, width = one.image.shape[:2]
     photo = np.round(255 * one.image).astype(np.uint8)
     truth = cv2.resize((~one.scene.static).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     rims, _ = cv2.findContours(truth, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(photo, rims, -1, (255, 255, 255), 3)
     cv2.drawContours(photo, rims, -1, (255, 70, 170), 1)
-    levels = np.round(255 * np.clip(np.sqrt(one.mask.score) / 5, 0, 1)).astype(np.uint8)
-    heat = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    shares = np.clip(np.sqrt(one.mask.score) / 5, 0, 1), one.mask.probability
+    heats = [
+        cv2.applyColorMap(np.round(255 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1]
+        for share in shares
+    ]
     drawn = draw_motion(one.image, one.mask)[:height, :width]
-    row = np.hstack([photo, heat, drawn])
+    row = np.hstack([photo, *heats, drawn])
     return np.asarray(cv2.resize(row, (row.shape[1] // 2, row.shape[0] // 2), interpolation=cv2.INTER_AREA))
 
 
 HEAD = """# Motion masks
 
-`{command}`; network `{model}`.
+`{command}`; networks `{model}`, `{of_motion}`.
 
 Means over scenes. IoU: of what is called moving with what moves, over the pixels that are not called
 unobservable; "all": over every pixel whose smear is known. Baseline: SErrMin of the same F above 3 squared
-pixels. AP: average precision of the raw score. "True smears": the same estimator and masks with the truth in
-place of the network's smears, which is what better smears would give.
+pixels. AP: average precision of what the network of moving things says, before regularisation. "True smears":
+the same estimator with the truth in place of the smears, and masks of their scores alone.
 
 | scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, SErrMin | called moving | baseline | unobservable |
 |---|---|---|---|---|---|---|---|---|---|
@@ -271,16 +280,20 @@ def main() -> None:
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
     parser.add_argument("--out", type=Path, required=True, help="without suffix")
     arguments = parser.parse_args()
-    network = SmearNetwork()
+    network, of_motion = SmearNetwork(), MotionNetwork()
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}
-    for folder, one in judged_scenes(arguments.scenes, network):
+    for folder, one in judged_scenes(arguments.scenes, network, of_motion):
         judged[folder].append(one)
         print(folder.name, one.predicted, flush=True)
     rows = [row for folder, some in judged.items() for row in split_rows(folder.name, some)]
     command = f"python -m tools.segmentation {' '.join(map(str, arguments.scenes))} --out {arguments.out}"
-    text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(rows) + "\n"
+    text = (
+        HEAD.format(command=command, model=network.info.model_id, of_motion=of_motion.info.model_id)
+        + "\n".join(rows)
+        + "\n"
+    )
     if arguments.real.is_dir():
-        text += "\nReal photographs:\n\n" + "\n".join(real_lines(arguments.real, network)) + "\n"
+        text += "\nReal photographs:\n\n" + "\n".join(real_lines(arguments.real, network, of_motion)) + "\n"
     arguments.out.with_suffix(".md").write_text(text)
     some = with_movers(one for some in judged.values() for one in some)
     if some:
