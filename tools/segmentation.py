@@ -1,11 +1,10 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.png`` (photograph with truth, score, probability and mask of
-some scenes).
-Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where smears are known. The
-scenes of one folder count as one split: `tools.testset` makes the test split, `tools.mover_scenes` another
-with a mover in every picture.
+``segmentation.md`` (the table) and ``segmentation.png`` (some scenes: photograph with the truth, score,
+probability, mask). Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
+smears are known. The scenes of one folder count as one split: `tools.testset` makes the test split,
+`tools.mover_scenes` another with a mover in every picture.
 """
 
 from __future__ import annotations
