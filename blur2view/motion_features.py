@@ -58,7 +58,7 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     if geometry.F is not None:
         predicted = directions_of_F(geometry.F, ends)
     elif geometry.H is not None:
-        displacement = displacement_of(geometry.H, ends.mean(axis=1))
+        displacement = known(displacement_of(geometry.H, ends.mean(axis=1)))
         predicted_length = np.hypot(*displacement.T)
         predicted = doubled(displacement) * (predicted_length / (1 + predicted_length))
     else:
@@ -74,8 +74,7 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
         *(nothing + float(is_so) for is_so in (*moves, not any(moves))),
         np.log1p(scale * predicted_length) / LENGTH_UNIT,
     ]  # fmt: skip
-    stacked = np.nan_to_num(np.stack(told).astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.asarray(stacked.reshape(CHANNELS, *score.shape))
+    return np.asarray(known(np.stack(told)).astype(np.float32).reshape(CHANNELS, *score.shape))
 
 
 def cell_pixels(side: int, scale: float) -> NDArray[np.int_]:
@@ -91,17 +90,21 @@ def directions_of_F(F: Array, ends: Array) -> Array:
     Returns
     -------
     ndarray of complex, shape (N,)
-        Length 1 where only one direction does, 0 where all do.
+        Length 1 where only one direction does, 0 where all do, and where ends are NaN.
     """
     middle, half = ends.mean(axis=1), 0.5 * np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     half = np.maximum(half, MEET_PX)
-    total, weight = np.zeros(len(ends), complex), np.zeros(len(ends))
-    for angle in np.arange(TURNS) * np.pi / TURNS:
-        step = half[:, None] * np.array([np.cos(angle), np.sin(angle)])
-        met = np.exp(-0.5 * serrmin(F, np.stack([middle - step, middle + step], axis=1)) / MEET_PX**2)
-        total += met * np.exp(2j * angle)
-        weight += met
-    return np.asarray(total / np.maximum(weight, 1e-9))
+    angles = np.arange(TURNS) * np.pi / TURNS
+    steps = half[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]  # (TURNS, N, 2)
+    distance = np.stack([serrmin(F, np.stack([middle - s, middle + s], axis=1)) for s in steps])
+    # against the nearest, which for a long smear between two tried directions is far from meeting F
+    met = known(np.exp(-0.5 * (distance - distance.min(axis=0)) / MEET_PX**2))
+    return np.asarray(np.exp(2j * angles) @ met / np.maximum(met.sum(axis=0), 1))
+
+
+def known(values: Array) -> Array:
+    """Put zeros where values are not finite: a distorted camera has no rays there."""
+    return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def doubled(displacement: Array) -> Array:

@@ -4,42 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motion_scenes import (
+    BOX,
+    HEIGHT,
+    MOVER,
+    SHIFT,
+    SIDEWAYS,
+    STATIC_PX,
+    SURE_RAD,
+    WIDTH,
+    estimate_of,
+    photo,
+    sideways,
+    with_mover,
+)
 from numpy.typing import NDArray
 
 from blur2view import mask_overlay, motion_regions, motion_score
 from blur2view.epipolar import Array, cross_matrix, serrmin
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.matches import GridSmears, grid_pixels, select_matches
-from blur2view.pipeline import Estimate, Timings
+from blur2view.matches import GridSmears, grid_pixels
+from blur2view.pipeline import Estimate
 from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions, segment
 from blur2view.smear import SmearField, smear_ends
-
-HEIGHT, WIDTH = 240, 320
-SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # epipolar lines are horizontal
-BOX = slice(80, 160), slice(180, 270)
-STATIC_PX, MOVER = 12.0, (3.0, 18.0)
-SURE_RAD = 0.05
-SHIFT = np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]])
-
-
-def sideways(shape: tuple[int, int] = (HEIGHT, WIDTH)) -> NDArray[np.float32]:
-    """Smears (H, W, 2) of a camera that moves along x."""
-    displacement = np.zeros((*shape, 2), np.float32)
-    displacement[..., 0] = STATIC_PX
-    return displacement
-
-
-def with_mover() -> NDArray[np.float32]:
-    displacement = sideways()
-    displacement[BOX] = MOVER
-    return displacement
-
-
-def photo() -> NDArray[np.float32]:
-    """Give a grey wall with some grain, and an orange box on it."""
-    image = np.random.default_rng(0).normal(0.5, 0.02, (HEIGHT, WIDTH, 3)).astype(np.float32)
-    image[BOX] += np.array([0.3, 0.0, -0.3], np.float32)
-    return np.clip(image, 0, 1)
 
 
 def by_scores(
@@ -47,33 +33,6 @@ def by_scores(
 ) -> MotionMask:
     """Segment without the network of moving things."""
     return segment(found, image, replace(options or SegmentOptions(), learned=False))
-
-
-def estimate_of(
-    displacement: NDArray[np.float32],
-    F: Array | None = None,
-    H: Array | None = None,
-    sigma_px: float | NDArray[np.float32] = 1.0,
-    sigma_rad: float | NDArray[np.float32] = SURE_RAD,
-) -> Estimate:
-    shape = displacement.shape[:2]
-    field = SmearField(
-        displacement=displacement,
-        sigma_px=np.broadcast_to(np.float32(sigma_px), shape),
-        sigma_rad=np.broadcast_to(np.float32(sigma_rad), shape),
-    )
-    matches = select_matches(field)
-    none = np.zeros(len(matches), bool)
-    geometry = TwoViewGeometry(
-        F=F, H=H, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none
-    )
-    return Estimate(
-        field=field,
-        matches=matches,
-        geometry=geometry,
-        model_id="test",
-        timings=Timings(predict_s=0, select_s=0, solve_s=0),
-    )
 
 
 def overlap(mask: MotionMask) -> float:
