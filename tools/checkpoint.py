@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
 
 from tools.model import ModelOptions, SmearUNet
 
@@ -99,7 +100,7 @@ def start_run(
 
 
 @torch.no_grad()
-def follow(average: SmearUNet, network: SmearUNet, step: int) -> None:
+def follow(average: nn.Module, network: nn.Module, step: int) -> None:
     """Move the exponential average of weights and statistics, over about the last 500 steps."""
     decay = min(0.998, (1 + step) / (10 + step))
     for mean, value in zip(average.state_dict().values(), network.state_dict().values(), strict=True):

@@ -2,7 +2,7 @@
 
     python -m tools.paper --photos KODAK
 
-renders what is missing (training scenes: 25 minutes of two cores), trains 33 networks (five and a half
+renders what is missing (training scenes: 25 minutes of two cores), trains 33 networks (two
 hours), estimates Table 2 (11 minutes of one core), counts failure cases (five minutes) and compares both ways
 to blur. Trainings, renderings and Table 2 go on where they were; ``--stages report`` writes the file from
 what is there.

@@ -52,8 +52,8 @@ photographs**: ours are rendered (`tools/testset.py`, `tools/dataset.py`). What 
 of what the true F reaches, and which variant is best. People who have its datasets run the same commands on
 them after `python -m tools.datasets --kind monkaa ...` (`help('tools.datasets')`: layouts, licences).
 
-`python -m tools.paper --photos KODAK` makes all of this file: about six hours of two cores, nearly all of it
-for the 33 trainings of Table 1 and of the study of alpha; a stopped run goes on."""
+`python -m tools.paper --photos KODAK` makes all of this file: about three hours of two cores, two of them for
+the 33 trainings of Table 1 and of the study of alpha; a stopped run goes on."""
 
 
 def read(results: Path, name: str) -> Any:
@@ -96,7 +96,7 @@ def comparison(table2: Any, evaluation: Any) -> list[str]:
 def first_table(document: Any) -> list[str]:
     """Write Table 1."""
     if document is None:
-        return missing(TRAINING, "ten minutes of two cores for each of 24 runs")
+        return missing(TRAINING, "about 6.5 minutes of one core for each of 24 runs")
     found = paper_summary.from_stored(document)
     return [
         *paper_summary.table(found, TABLE_1),
@@ -112,7 +112,7 @@ def first_table(document: Any) -> list[str]:
 def alpha_study(document: Any) -> list[str]:
     """Write the study of alpha."""
     if document is None:
-        return missing(TRAINING, "ten minutes of two cores for each of 12 runs, 3 of them of Table 1")
+        return missing(TRAINING, "about 6.5 minutes of one core for each of 12 runs, 3 of them of Table 1")
     found = paper_summary.from_stored(document)
     return [*paper_summary.table(found, ALPHA_STUDY), "", made_by_training()]
 

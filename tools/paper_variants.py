@@ -162,7 +162,7 @@ def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOpti
     torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
     run.optimiser.step()
     run.step += 1
-    follow(run.average, run.network, run.step)  # type: ignore[arg-type]  # any two networks alike
+    follow(run.average, run.network, run.step)
     return float(loss.detach())
 
 

@@ -20,6 +20,7 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.errors import Blur2ViewError
+from tools.checkpoint import follow
 from tools.motion_data import LEAST_SHARE, STATIC, VALID, MotionExamples
 from tools.motion_model import MotionOptions, MotionUNet
 from tools.stem import STRIDE
@@ -121,9 +122,10 @@ def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
 
 @dataclass
 class MotionRun:
-    """A network, its optimiser and how far it came."""
+    """A network, the moving average of its weights, which ships, its optimiser and how far it came."""
 
     network: MotionUNet
+    average: MotionUNet
     optimiser: torch.optim.Optimizer
     step: int = 0
 
@@ -131,14 +133,17 @@ class MotionRun:
     def start(cls, options: MotionTraining, last: Path) -> MotionRun:
         """Start anew from the seed, or go on from a checkpoint."""
         torch.manual_seed(options.seed)
-        network = MotionUNet()
+        network, average = MotionUNet(), MotionUNet()
+        average.load_state_dict(network.state_dict())
         run = cls(
             network=network,
+            average=average,
             optimiser=torch.optim.AdamW(network.parameters(), lr=options.learning_rate, weight_decay=1e-4),
         )
         if last.exists():
             state = torch.load(last, map_location="cpu", weights_only=True)
             network.load_state_dict(state["network"])
+            average.load_state_dict(state["average"])
             run.optimiser.load_state_dict(state["optimiser"])
             run.step = int(state["step"])
         return run
@@ -149,6 +154,7 @@ class MotionRun:
         temporary = path.with_suffix(".tmp")
         state = {
             "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
             "model_options": self.network.options.as_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
@@ -172,6 +178,7 @@ class MotionRun:
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 2.0)
         self.optimiser.step()
         self.step += 1
+        follow(self.average, self.network, self.step)
         return float(loss.detach())
 
 
@@ -190,10 +197,10 @@ def train(examples: MotionExamples, options: MotionTraining, last: Path) -> Moti
 
 
 def load_network(path: Path) -> tuple[MotionUNet, dict[str, Any]]:
-    """Load a checkpoint's network, ready for inference, and its other fields."""
+    """Load a checkpoint's averaged network, ready for inference, and its other fields."""
     state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     network = MotionUNet(MotionOptions(**state["model_options"]))
-    network.load_state_dict(state["network"])
+    network.load_state_dict(state["average"])
     return network.eval(), state
 
 
