@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
+from blur2view.matches import STRIDE
 from blur2view.motion_features import CHANNELS, motion_features
 from blur2view.motion_score import MotionScore
 from blur2view.network_file import open_session, session_errors, shipped_file, usable_cores
@@ -20,7 +21,8 @@ from blur2view.tiles import reflected
 
 SHIPPED = "motion.onnx"
 FORMAT = "motion-1"
-SIGNATURE = {"image": 3, "features": CHANNELS, "moving": 1}
+INPUTS, OUTPUTS = {"image": 3, "features": CHANNELS}, {"moving": 1}
+"""Names and channels, all (N, C, H, W)."""
 REMEDY = "export one with tools/export_motion.py or leave it out to use the shipped one"
 LONGEST_SIDE = 640
 """Larger photographs are made smaller: things that move are large, and masks need no more."""
@@ -54,7 +56,7 @@ class MotionNetwork:
 
     def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
         self.path = shipped_file(SHIPPED) if path is None else Path(path)
-        self._session = open_session(self.path, threads or usable_cores())
+        self._session = open_session(self.path, threads or usable_cores(), REMEDY)
         self.info = read_info(self.path, self._session)
 
     def probability(
@@ -76,9 +78,13 @@ class MotionNetwork:
 
         Raises
         ------
+        ValueError
+            If the photograph is not of the estimate's size.
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
+        if image.shape != (*found.field.shape, 3):
+            raise ValueError(f"expected an image of shape {(*found.field.shape, 3)}, got {image.shape}")
         small, scale = reduced(image)
         stride, step = self.info.stride, self.info.multiple_of
         height, width = small.shape[:2]
@@ -89,7 +95,7 @@ class MotionNetwork:
         padded = np.pad(features, [(0, 0), *missing], mode="edge")
         planes = np.ascontiguousarray(reflected(small, rows, columns).transpose(2, 0, 1)[None])
         logits = self._run(planes, padded[None])[: shape[0], : shape[1]]
-        return np.asarray(1 / (1 + np.exp(-logits)), np.float32)
+        return np.asarray(1 / (1 + np.exp(np.minimum(-logits, 80))), np.float32)  # exp(89) overflows
 
     def _run(self, image: NDArray[np.float32], features: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run the network on one picture (1, 3, H, W); logits (h, w)."""
@@ -107,12 +113,11 @@ def read_info(path: Path, session: Any) -> MotionInfo:
     """Return the metadata of a network of this format; refuse any other."""
     try:
         metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-        channels = {
-            node.name: node.shape[1]
-            for node in (*session.get_inputs(), *session.get_outputs())
-            if len(node.shape) == 4
-        }
-        if metadata.get("blur2view_format") != FORMAT or channels != SIGNATURE:
+        inputs, outputs = (
+            {node.name: node.shape[1] if len(node.shape) == 4 else None for node in nodes}
+            for nodes in (session.get_inputs(), session.get_outputs())
+        )
+        if metadata.get("blur2view_format") != FORMAT or (inputs, outputs) != (INPUTS, OUTPUTS):
             raise ModelError(f"{path}: is not a network of moving things of format {FORMAT}; {REMEDY}")
         info = MotionInfo(
             model_id=metadata["model_id"],
@@ -122,7 +127,7 @@ def read_info(path: Path, session: Any) -> MotionInfo:
         )
     except (UnicodeDecodeError, KeyError, ValueError) as error:
         raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
-    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
+    if info.stride != STRIDE or info.multiple_of < 1 or info.multiple_of % info.stride:
         raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
     return info
 

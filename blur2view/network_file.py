@@ -68,8 +68,8 @@ def shipped_file(name: str) -> Path:
     return installed if installed.exists() else package.parent / "models" / name
 
 
-def open_session(path: Path, threads: int) -> Any:
-    """Open an ONNX Runtime session or raise ModelError."""
+def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
+    """Open an ONNX Runtime session or raise ModelError, which names the remedy."""
     import onnxruntime  # 0.2 s, so only when a network is used
 
     try:
@@ -89,7 +89,7 @@ def open_session(path: Path, threads: int) -> Any:
             content, options, providers=["CPUExecutionProvider"], enable_fallback=0
         )
     except session_errors():
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
 
 
 def usable_cores() -> int:
