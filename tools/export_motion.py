@@ -19,7 +19,7 @@ import onnxruntime
 import torch
 from torch import Tensor
 
-from blur2view.errors import ModelError
+from blur2view.errors import Blur2ViewError, ModelError
 from blur2view.motion_features import CHANNELS
 from blur2view.motion_network import FORMAT
 from tools.export_onnx import sample_image
@@ -61,10 +61,11 @@ def export(checkpoint: Path, target: Path) -> None:
 
     Raises
     ------
-    ModelError
-        If ONNX Runtime does not compute what torch does.
+    Blur2ViewError
+        If the checkpoint is none, or ONNX Runtime does not compute what torch does.
     """
     network, state = load_network(checkpoint)
+    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_suffix(".tmp.onnx")
     write_graph(network, temporary)
     graph = onnx.load(temporary)
@@ -118,7 +119,7 @@ def main() -> None:
     arguments = parser.parse_args()
     try:
         export(arguments.checkpoint, arguments.target)
-    except ModelError as error:
+    except (Blur2ViewError, OSError) as error:
         raise SystemExit(str(error)) from None
 
 

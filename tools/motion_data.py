@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -70,11 +71,13 @@ class MotionExamples:
 
     @classmethod
     def load(cls, path: Path) -> MotionExamples:
-        """Read a file; Blur2ViewError if there is none."""
-        if not path.exists():
-            raise Blur2ViewError(f"no examples in {path}: run python -m tools.motion_data SHARDS {path}")
-        with np.load(path) as stored:
-            return cls(**{f.name: stored[f.name] for f in fields(cls)})
+        """Read a file; Blur2ViewError if there is none, or it is none."""
+        try:
+            with np.load(path) as stored:
+                return cls(**{f.name: stored[f.name] for f in fields(cls)})
+        except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
+            remedy = f"run python -m tools.motion_data SHARDS {path}"
+            raise Blur2ViewError(f"no examples in {path}: {remedy}") from None
 
 
 def start_worker() -> None:
@@ -98,11 +101,15 @@ def examples_of(shard: Path) -> list[tuple[Array, Array, Array]]:
 
 
 def make(folder: Path, processes: int) -> MotionExamples:
-    """Make the examples of all shards of a folder, in their order."""
+    """Make the examples of all shards of a folder, in their order; Blur2ViewError if there are none."""
     shards = require_shards(folder)
     context = multiprocessing.get_context("spawn")
     with context.Pool(processes, start_worker) as pool:
         parts = list(told(pool.imap(examples_of, shards), len(shards)))
+    if not any(parts):
+        raise Blur2ViewError(
+            f"nothing moves in the scenes of {folder}: render more with python -m tools.dataset"
+        )
     image, features, labels = (np.stack(column) for column in zip(*sum(parts, []), strict=True))
     return MotionExamples(image=image, features=features, labels=labels)
 
@@ -124,7 +131,7 @@ def main() -> None:
     arguments = parser.parse_args()
     try:
         make(arguments.shards, arguments.processes).save(arguments.out)
-    except Blur2ViewError as error:
+    except (Blur2ViewError, OSError) as error:
         raise SystemExit(str(error)) from None
 
 

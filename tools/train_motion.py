@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ MIRRORED = np.array(
     [1, -1, 1, -1], np.float32
 )  # what mirroring left to right, or up and down, does to angles
 TRANSPOSED = np.array([-1, 1, 1, -1], np.float32)
+BAD_CHECKPOINT = (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, pickle.UnpicklingError)
+"""What torch raises of a file that is missing, damaged or of another network."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,12 +144,19 @@ class MotionRun:
             optimiser=torch.optim.AdamW(network.parameters(), lr=options.learning_rate, weight_decay=1e-4),
         )
         if last.exists():
-            state = torch.load(last, map_location="cpu", weights_only=True)
-            network.load_state_dict(state["network"])
-            average.load_state_dict(state["average"])
-            run.optimiser.load_state_dict(state["optimiser"])
-            run.step = int(state["step"])
+            run.go_on(last)
         return run
+
+    def go_on(self, last: Path) -> None:
+        """Go on from a checkpoint; Blur2ViewError if it is none of this network."""
+        try:
+            state = torch.load(last, map_location="cpu", weights_only=True)
+            self.network.load_state_dict(state["network"])
+            self.average.load_state_dict(state["average"])
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.step = int(state["step"])
+        except BAD_CHECKPOINT:
+            raise Blur2ViewError(f"{last}: is no checkpoint to go on from; move it away") from None
 
     def save(self, path: Path, options: MotionTraining, examples: int) -> None:
         """Write a checkpoint; a run killed meanwhile keeps the one before."""
@@ -183,7 +193,16 @@ class MotionRun:
 
 
 def train(examples: MotionExamples, options: MotionTraining, last: Path) -> MotionRun:
-    """Run the schedule to its end, from its last checkpoint if there is one."""
+    """Run the schedule to its end, from its last checkpoint if there is one.
+
+    Raises
+    ------
+    Blur2ViewError
+        If the photographs are smaller than a window, or the checkpoint is none.
+    """
+    have, want = examples.image.shape[1:3], options.size
+    if have[0] < want[0] or have[1] < want[1]:
+        raise Blur2ViewError(f"photographs of {have[1]}x{have[0]} pixels, windows of {want[1]}x{want[0]}")
     run, chance, losses = MotionRun.start(options, last), chances(examples), []
     run.network.train()
     while run.step < options.steps:
@@ -197,10 +216,19 @@ def train(examples: MotionExamples, options: MotionTraining, last: Path) -> Moti
 
 
 def load_network(path: Path) -> tuple[MotionUNet, dict[str, Any]]:
-    """Load a checkpoint's averaged network, ready for inference, and its other fields."""
-    state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    network = MotionUNet(MotionOptions(**state["model_options"]))
-    network.load_state_dict(state["average"])
+    """Load a checkpoint's averaged network, ready for inference, and its other fields.
+
+    Raises
+    ------
+    Blur2ViewError
+        If there is no checkpoint of this network.
+    """
+    try:
+        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+        network = MotionUNet(MotionOptions(**state["model_options"]))
+        network.load_state_dict(state["average"])
+    except BAD_CHECKPOINT:
+        raise Blur2ViewError(f"{path}: is no checkpoint of python -m tools.train_motion") from None
     return network.eval(), state
 
 
@@ -216,7 +244,7 @@ def main() -> None:
     options = MotionTraining(steps=arguments.steps, seed=arguments.seed)
     try:
         train(MotionExamples.load(arguments.examples), options, arguments.checkpoint)
-    except Blur2ViewError as error:
+    except (Blur2ViewError, OSError) as error:
         raise SystemExit(str(error)) from None
 
 
