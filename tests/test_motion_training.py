@@ -1,0 +1,549 @@
+"""The network of moving things learns: its examples, batches and loss, runs that resume, and the export."""
+
+import math
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from motion_scenes import SIDEWAYS, estimate_of, sideways
+from numpy.typing import NDArray
+
+from blur2view.errors import Blur2ViewError, ModelError
+from blur2view.motion_features import CHANNELS, motion_features
+from blur2view.motion_network import FORMAT, MotionNetwork
+from blur2view.motion_score import motion_score
+from blur2view.pipeline import estimate
+from blur2view.predict import SmearNetwork
+from tools import export_motion, motion_data, train_motion
+from tools.dataset import Scenes, training_record
+from tools.motion_data import STATIC, VALID, MotionExamples, examples_of
+from tools.motion_model import MotionOptions, MotionUNet
+from tools.render import RenderOptions
+from tools.train_motion import (
+    LEAST_WEIGHT,
+    OVERLAP_WEIGHT,
+    WITHOUT_WEIGHT,
+    MotionRun,
+    MotionTraining,
+    batch_of,
+    chances,
+    load_network,
+    loss_of,
+    mirrored,
+    train,
+    transposed,
+    window,
+)
+
+NARROW = MotionOptions(widths=(8, 8, 8, 8), bottom=1)
+QUICK = MotionTraining(steps=6, batch=3, size=(32, 64), save_every=2)
+
+
+@pytest.fixture(autouse=True)
+def small_and_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Train a narrow network on one thread: the same sums in the same order. Export it on a small picture."""
+
+    def narrow(options: MotionOptions = NARROW) -> MotionUNet:
+        return MotionUNet(options)
+
+    monkeypatch.setattr(train_motion, "MotionUNet", narrow)
+    picture = np.random.default_rng(0).random((1, 3, 64, 96), dtype=np.float32)
+    monkeypatch.setattr(export_motion, "sample_image", lambda: picture)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def examples(count: int = 6, height: int = 64, width: int = 96) -> MotionExamples:
+    """Give photographs of noise; every second has a box that moves.
+
+    Each cell's number is what its pixels, features and labels say, so that a test sees them cut alike.
+    """
+    rng, cells = np.random.default_rng(0), (height // 4, width // 4)
+    labels = np.full((count, *cells), VALID + STATIC, np.uint8)
+    labels[::2, 4:10, 6:14] = VALID
+    labels[:, :2] -= VALID
+    code = np.arange(cells[0] * cells[1]).reshape(cells)
+    image = rng.integers(0, 256, (count, height, width, 3)).astype(np.uint8)
+    image[..., :2] = np.repeat(np.repeat(np.stack([code // 256, code % 256], -1), 4, 0), 4, 1)
+    features = rng.normal(0, 0.3, (count, CHANNELS, *cells)).astype(np.float16)
+    features[:, 4] = code
+    features[:, 7] = labels & STATIC == 0
+    return MotionExamples(image=image, features=features, labels=labels)
+
+
+def codes(image: NDArray[np.uint8]) -> NDArray[np.int_]:
+    """Read the numbers of cells from pixels (H, W, 3)."""
+    coded = image[..., :2].astype(int) @ [256, 1]
+    grid = coded.reshape(image.shape[0] // 4, 4, image.shape[1] // 4, 4)
+    assert (grid == grid[:, :1, :, :1]).all()
+    return np.asarray(grid[:, 0, :, 0])
+
+
+def arrays(run: MotionRun) -> list[NDArray[np.float32]]:
+    networks = (run.network, run.average)
+    return [tensor.numpy() for network in networks for tensor in network.state_dict().values()]
+
+
+# ---- examples
+
+
+def test_examples_survive_a_file(tmp_path: Path) -> None:
+    path, made = tmp_path / "folder" / "motion.npz", examples()
+    made.save(path)
+    read = MotionExamples.load(path)
+    assert len(read) == 6 and [file.name for file in path.parent.iterdir()] == ["motion.npz"]
+    for name in ("image", "features", "labels"):
+        mine, theirs = getattr(made, name), getattr(read, name)
+        assert mine.dtype == theirs.dtype
+        np.testing.assert_array_equal(mine, theirs)
+    np.testing.assert_array_equal(read.moving.sum((1, 2)), [48, 0] * 3)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no archive", "another archive", "an array"])
+def test_file_without_examples_is_named(tmp_path: Path, content: bytes | str | None) -> None:
+    path = tmp_path / "motion.npz"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content == "another archive":
+        np.savez(path, image=np.zeros(3))
+    elif content == "an array":
+        with path.open("wb") as file:
+            np.save(file, np.zeros(3))
+    with pytest.raises(Blur2ViewError, match="no examples in .*motion.npz: run python -m tools.motion_data"):
+        MotionExamples.load(path)
+
+
+@pytest.fixture(scope="module")
+def shard(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Render two small scenes, of which the second has something that moves."""
+    folder = tmp_path_factory.mktemp("scenes")
+    sizes = {"size": (96, 64), "smear_px": (4.0, 16.0)}
+    parts = [
+        training_record(seed, RenderOptions(**sizes, mover_share=share))  # type: ignore[arg-type]
+        for seed, share in ((0, 0.0), (7, 1.0))
+    ]
+    assert [bool((part.labels & STATIC == 0).mean() > 0.05) for part in parts] == [False, True]
+    path = folder / "train_00000040.npz"
+    Scenes.join(parts).save(path)
+    return path
+
+
+def test_examples_are_photographs_with_the_features_of_their_estimates(
+    shard: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(motion_data, "KEPT_WITHOUT", 0.0)
+    ((image, features, label),) = examples_of(shard)  # only the one with a mover
+    with np.load(shard) as stored:
+        np.testing.assert_array_equal(label, stored["labels"][1])
+        linear = stored["linear"][1]
+    assert image.shape == (64, 96, 3) and image.dtype == np.uint8 and features.dtype == np.float16
+    found = estimate(np.asarray(image / 255, np.float32), network=SmearNetwork(threads=1))
+    expected = motion_features(found, motion_score(found)).astype(np.float16)
+    np.testing.assert_array_equal(features, expected)
+    assert features.shape == (CHANNELS, *label.shape)
+    correlation = np.corrcoef(np.sqrt(linear.mean(-1).ravel()), image.mean(-1).ravel())[0, 1]
+    assert correlation > 0.7
+    monkeypatch.setattr(motion_data, "KEPT_WITHOUT", 1.0)
+    both = examples_of(shard)
+    assert len(both) == 2
+    for mine, theirs in zip(both[1], (image, features, label), strict=True):
+        np.testing.assert_array_equal(mine, theirs)  # whichever others are kept
+
+
+def test_command_makes_examples_of_a_folder(
+    shard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "motion.npz"
+    monkeypatch.setattr("sys.argv", ["motion_data", str(shard.parent), str(out), "--processes", "1"])
+    motion_data.main()
+    assert capsys.readouterr().out == "shard 1 of 1\n"
+    made = MotionExamples.load(out)
+    assert made.moving.any() and made.image.shape == (len(made), 64, 96, 3)
+    assert made.features.shape == (len(made), CHANNELS, 16, 24)
+
+
+def test_command_names_a_folder_without_scenes_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["motion_data", str(tmp_path), str(tmp_path / "motion.npz")])
+    with pytest.raises(SystemExit, match=r"^no rendered scenes in .*$"):
+        motion_data.main()
+
+
+def test_folder_in_which_nothing_is_kept_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def pool(*_: object) -> Iterator[SimpleNamespace]:
+        """Do in this process what other processes would."""
+        yield SimpleNamespace(imap=map)
+
+    monkeypatch.setattr("multiprocessing.get_context", lambda _: SimpleNamespace(Pool=pool))
+    monkeypatch.setattr(motion_data, "examples_of", lambda _: [])
+    (tmp_path / "train_00000000.npz").write_bytes(b"")
+    with pytest.raises(Blur2ViewError, match="nothing moves in the scenes of"):
+        motion_data.make(tmp_path, 1)
+
+
+# ---- batches
+
+
+def test_mirroring_and_transposing_undo_themselves() -> None:
+    made = examples(1)
+    one = made.image[0], made.features[0].astype(np.float32), made.labels[0]
+    once = [mirrored(*one, 0), mirrored(*one, 1), transposed(*one)]
+    twice = [mirrored(*once[0], 0), mirrored(*once[1], 1), transposed(*once[2])]
+    for first, second in zip(once, twice, strict=True):
+        for mine, theirs, original in zip(first, second, one, strict=True):
+            np.testing.assert_array_equal(theirs, original)
+            assert mine.shape != original.shape or (mine != original).any()
+
+
+def test_windows_cut_pixels_features_and_labels_alike() -> None:
+    made, seen = examples(), set()
+    whole = codes(made.image[0])
+    for seed in range(60):
+        image, features, labels = window(np.random.default_rng(seed), made, 0, (32, 64))
+        found = codes(image)
+        assert image.shape == (32, 64, 3) and found.shape == labels.shape == (8, 16)
+        np.testing.assert_array_equal(features[4], found)
+        row, column = np.unravel_index(found.min(), whole.shape)
+        cut = whole[row : row + 8, column : column + 16]
+        flips = int(found[0, 0] > found[-1, 0]), int(found[0, 0] > found[0, -1])
+        np.testing.assert_array_equal(found, cut[:: 1 - 2 * flips[0], :: 1 - 2 * flips[1]])
+        np.testing.assert_array_equal(labels, made.labels[0].ravel()[found])
+        sign = (-1) ** sum(flips)
+        for channel in range(4):
+            expected = made.features[0, channel].ravel()[found] * (sign if channel in (1, 3) else 1)
+            np.testing.assert_array_equal(features[channel], expected)
+        seen.add((int(row), int(column), *flips))
+    assert {place[:2] for place in seen} == {(row, column) for row in (0, 4, 8) for column in (0, 4, 8)}
+    assert {place[2:] for place in seen} == {(0, 0), (0, 1), (1, 0), (1, 1)}
+
+
+def test_batches_depend_on_nothing_but_seed_and_number() -> None:
+    made = examples()
+    chance = chances(made)
+    one = [batch_of(made, chance, QUICK, step) for step in range(4)]
+    for step in (2, 0):
+        for mine, theirs in zip(batch_of(made, chance, QUICK, step), one[step], strict=True):
+            assert torch.equal(mine, theirs)
+    other = batch_of(made, chance, replace(QUICK, seed=1), 0)
+    assert not torch.equal(one[0][1].flatten(), other[1].flatten())
+    assert not torch.equal(one[0][1].flatten(), one[1][1].flatten())
+
+
+def test_batches_hold_shares_of_white_and_are_transposed_by_chance() -> None:
+    made, shapes = examples(), set()
+    for step in range(12):
+        image, features, labels = batch_of(made, chances(made), QUICK, step)
+        assert image.dtype == features.dtype == torch.float32 and image.is_contiguous()
+        assert 0.9 < image[:, 2].max() <= 1 and image.min() == 0
+        assert features.shape == (3, CHANNELS, *labels.shape[1:])
+        assert image.shape == (3, 3, 4 * labels.shape[1], 4 * labels.shape[2])
+        coded = torch.nn.functional.avg_pool2d(image[:, :2] * 255, 4).round()
+        torch.testing.assert_close(256 * coded[:, 0] + coded[:, 1], features[:, 4])
+        torch.testing.assert_close((labels & STATIC == 0).float(), features[:, 7])
+        shapes.add(tuple(labels.shape[1:]))
+    assert shapes == {(8, 16), (16, 8)}
+
+
+def test_photographs_without_a_mover_are_drawn_more_seldom() -> None:
+    made = examples(5)
+    chance = chances(made)
+    assert chance.sum() == pytest.approx(1)
+    np.testing.assert_allclose(chance / chance[0], [1, WITHOUT_WEIGHT, 1, WITHOUT_WEIGHT, 1])
+
+
+# ---- loss
+
+
+def loss_at(logits: list[float], labels: list[int]) -> float:
+    """Loss of pictures of one cell each."""
+    cells = torch.tensor(labels, dtype=torch.uint8)[:, None, None]
+    return float(loss_of(torch.tensor(logits)[:, None, None, None], cells))
+
+
+def test_loss_of_a_cell_is_its_cross_entropy_and_overlap() -> None:
+    z = 0.7
+    share = 1 / (1 + math.exp(-z))
+    moving = -math.log(share) + OVERLAP_WEIGHT * (1 - (share + 1) / 2)
+    assert loss_at([z], [VALID]) == pytest.approx(moving, rel=1e-5)
+    unsure = -LEAST_WEIGHT * math.log(share)
+    unsure += OVERLAP_WEIGHT * (1 - (LEAST_WEIGHT * share + 1) / (LEAST_WEIGHT + 1))
+    assert loss_at([z], [0]) == pytest.approx(unsure, rel=1e-5)
+    static = -math.log(1 - share)
+    assert loss_at([z], [VALID + STATIC]) == pytest.approx(static + OVERLAP_WEIGHT, rel=1e-5)
+    assert loss_at([z], [STATIC]) == pytest.approx(LEAST_WEIGHT * static + OVERLAP_WEIGHT, rel=1e-5)
+    # of two pictures the cross entropy is averaged, and the overlap is that of the one with a mover
+    entropy = (static - math.log(share)) / 2
+    both = entropy + OVERLAP_WEIGHT * (1 - (share + 1) / 2)
+    assert loss_at([z, z], [VALID + STATIC, VALID]) == pytest.approx(both, rel=1e-5)
+
+
+def test_loss_of_a_perfect_answer_is_nothing_and_of_a_wrong_one_much() -> None:
+    labels = torch.from_numpy(examples(1).labels)
+    right = torch.where(labels & STATIC == 0, 20.0, -20.0)[:, None]
+    assert float(loss_of(right, labels)) < 1e-6
+    assert float(loss_of(-right, labels)) > 10
+    assert float(loss_of(-right[:, :, :2], labels[:, :2])) < 5  # smears unknown
+
+
+# ---- runs
+
+
+def test_rate_rises_then_falls_to_a_hundredth() -> None:
+    plan = MotionTraining(steps=1000, learning_rate=1.0)
+    assert plan.rate_at(0) == pytest.approx(1 / train_motion.WARM_UP_STEPS)
+    assert plan.rate_at(99) == pytest.approx(0.5 * (0.01 + 0.99 * 0.5 * (1 + math.cos(0.099 * math.pi))))
+    assert plan.rate_at(500) == pytest.approx(0.01 + 0.99 / 2)
+    assert plan.rate_at(1000) == plan.rate_at(1100) == pytest.approx(0.01)
+
+
+def test_a_few_steps_lower_the_loss(tmp_path: Path) -> None:
+    made = examples()
+    batch = batch_of(made, chances(made), QUICK, 0)
+    run = MotionRun.start(QUICK, tmp_path / "none.pt")
+    run.network.train()
+    losses = [run.advance(batch, 2e-3) for _ in range(25)]
+    assert np.mean(losses[-3:]) < 0.6 * np.mean(losses[:3]) and run.step == 25
+    assert run.optimiser.param_groups[0]["lr"] == 2e-3
+
+
+def test_resumed_run_equals_an_uninterrupted_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, calls = examples(), 0
+    whole = train(made, QUICK, tmp_path / "whole.pt")
+    plain = MotionRun.advance
+
+    def killed_in_step_four(run: MotionRun, *arguments: object) -> float:
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            raise KeyboardInterrupt
+        return plain(run, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(MotionRun, "advance", killed_in_step_four)
+    with pytest.raises(KeyboardInterrupt):
+        train(made, QUICK, tmp_path / "parts.pt")
+    assert torch.load(tmp_path / "parts.pt", weights_only=True)["step"] == 2
+    resumed = train(made, QUICK, tmp_path / "parts.pt")
+    assert calls == 4 + 4 and resumed.step == whole.step == 6
+    for mine, theirs in zip(arrays(resumed), arrays(whole), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert not torch.equal(whole.average.head.weight, whole.network.head.weight)
+    again = train(made, QUICK, tmp_path / "parts.pt")
+    assert calls == 8 and again.step == 6  # nothing is left to do
+    assert capsys.readouterr().out.count("step 6, loss") == 2
+
+
+def test_weights_follow_from_the_seed(tmp_path: Path) -> None:
+    first, same, other = (MotionRun.start(replace(QUICK, seed=k), tmp_path / "none.pt") for k in (3, 3, 4))
+    for mine, theirs in zip(arrays(first), arrays(same), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert not torch.equal(first.network.head.weight, other.network.head.weight)
+
+
+def test_checkpoint_gives_its_averaged_network(tmp_path: Path) -> None:
+    run = MotionRun.start(QUICK, tmp_path / "none.pt")
+    with torch.no_grad():
+        run.average.head.weight.add_(1)
+    run.step = 7
+    run.save(tmp_path / "folder" / "run.pt", QUICK, 12)
+    network, state = load_network(tmp_path / "folder" / "run.pt")
+    assert not network.training and network.options == NARROW
+    assert torch.equal(network.head.weight, run.average.head.weight)
+    assert not torch.equal(network.head.weight, run.network.head.weight)
+    assert state["step"] == 7 and state["training"] == {"seed": 0, "batch": 3, "examples": 12}
+    assert [path.name for path in (tmp_path / "folder").iterdir()] == ["run.pt"]
+
+
+def test_windows_larger_than_the_photographs_are_refused(tmp_path: Path) -> None:
+    for size in ((80, 64), (32, 112)):
+        with pytest.raises(
+            Blur2ViewError, match=f"photographs of 96x64 pixels, windows of {size[1]}x{size[0]}"
+        ):
+            train(examples(), replace(QUICK, size=size), tmp_path / "run.pt")
+    assert train(examples(), replace(QUICK, size=(64, 96), steps=1), tmp_path / "run.pt").step == 1
+
+
+def bad_checkpoint(path: Path, kind: str) -> Path:
+    """Write a file that is no checkpoint of the network of moving things."""
+    if kind == "damaged":
+        path.write_bytes(b"PK no archive")
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "other":
+        torch.save(
+            {"network": {}, "average": {}, "model_options": {"widths": (8,), "bottom": 1}, "step": 1}, path
+        )
+    elif kind == "list":
+        torch.save([1, 2], path)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["damaged", "folder", "other", "list"])
+def test_training_does_not_go_on_from_what_is_no_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    examples(2, 192, 256).save(tmp_path / "motion.npz")
+    last = bad_checkpoint(tmp_path / "run.pt", kind)
+    monkeypatch.setattr("sys.argv", ["train_motion", str(tmp_path / "motion.npz"), str(last)])
+    with pytest.raises(SystemExit, match=r"^.*run.pt: is no checkpoint to go on from.*$"):
+        train_motion.main()
+
+
+def test_training_command_trains_and_names_missing_examples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [str(tmp_path / "motion.npz"), str(tmp_path / "runs" / "run.pt")]
+    monkeypatch.setattr("sys.argv", ["train_motion", *files, "--steps", "1", "--seed", "5"])
+    with pytest.raises(SystemExit, match=r"^no examples in .*motion.npz.*$"):
+        train_motion.main()
+    examples(2, 192, 256).save(tmp_path / "motion.npz")
+    train_motion.main()
+    assert capsys.readouterr().out.startswith("step 1, loss ")
+    _, state = load_network(tmp_path / "runs" / "run.pt")
+    assert state["training"] == {"seed": 5, "batch": MotionTraining.batch, "examples": 2}
+
+
+# ---- export
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a run of random weights whose normalisations have seen pictures."""
+    torch.manual_seed(0)
+    network = MotionUNet(NARROW).train()
+    with torch.no_grad():
+        for _ in range(3):
+            network(torch.rand(2, 3, 64, 64), torch.randn(2, CHANNELS, 16, 16))
+    average = MotionUNet(NARROW)
+    average.load_state_dict(network.state_dict())
+    run = MotionRun(
+        network=network, average=average, optimiser=torch.optim.AdamW(network.parameters()), step=40
+    )
+    path = tmp_path_factory.mktemp("run") / "motion.pt"
+    run.save(path, replace(QUICK, seed=9), 77)
+    return path
+
+
+@pytest.fixture
+def exported(checkpoint: Path) -> Path:
+    target = checkpoint.with_name("motion.onnx")
+    if not target.exists():
+        export_motion.export(checkpoint, target)
+    return target
+
+
+def test_package_computes_what_torch_does_in_every_size(exported: Path, checkpoint: Path) -> None:
+    (network, _), loaded = load_network(checkpoint), MotionNetwork(exported, threads=1)
+    for size in ((64, 96), (32, 32), (96, 64), (50, 70)):
+        image = np.random.default_rng(1).random((*size, 3), dtype=np.float32)
+        found = estimate_of(sideways(size), F=SIDEWAYS)
+        scored = motion_score(found)
+        grid = loaded.probability(found, scored, image)
+        assert grid.shape == tuple(-(-side // 4) for side in size)
+        if any(side % 32 for side in size):
+            continue
+        features = torch.from_numpy(motion_features(found, scored)[None])
+        with torch.no_grad():
+            logits = network(torch.from_numpy(image.transpose(2, 0, 1)[None].copy()), features)
+        np.testing.assert_allclose(grid, torch.sigmoid(logits)[0, 0], atol=1e-4)
+
+
+def test_directions_on_the_axes_survive_the_export(exported: Path, checkpoint: Path) -> None:
+    """At these the exported arc tangent divides by zero or jumps."""
+    (network, _), loaded = load_network(checkpoint), MotionNetwork(exported, threads=1)
+    image = np.random.default_rng(2).random((1, 3, 32, 64), dtype=np.float32)
+    features = np.random.default_rng(3).normal(0, 0.5, (1, CHANNELS, 8, 16)).astype(np.float32)
+    axes = [
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (0, -1),
+        (-1, -0.0),
+        (-0.0, 1),
+        (-0.0, -1),
+        (0, 0),
+        (-0.0, -0.0),
+        (1e-5, 0),
+    ]
+    for k, direction in enumerate(axes):
+        features[0, :2, :, k] = np.array(direction, np.float32)[:, None]
+    with torch.no_grad():
+        expected = network(torch.from_numpy(image), torch.from_numpy(features))[0, 0]
+    np.testing.assert_allclose(loaded._run(image, features), expected, atol=1e-3)
+
+
+def test_metadata_tells_format_licence_and_training(exported: Path) -> None:
+    stored = {entry.key: entry.value for entry in onnx.load(exported).metadata_props}
+    assert stored["blur2view_format"] == FORMAT and stored["license"] == "Apache-2.0"
+    assert stored["training"] == '{"seed": 9, "batch": 3, "examples": 77, "steps": 40}'
+    assert f"(N,{CHANNELS},H/stride,W/stride)" in stored["convention"]
+    info = MotionNetwork(exported).info
+    assert (info.stride, info.multiple_of, info.license) == (4, 32, "Apache-2.0")
+    assert info.model_id == stored["model_id"] and len(info.model_id) == len("motion-") + 12
+
+
+def test_sizes_are_dynamic(exported: Path) -> None:
+    graph = onnx.load(exported).graph
+    assert [value.name for value in (*graph.input, *graph.output)] == ["image", "features", "moving"]
+    for value, count in zip((*graph.input, *graph.output), (3, CHANNELS, 1), strict=True):
+        batch, channels, *sides = value.type.tensor_type.shape.dim
+        assert channels.dim_value == count and batch.dim_param and all(side.dim_param for side in sides)
+
+
+def test_file_that_differs_from_torch_is_not_shipped(
+    checkpoint: Path, exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export_motion, "write_graph", lambda _, path: shutil.copy(exported, path))
+    target = tmp_path / "motion.onnx"
+    target.write_bytes(b"the one before")
+    for wrong in (0.01, float("nan")):
+        monkeypatch.setattr(export_motion, "difference", lambda *_, wrong=wrong: wrong)
+        with pytest.raises(ModelError, match="differs from torch"):
+            export_motion.export(checkpoint, target)
+        assert target.read_bytes() == b"the one before"
+
+
+def test_difference_is_that_of_other_weights(exported: Path, checkpoint: Path) -> None:
+    network, _ = load_network(checkpoint)
+    assert export_motion.difference(exported, network) < 1e-4
+    with torch.no_grad():
+        assert network.head.bias is not None
+        network.head.bias += 0.25
+    assert export_motion.difference(exported, network) == pytest.approx(0.25, abs=1e-3)
+
+
+def test_export_command_writes_into_a_new_folder(
+    checkpoint: Path,
+    exported: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(export_motion, "write_graph", lambda _, path: shutil.copy(exported, path))
+    target = tmp_path / "new" / "motion.onnx"
+    monkeypatch.setattr("sys.argv", ["export_motion", str(checkpoint), str(target)])
+    export_motion.main()
+    assert MotionNetwork(target).info.model_id and "step 40" in capsys.readouterr().out
+    assert [path.name for path in target.parent.iterdir()] == ["motion.onnx"]
+
+
+@pytest.mark.parametrize("kind", ["missing", "damaged", "folder", "other", "list"])
+def test_export_command_names_what_is_no_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    path = bad_checkpoint(tmp_path / "run.pt", kind)
+    monkeypatch.setattr("sys.argv", ["export_motion", str(path), str(tmp_path / "motion.onnx")])
+    with pytest.raises(SystemExit, match=r"^.*run.pt: is no checkpoint of python -m tools.train_motion$"):
+        export_motion.main()
