@@ -345,6 +345,17 @@ def test_resumed_run_equals_an_uninterrupted_one(
     assert capsys.readouterr().out.count("step 6, loss") == 2
 
 
+def test_average_follows_the_weights(tmp_path: Path) -> None:
+    made, run = examples(), MotionRun.start(QUICK, tmp_path / "none.pt")
+    before = run.average.head.weight.clone()
+    torch.testing.assert_close(run.network.head.weight, before, rtol=0, atol=0)
+    run.network.train()
+    run.advance(batch_of(made, chances(made), QUICK, 0), 0.1)
+    after, decay = run.network.head.weight, 2 / 11  # (1 + step) / (10 + step)
+    assert (after - before).abs().max() > 0.05
+    torch.testing.assert_close(run.average.head.weight, decay * before + (1 - decay) * after)
+
+
 def test_weights_follow_from_the_seed(tmp_path: Path) -> None:
     first, same, other = (MotionRun.start(replace(QUICK, seed=k), tmp_path / "none.pt") for k in (3, 3, 4))
     for mine, theirs in zip(arrays(first), arrays(same), strict=True):
