@@ -1,5 +1,7 @@
 """Smears of a camera that moves, of a box that moves by itself before it, and what is made of them."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from blur2view.epipolar import Array, cross_matrix
 from blur2view.geometry import Configuration, TwoViewGeometry
 from blur2view.matches import select_matches
 from blur2view.pipeline import Estimate, Timings
+from blur2view.segmentation import MotionMask, SegmentOptions, segment
 from blur2view.smear import SmearField
 
 HEIGHT, WIDTH = 240, 320
@@ -63,3 +66,10 @@ def estimate_of(
         model_id="test",
         timings=Timings(predict_s=0, select_s=0, solve_s=0),
     )
+
+
+def by_scores(
+    found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
+) -> MotionMask:
+    """Segment without the network of moving things."""
+    return segment(found, image, replace(options or SegmentOptions(), learned=False))

@@ -13,6 +13,7 @@ from motion_scenes import (
     STATIC_PX,
     SURE_RAD,
     WIDTH,
+    by_scores,
     estimate_of,
     photo,
     sideways,
@@ -23,16 +24,8 @@ from numpy.typing import NDArray
 from blur2view import mask_overlay, motion_regions, motion_score
 from blur2view.epipolar import Array, cross_matrix, serrmin
 from blur2view.matches import GridSmears, grid_pixels
-from blur2view.pipeline import Estimate
-from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions, segment
+from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions
 from blur2view.smear import SmearField, smear_ends
-
-
-def by_scores(
-    found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
-) -> MotionMask:
-    """Segment without the network of moving things."""
-    return segment(found, image, replace(options or SegmentOptions(), learned=False))
 
 
 def overlap(mask: MotionMask) -> float:

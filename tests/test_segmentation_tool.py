@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_segmentation import BOX, SIDEWAYS, by_scores, estimate_of, photo, sideways, with_mover
+from motion_scenes import BOX, SIDEWAYS, by_scores, estimate_of, photo, sideways, with_mover
 
 from blur2view.geometry import TwoViewGeometry
 from blur2view.predict import SmearNetwork
