@@ -17,6 +17,7 @@ from blur2view.motion_features import CHANNELS, motion_features
 from blur2view.motion_score import MotionScore
 from blur2view.network_file import open_session, session_errors, shipped_file, usable_cores
 from blur2view.pipeline import Estimate
+from blur2view.smear import upsample_grid
 from blur2view.tiles import reflected
 
 SHIPPED = "motion.onnx"
@@ -134,8 +135,22 @@ def read_info(path: Path, session: Any) -> MotionInfo:
 
 def reduced(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
     """Reduce a photograph (H, W, 3) to at most LONGEST_SIDE; also how many of its pixels one old one is."""
-    scale = min(1.0, LONGEST_SIDE / max(image.shape[:2]))
+    shape, scale = reduced_shape(image.shape[:2])
     if scale == 1.0:
         return image, 1.0
-    width, height = (max(round(side * scale), 1) for side in image.shape[1::-1])
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)), scale
+    return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA)), scale
+
+
+def reduced_shape(shape: tuple[int, ...]) -> tuple[tuple[int, int], float]:
+    """Give height and width of the reduced photograph (H, W), and the scale."""
+    scale = min(1.0, LONGEST_SIDE / max(shape))
+    return (max(round(shape[0] * scale), 1), max(round(shape[1] * scale), 1)), scale
+
+
+def to_photograph(cells: NDArray[np.float32], stride: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Resample cells (h, w) of a photograph (H, W) made smaller to its pixels; cells may reach beyond it."""
+    height, width = reduced_shape(shape)[0]
+    covered = upsample_grid(cells[..., None], stride)[:height, :width, 0]
+    return np.asarray(cv2.resize(covered, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32).reshape(
+        shape
+    )

@@ -90,8 +90,8 @@ def decide_by_network(
     ----------
     scored : MotionScore
         On the smear network's grid.
-    probability : ndarray of shape (h, w)
-        That cells move, as the network says.
+    probability : ndarray of shape (H, W), float32
+        That pixels move, as the network says.
     shape : (int, int)
         H and W of the photograph.
     """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.matches import STRIDE
-from blur2view.motion_network import MotionNetwork
+from blur2view.motion_network import MotionNetwork, to_photograph
 from blur2view.motion_regions import decide, decide_by_network, to_pixels, without_small
 from blur2view.motion_score import motion_score
 from blur2view.object_motion import object_motion
@@ -155,7 +155,8 @@ def segment(
     if image is not None and options.learned and scored.reach.any() and not scored.still:
         network = network or MotionNetwork()
         chance, model_id = network.probability(found, scored, image), network.info.model_id
-        cells, evidence = decide_by_network(scored, chance, shape), to_size(chance, shape)
+        evidence = to_photograph(chance, network.info.stride, shape)
+        cells = decide_by_network(scored, evidence, shape)
     else:
         cells, evidence = decide(scored, image, shape), to_pixels_plainly(scored.score, shape)
         model_id = ""
@@ -179,11 +180,6 @@ def segment(
         reason=scored.reason,
         model_id=model_id,
     )
-
-
-def to_size(grid: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Resample a grid (h, w) that covers a photograph to its pixels (H, W)."""
-    return np.asarray(cv2.resize(grid, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def agreeing(probability: NDArray[np.float32], moving: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
 from blur2view.motion_features import CHANNELS, LENGTH_UNIT, motion_features
-from blur2view.motion_network import FORMAT, LONGEST_SIDE, MotionNetwork, reduced
+from blur2view.motion_network import FORMAT, LONGEST_SIDE, MotionNetwork, reduced, to_photograph
 from blur2view.motion_score import motion_score
 from blur2view.predict import SmearNetwork
 
@@ -271,3 +271,15 @@ def test_features_are_those_of_the_estimate(network: MotionNetwork, monkeypatch:
     np.testing.assert_array_equal(seen[0][0, :, :36, :50], image.transpose(2, 0, 1))
     np.testing.assert_array_equal(seen[1][0, :, :9, :13], motion_features(found, scored))
     assert seen[0].flags.c_contiguous and seen[0].dtype == seen[1].dtype == np.float32
+
+
+def test_cells_cover_the_photograph_and_may_reach_beyond() -> None:
+    rows = np.linspace(0, 1, 5, dtype=np.float32)[:, None] + np.zeros((5, 2), np.float32)
+    picture = to_photograph(rows, 4, (18, 7))  # five cells of four pixels: two pixels are beyond
+    assert picture.shape == (18, 7)
+    centres = 4 * np.arange(4) + 1.5
+    seen = np.interp(centres, np.arange(18), picture[:, 3])
+    np.testing.assert_allclose(seen[1:], rows[1:4, 0], atol=1e-6)
+    halved = to_photograph(np.ones((90, 160), np.float32), 4, (720, 1280))
+    assert halved.shape == (720, 1280) and (halved == 1).all()
+    assert to_photograph(np.ones((1, 1), np.float32), 4, (1, 1)).shape == (1, 1)

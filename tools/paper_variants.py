@@ -208,7 +208,10 @@ def predict(run: VariantRun, images: Tensor) -> Tensor:
 
 
 def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
-    """Give the figures of predictions on crops: EPE-S, directions, sparsification curve and its area."""
+    """Give the figures of predictions on crops: EPE-S, directions, sparsification curve and its area.
+
+    ``epe_s_left`` is the mean in px of the curve by sigma, ``epe_s_oracle`` that of the curve by the error.
+    """
     target = target_parts(truth)
     seen = target.valid > 0
     error = smear_error(predicted, target)[seen].numpy()
@@ -216,6 +219,8 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
     removed, by_sigma, by_error = sparsification_curve(error, sigma)
     return vars(figures_of(predicted, truth)) | {
         "sparsification_area": float(sparsification_area(error, sigma)),
+        "epe_s_left": float(np.mean(by_sigma) * error.mean()),
+        "epe_s_oracle": float(np.mean(by_error) * error.mean()),
         "removed": removed.tolist(),
         "by_sigma": by_sigma.tolist(),
         "by_error": by_error.tolist(),
