@@ -186,7 +186,7 @@ def test_folder_in_which_nothing_is_kept_is_named(tmp_path: Path, monkeypatch: p
         yield SimpleNamespace(imap=map)
 
     monkeypatch.setattr("multiprocessing.get_context", lambda _: SimpleNamespace(Pool=pool))
-    monkeypatch.setattr(motion_data, "examples_of", lambda _: [])
+    monkeypatch.setattr(motion_data, "examples_of", lambda *_, **__: [])
     (tmp_path / "train_00000000.npz").write_bytes(b"")
     with pytest.raises(Blur2ViewError, match="nothing moves in the scenes of"):
         motion_data.make(tmp_path, 1)

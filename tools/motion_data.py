@@ -13,6 +13,7 @@ import multiprocessing
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,9 +86,9 @@ def start_worker() -> None:
     cv2.setNumThreads(1)
 
 
-def examples_of(shard: Path) -> list[tuple[Array, Array, Array]]:
+def examples_of(shard: Path, model: Path | None = None) -> list[tuple[Array, Array, Array]]:
     """Photograph and estimate the scenes of one shard that are kept: images, features, labels."""
-    network, found = SmearNetwork(threads=1), []
+    network, found = SmearNetwork(model, threads=1), []
     with np.load(shard) as stored:
         linear, labels = stored["linear"], stored["labels"]
     for k, label in enumerate(labels):
@@ -100,12 +101,15 @@ def examples_of(shard: Path) -> list[tuple[Array, Array, Array]]:
     return found
 
 
-def make(folder: Path, processes: int) -> MotionExamples:
-    """Make the examples of all shards of a folder, in their order; Blur2ViewError if there are none."""
+def make(folder: Path, processes: int, model: Path | None = None) -> MotionExamples:
+    """Make the examples of all shards of a folder, in their order; Blur2ViewError if there are none.
+
+    Smears are those of the network ``model``, by default the shipped one.
+    """
     shards = require_shards(folder)
     context = multiprocessing.get_context("spawn")
     with context.Pool(processes, start_worker) as pool:
-        parts = list(told(pool.imap(examples_of, shards), len(shards)))
+        parts = list(told(pool.imap(partial(examples_of, model=model), shards), len(shards)))
     if not any(parts):
         raise Blur2ViewError(
             f"nothing moves in the scenes of {folder}: render more with python -m tools.dataset"
@@ -128,9 +132,10 @@ def main() -> None:
     parser.add_argument("shards", type=Path, help="folder that tools.dataset wrote")
     parser.add_argument("out", type=Path)
     parser.add_argument("--processes", type=int, default=multiprocessing.cpu_count())
+    parser.add_argument("--model", type=Path, help="smear network (default: the shipped one)")
     arguments = parser.parse_args()
     try:
-        make(arguments.shards, arguments.processes).save(arguments.out)
+        make(arguments.shards, arguments.processes, arguments.model).save(arguments.out)
     except (Blur2ViewError, OSError) as error:
         raise SystemExit(str(error)) from None
 

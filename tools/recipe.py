@@ -1,4 +1,4 @@
-"""Make the shipped networks from nothing: render, train, export, quantize.
+"""Make the shipped networks from nothing: render, train, export, quantize; then that of moving things.
 
 ``python -m tools.recipe --photos KODAK --work runs/recipe --models models`` does all of it, with the figures
 below; each stage goes on where it was when the line is run again.
@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from tools import export_motion, motion_data, train_motion
 from tools.dataset import write_shards
 from tools.export_onnx import export
+from tools.motion_data import MotionExamples
 from tools.quantize import SCENES, quantize
 from tools.render import RenderOptions
 from tools.train import TrainOptions, train_all
+from tools.train_motion import MotionTraining
 
 SHARD = 50
 """Scenes in one file."""
@@ -40,6 +43,8 @@ class Recipe:
         Peak learning rate and seed of the crops of the second schedule.
     calibration_scenes : int
         Rendered photographs that set the ranges of the integers of the fast network.
+    motion : MotionTraining
+        Schedule of the network of moving things.
     """
 
     scenes: int = 5150
@@ -52,6 +57,7 @@ class Recipe:
     more_seed: int = 1
     processes: int = 2
     calibration_scenes: int = SCENES
+    motion: MotionTraining = field(default_factory=MotionTraining)
 
 
 def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, Path]:
@@ -87,6 +93,17 @@ def make(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
     models.mkdir(parents=True, exist_ok=True)
     export(second.out / "last.pt", models / "smear.onnx")
     quantize(models / "smear.onnx", models / "smear_fast.onnx", recipe.calibration_scenes)
+    make_motion(recipe, train, work, models)
+
+
+def make_motion(recipe: Recipe, train: Path, work: Path, models: Path) -> None:
+    """Make the network of moving things, on what the fast network of ``models`` says of the scenes."""
+    examples = work / "motion.npz"
+    if not examples.exists():
+        made = motion_data.make(train, multiprocessing.cpu_count(), models / "smear_fast.onnx")
+        made.save(examples)
+    train_motion.train(MotionExamples.load(examples), recipe.motion, work / "motion.pt")
+    export_motion.export(work / "motion.pt", models / "motion.onnx")
 
 
 def main() -> None:

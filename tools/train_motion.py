@@ -1,6 +1,6 @@
 """Train the network of moving things.
 
-``python -m tools.train_motion render/motion.npz runs/motion.pt`` makes ``--steps`` steps (25 minutes of one
+``python -m tools.train_motion render/motion.npz runs/motion.pt`` makes ``--steps`` steps (35 minutes of one
 core), saves a checkpoint every few hundred and goes on from it when the line is run again. The same examples,
 seed and number of threads give the same weights.
 """
@@ -45,7 +45,7 @@ BAD_CHECKPOINT = (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeErr
 class MotionTraining:
     """A schedule: windows of ``size`` (height, width) pixels, ``batch`` a step; AdamW, cosine."""
 
-    steps: int = 4000
+    steps: int = 8000
     batch: int = 8
     size: tuple[int, int] = (192, 256)
     learning_rate: float = 2e-3
