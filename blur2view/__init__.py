@@ -31,6 +31,7 @@ from blur2view.errors import (
 from blur2view.exposure_views import ExposureViews, TimeDirection, views_of
 from blur2view.image import read_image
 from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.motion_network import MotionNetwork
 from blur2view.network_file import ModelInfo
 from blur2view.pipeline import Estimate, Timings, estimate
 from blur2view.pose import PoseCovariance, RigidTransform
@@ -57,6 +58,7 @@ __all__ = [
     "ModelInfo",
     "MotionLabel",
     "MotionMask",
+    "MotionNetwork",
     "MovingRegion",
     "OutputError",
     "PoseCovariance",
