@@ -50,12 +50,12 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     """
     run = read_run(options, usage_error)
     _check_output(options)
-    network, of_motion = SmearNetwork(options.model), None if options.no_mask else MotionNetwork()
+    network, motion_network = SmearNetwork(options.model), None if options.no_mask else MotionNetwork()
     jobs, say = progress(options.images)
     entries = []
     for image in jobs:
         try:
-            entries.append(_entry(image, network, of_motion, run, options))
+            entries.append(_entry(image, network, motion_network, run, options))
         except Blur2ViewError as error:
             entries.append(Entry.failed(str(image), str(error)))
             complain(error, say)
@@ -85,11 +85,15 @@ def _check_output(options: argparse.Namespace) -> None:
 
 
 def _entry(
-    path: Path, network: SmearNetwork, of_motion: MotionNetwork | None, run: Run, options: argparse.Namespace
+    path: Path,
+    network: SmearNetwork,
+    motion_network: MotionNetwork | None,
+    run: Run,
+    options: argparse.Namespace,
 ) -> Entry:
-    """Estimate one photograph and pack it; without a network of moving things without a mask."""
+    """Estimate one photograph and pack it; without a motion segmentation network without a mask."""
     one = estimate_file(path, network, run)
     start = time.perf_counter()
-    mask = None if of_motion is None else segment(one.found, one.image, network=of_motion)
+    mask = None if motion_network is None else segment(one.found, one.image, network=motion_network)
     mask_s = None if mask is None else time.perf_counter() - start
     return Entry.of(one, mask, mask_s, timings=not options.no_timings)

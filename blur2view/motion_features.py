@@ -1,4 +1,4 @@
-"""What the network of moving things is told of every smear, on the smear network's grid.
+"""What the motion segmentation network is told of every smear, on the smear network's grid.
 
 Beside the photograph it gets the direction which the camera's motion gives a smear of this length, and how
 smear, uncertainty and residual lie to it. So what it learns does not depend on which way the camera went.
@@ -21,7 +21,7 @@ LONGEST_SCORE = 6.0  # standard deviations
 LENGTH_UNIT = 3.0  # of log(1 + length)
 
 
-def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) -> NDArray[np.float32]:
+def motion_features(found: Estimate, scored: MotionScore) -> NDArray[np.float32]:
     """Describe the smears of an estimate against the camera's motion.
 
     Parameters
@@ -29,8 +29,6 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     found : Estimate
     scored : MotionScore
         Of the same estimate.
-    scale : float
-        At most 1: cells are those of the photograph made so much smaller, and lengths in its pixels.
 
     Returns
     -------
@@ -41,7 +39,7 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
         (9, 10, 11) whether the camera's motion is an F, a homography, or none; (12) log(1 + length) that a
         homography predicts.
     """
-    rows, columns = (cell_pixels(side, scale) for side in found.field.shape)
+    rows, columns = (cell_pixels(side) for side in found.field.shape)
     smears = GridSmears.at(
         found.field, *(index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     )
@@ -58,7 +56,7 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     if geometry.F is not None:
         predicted = directions_of_F(geometry.F, ends)
     elif geometry.H is not None:
-        displacement = known(displacement_of(geometry.H, ends.mean(axis=1)))
+        displacement = zero_where_unknown(displacement_of(geometry.H, ends.mean(axis=1)))
         predicted_length = np.hypot(*displacement.T)
         predicted = doubled(displacement) * (predicted_length / (1 + predicted_length))
     else:
@@ -68,20 +66,18 @@ def motion_features(found: Estimate, scored: MotionScore, scale: float = 1.0) ->
     against = own * np.conj(unit(predicted))
     moves = geometry.F is not None, geometry.F is None and geometry.H is not None
     told = [
-        predicted.real, predicted.imag, against.real, against.imag, np.log1p(scale * length) / LENGTH_UNIT,
-        np.log(scale * smears.sigma_px) / LENGTH_UNIT, np.log(across) / LENGTH_UNIT,
+        predicted.real, predicted.imag, against.real, against.imag, np.log1p(length) / LENGTH_UNIT,
+        np.log(smears.sigma_px) / LENGTH_UNIT, np.log(across) / LENGTH_UNIT,
         *(np.minimum(np.sqrt(v.ravel()), LONGEST_SCORE) / LENGTH_UNIT for v in (score, reach)),
         *(nothing + float(is_so) for is_so in (*moves, not any(moves))),
-        np.log1p(scale * predicted_length) / LENGTH_UNIT,
+        np.log1p(predicted_length) / LENGTH_UNIT,
     ]  # fmt: skip
-    return np.asarray(known(np.stack(told)).astype(np.float32).reshape(CHANNELS, *score.shape))
+    return np.asarray(zero_where_unknown(np.stack(told)).astype(np.float32).reshape(CHANNELS, *score.shape))
 
 
-def cell_pixels(side: int, scale: float) -> NDArray[np.int_]:
-    """Give the pixels of one side nearest the centres of the cells of a smaller copy."""
-    count = -(-max(round(side * scale), 1) // STRIDE)
-    centres = (STRIDE * np.arange(count) + STRIDE / 2) / scale - 0.5
-    return np.minimum(centres.astype(np.int_), side - 1)
+def cell_pixels(side: int) -> NDArray[np.int_]:
+    """Give the pixels of one side nearest the centres of its cells, the upper or left ones of two."""
+    return np.minimum(np.arange(0, side, STRIDE) + (STRIDE - 1) // 2, side - 1)
 
 
 def directions_of_F(F: Array, ends: Array) -> Array:
@@ -96,13 +92,13 @@ def directions_of_F(F: Array, ends: Array) -> Array:
     half = np.maximum(half, MEET_PX)
     angles = np.arange(TURNS) * np.pi / TURNS
     steps = half[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]  # (TURNS, N, 2)
-    distance = np.stack([serrmin(F, np.stack([middle - s, middle + s], axis=1)) for s in steps])
+    squared_px = np.stack([serrmin(F, np.stack([middle - s, middle + s], axis=1)) for s in steps])
     # against the nearest, which for a long smear between two tried directions is far from meeting F
-    met = known(np.exp(-0.5 * (distance - distance.min(axis=0)) / MEET_PX**2))
+    met = zero_where_unknown(np.exp(-0.5 * (squared_px - squared_px.min(axis=0)) / MEET_PX**2))
     return np.asarray(np.exp(2j * angles) @ met / np.maximum(met.sum(axis=0), 1))
 
 
-def known(values: Array) -> Array:
+def zero_where_unknown(values: Array) -> Array:
     """Put zeros where values are not finite: a distorted camera has no rays there."""
     return np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 

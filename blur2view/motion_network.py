@@ -1,4 +1,4 @@
-"""The network of moving things: a checked ONNX file, run on a photograph of moderate size."""
+"""The motion segmentation network: a checked ONNX file, run on a photograph of moderate size."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from blur2view.errors import ModelError
 from blur2view.matches import STRIDE
 from blur2view.motion_features import CHANNELS, motion_features
-from blur2view.motion_score import MotionScore
+from blur2view.motion_score import motion_score
 from blur2view.network_file import open_session, session_errors, shipped_file, usable_cores
 from blur2view.pipeline import Estimate
+from blur2view.predict import check_image
+from blur2view.reduced import reduced_estimate, reduced_image, reduced_shape
 from blur2view.smear import upsample_grid
 from blur2view.tiles import reflected
 
@@ -24,7 +26,7 @@ SHIPPED = "motion.onnx"
 FORMAT = "motion-1"
 INPUTS, OUTPUTS = {"image": 3, "features": CHANNELS}, {"moving": 1}
 """Names and channels, all (N, C, H, W)."""
-REMEDY = "export one with tools/export_motion.py or leave it out to use the shipped one"
+REMEDY = "export one with tools/export_motion.py or install blur2view again for the shipped one"
 LONGEST_SIDE = 640
 """Larger photographs are made smaller: things that move are large, and masks need no more."""
 
@@ -40,7 +42,7 @@ class MotionInfo:
 
 
 class MotionNetwork:
-    """A loaded network of moving things; load once, use for many photographs.
+    """A loaded motion segmentation network; load once, use for many photographs.
 
     Parameters
     ----------
@@ -60,37 +62,46 @@ class MotionNetwork:
         self._session = open_session(self.path, threads or usable_cores(), REMEDY)
         self.info = read_info(self.path, self._session)
 
-    def probability(
-        self, found: Estimate, scored: MotionScore, image: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Tell how probably every cell moves by itself.
+    def probability(self, found: Estimate, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Tell how probably every pixel moves by itself.
 
         Parameters
         ----------
-        found, scored : Estimate, MotionScore
+        found : Estimate
             Of the photograph.
         image : ndarray of shape (H, W, 3), float32
             The photograph, sRGB-coded RGB in [0, 1].
 
         Returns
         -------
-        ndarray of shape (h, w), float32
-            On a grid of cells of ``info.stride`` pixels of the photograph at no more than LONGEST_SIDE.
+        ndarray of shape (H, W), float32
+            Interpolated between the cells of the photograph at no more than LONGEST_SIDE.
 
         Raises
         ------
         ValueError
-            If the photograph is not of the estimate's size.
+            If the photograph is not of the estimate's size, float32 and in [0, 1].
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        if image.shape != (*found.field.shape, 3):
+        height, width = reduced_shape(image.shape, LONGEST_SIDE)
+        covered = upsample_grid(self.cells(found, image)[..., None], self.info.stride)[:height, :width, 0]
+        pixels = cv2.resize(covered, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        return np.asarray(pixels, np.float32).reshape(image.shape[:2])
+
+    def cells(self, found: Estimate, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Tell the probabilities (h, w) of cells of ``info.stride`` pixels; see :meth:`probability`.
+
+        The last cells may reach beyond the photograph.
+        """
+        check_image(image)
+        if image.shape[:2] != found.field.shape:
             raise ValueError(f"expected an image of shape {(*found.field.shape, 3)}, got {image.shape}")
-        small, scale = reduced(image)
+        small = reduced_image(image, LONGEST_SIDE)
         stride, step = self.info.stride, self.info.multiple_of
-        height, width = small.shape[:2]
-        rows, columns = (range(-(-side // step) * step) for side in (height, width))
-        features = motion_features(found, scored, scale)
+        rows, columns = (range(-(-side // step) * step) for side in small.shape[:2])
+        estimate = reduced_estimate(found, (small.shape[0], small.shape[1]))
+        features = motion_features(estimate, motion_score(estimate))
         shape = features.shape[1:]
         missing = [(0, len(span) // stride - n) for span, n in zip((rows, columns), shape, strict=True)]
         padded = np.pad(features, [(0, 0), *missing], mode="edge")
@@ -119,7 +130,7 @@ def read_info(path: Path, session: Any) -> MotionInfo:
             for nodes in (session.get_inputs(), session.get_outputs())
         )
         if metadata.get("blur2view_format") != FORMAT or (inputs, outputs) != (INPUTS, OUTPUTS):
-            raise ModelError(f"{path}: is not a network of moving things of format {FORMAT}; {REMEDY}")
+            raise ModelError(f"{path}: is not a motion segmentation network of format {FORMAT}; {REMEDY}")
         info = MotionInfo(
             model_id=metadata["model_id"],
             stride=int(metadata["stride"]),
@@ -131,26 +142,3 @@ def read_info(path: Path, session: Any) -> MotionInfo:
     if info.stride != STRIDE or info.multiple_of < 1 or info.multiple_of % info.stride:
         raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
     return info
-
-
-def reduced(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-    """Reduce a photograph (H, W, 3) to at most LONGEST_SIDE; also how many of its pixels one old one is."""
-    shape, scale = reduced_shape(image.shape[:2])
-    if scale == 1.0:
-        return image, 1.0
-    return np.asarray(cv2.resize(image, shape[::-1], interpolation=cv2.INTER_AREA)), scale
-
-
-def reduced_shape(shape: tuple[int, ...]) -> tuple[tuple[int, int], float]:
-    """Give height and width of the reduced photograph (H, W), and the scale."""
-    scale = min(1.0, LONGEST_SIDE / max(shape))
-    return (max(round(shape[0] * scale), 1), max(round(shape[1] * scale), 1)), scale
-
-
-def to_photograph(cells: NDArray[np.float32], stride: int, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Resample cells (h, w) of a photograph (H, W) made smaller to its pixels; cells may reach beyond it."""
-    height, width = reduced_shape(shape)[0]
-    covered = upsample_grid(cells[..., None], stride)[:height, :width, 0]
-    return np.asarray(cv2.resize(covered, shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32).reshape(
-        shape
-    )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.motion_score import MotionScore
+from blur2view.reduced import reduced_image, reduced_shape
 
 Mask = NDArray[np.bool_]
 
@@ -43,13 +44,21 @@ class MotionCells:
     Parameters
     ----------
     probability : ndarray of shape (h, w)
-        That a cell moves; 0.5 where a part begins to be sure of it.
+        That a cell moves: 0.5 where a part begins to be sure of it, 0 where nothing is observable.
     moving, observable : ndarray of bool, shape (h, w)
     """
 
     probability: Array
     moving: Mask
     observable: Mask
+
+    @classmethod
+    def of(cls, odds: Array, moving: Mask, seen: Mask) -> MotionCells:
+        """Make them of the odds (h, w) that cells move; what is seen to move can be seen."""
+        observable = seen | moving
+        return cls(
+            probability=np.where(observable, odds / (1 + odds), 0.0), moving=moving, observable=observable
+        )
 
 
 def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[int, int]) -> MotionCells:
@@ -64,7 +73,7 @@ def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[
     shape : (int, int)
         H and W.
     """
-    small = working_image(np.zeros((*shape, 3), np.float32) if image is None else image)
+    small = reduced_image(np.zeros((*shape, 3), np.float32) if image is None else image, WORK_SIDE)
     shape = small.shape[:2]
     score, reach = (resized(field, shape) for field in (scored.score, scored.reach))
     part = superpixels(small)
@@ -74,17 +83,14 @@ def decide(scored: MotionScore, image: NDArray[np.float32] | None, shape: tuple[
     moving = moving_parts(np.where(seen, pooled, 0.0), LOW, HIGH)
     if scored.still and image is not None:
         moving = along_colours(moving, score, small)
-    odds = ODDS_SLOPE * np.log(np.maximum(pooled, 1e-3) / HIGH)
-    observable = seen | moving
-    return MotionCells(
-        probability=np.where(observable, 1 / (1 + np.exp(-odds)), 0.0), moving=moving, observable=observable
-    )
+    odds = (np.maximum(pooled, 1e-3) / HIGH) ** ODDS_SLOPE
+    return MotionCells.of(odds, moving, seen)
 
 
 def decide_by_network(
     scored: MotionScore, probability: NDArray[np.float32], shape: tuple[int, int]
 ) -> MotionCells:
-    """Decide by the network of moving things what moves.
+    """Decide by the motion segmentation network what moves.
 
     Parameters
     ----------
@@ -95,23 +101,11 @@ def decide_by_network(
     shape : (int, int)
         H and W of the photograph.
     """
-    working = working_shape(shape)
+    working = reduced_shape(shape, WORK_SIDE)
     chance, reach = resized(probability.astype(float), working), resized(scored.reach, working)
     moving = moving_parts(chance, LOW_PROBABILITY, HIGH_PROBABILITY)
     odds = chance / np.maximum(1 - chance, 1e-6) * ((1 - HIGH_PROBABILITY) / HIGH_PROBABILITY)
-    return MotionCells(probability=odds / (1 + odds), moving=moving, observable=(reach >= HIGH) | moving)
-
-
-def working_image(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Reduce a photograph (H, W, 3) to at most WORK_SIDE pixels along its longer side."""
-    size = working_shape(image.shape[:2])[::-1]
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-
-
-def working_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Give height and width of the working grid of a photograph (H, W)."""
-    factor = min(1.0, WORK_SIDE / max(shape))
-    return max(round(shape[0] * factor), 1), max(round(shape[1] * factor), 1)
+    return MotionCells.of(odds, moving, reach >= HIGH)
 
 
 def resized(field: Array, shape: tuple[int, ...]) -> Array:

@@ -1,4 +1,4 @@
-"""The file of a smear network: found, opened, and checked before anything runs."""
+"""Files of networks: found, opened, and those of smear networks checked before anything runs."""
 
 import json
 import os
@@ -75,9 +75,7 @@ def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ModelError(
-            f"{path}: cannot read the network ({error.strerror}); leave the model out to use the shipped one"
-        ) from None
+        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1

@@ -80,7 +80,7 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        _check_image(image)
+        check_image(image)
         grid = self._predict_levels(image, options or TileOptions(), pyramid or PyramidOptions(), 0)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
@@ -165,7 +165,7 @@ def predict(
     return network.predict(image, options)
 
 
-def _check_image(image: NDArray[np.float32]) -> None:
+def check_image(image: NDArray[np.float32]) -> None:
     """Raise ValueError unless the image is float32 of shape (H, W, 3) in [0, 1]."""
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
         raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")

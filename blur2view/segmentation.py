@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from blur2view.epipolar import Array
 from blur2view.matches import STRIDE
-from blur2view.motion_network import MotionNetwork, to_photograph
-from blur2view.motion_regions import decide, decide_by_network, to_pixels, without_small
-from blur2view.motion_score import motion_score
+from blur2view.motion_network import MotionNetwork
+from blur2view.motion_regions import MotionCells, decide, decide_by_network, to_pixels, without_small
+from blur2view.motion_score import MotionScore, motion_score
 from blur2view.object_motion import object_motion
 from blur2view.pipeline import Estimate
 from blur2view.smear import upsample_grid
@@ -77,19 +77,19 @@ class MotionMask:
         `MotionLabel`: 0 static, 1 moving, 2 unobservable.
     probability : ndarray of shape (H, W), float32
         That a pixel moves, after regularisation; in [0, 1], above 0.5 exactly where labels say moving. It
-        grows with the score but is no frequency: with the network's smears fewer of those pixels move.
+        grows with the evidence but is no frequency: fewer of those pixels move.
     score : ndarray of shape (H, W), float32
         Squared residual over its variance (chi-square where nothing moves: of one degree of freedom, of
         two before a still camera, where the squared length of a smear is measured).
     evidence : ndarray of shape (H, W), float32
-        What parts were found in: the probability that the network of moving things gives, before any
+        What parts were found in: the probability that the motion segmentation network gives, before any
         regularisation, or the score where that was not asked.
     regions : tuple of MovingRegion
         The connected moving parts, largest first.
     reason : str
         What the score was measured against.
     model_id : str
-        Name of the network of moving things' weights; empty if scores decided alone.
+        Name of the motion segmentation network's weights; empty if scores decided alone.
     """
 
     labels: NDArray[np.uint8]
@@ -106,7 +106,7 @@ class SegmentOptions:
     """What is asked for.
 
     With ``objects`` a motion of its own for every moving part, by ``estimator``. Unless ``learned`` the
-    scores of smears decide alone, without the network of moving things.
+    scores of smears decide alone, without the motion segmentation network.
     """
 
     learned: bool = True
@@ -152,14 +152,8 @@ def segment(
     if image is not None and image.shape != (*shape, 3):
         raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
     scored = motion_score(found)
-    if image is not None and options.learned and scored.reach.any() and not scored.still:
-        network = network or MotionNetwork()
-        chance, model_id = network.probability(found, scored, image), network.info.model_id
-        evidence = to_photograph(chance, network.info.stride, shape)
-        cells = decide_by_network(scored, evidence, shape)
-    else:
-        cells, evidence = decide(scored, image, shape), to_pixels_plainly(scored.score, shape)
-        model_id = ""
+    judged = _judge(found, scored, image, network, options)
+    cells = judged.cells
     moving, seen = (
         to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
     )
@@ -175,11 +169,38 @@ def segment(
         labels=labels.astype(np.uint8),
         probability=agreeing(to_pixels(cells.probability, image, shape), moving),
         score=score,
-        evidence=evidence,
+        evidence=judged.evidence,
         regions=regions,
-        reason=scored.reason,
-        model_id=model_id,
+        reason=scored.reason + (f"; decided by the network {judged.model_id}" if judged.model_id else ""),
+        model_id=judged.model_id,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Judgement:
+    """Decisions on a working grid, the evidence (H, W) they rest on, and which network gave it, if any."""
+
+    cells: MotionCells
+    evidence: NDArray[np.float32]
+    model_id: str = ""
+
+
+def _judge(
+    found: Estimate,
+    scored: MotionScore,
+    image: NDArray[np.float32] | None,
+    network: MotionNetwork | None,
+    options: SegmentOptions,
+) -> _Judgement:
+    """Decide what moves: by the motion segmentation network, or by scores alone."""
+    shape = found.field.shape
+    if image is None or not options.learned or scored.still or not scored.reach.any():
+        evidence = to_pixels_plainly(scored.score, shape)
+        return _Judgement(cells=decide(scored, image, shape), evidence=evidence)
+    network = network or MotionNetwork()
+    evidence = network.probability(found, image)
+    cells = decide_by_network(scored, evidence, shape)
+    return _Judgement(cells=cells, evidence=evidence, model_id=network.info.model_id)
 
 
 def agreeing(probability: NDArray[np.float32], moving: NDArray[np.bool_]) -> NDArray[np.float32]:

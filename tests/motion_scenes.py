@@ -71,5 +71,5 @@ def estimate_of(
 def by_scores(
     found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
 ) -> MotionMask:
-    """Segment without the network of moving things."""
+    """Segment without the motion segmentation network."""
     return segment(found, image, replace(options or SegmentOptions(), learned=False))

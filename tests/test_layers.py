@@ -34,11 +34,12 @@ LAYERS = [
     {"degeneracy", "calibrated"},
     {"two_view"},
     {"pipeline", "panel", "intrinsics"},
+    {"reduced"},
     {"viz", "exposure_views", "half_exposure", "colmap_schema", "motion_score", "object_motion"}
     | {"report_pack"},
     {"mapping", "translation_sign", "neighbours", "motion_regions", "motion_features"},
     {"motion_network"},
-    {"time_direction", "motion_network"},
+    {"time_direction"},
     {"segmentation"},
     {"results", "colmap_rows", "colmap_check", "colmap_project", "keypoint_views"}
     | {"mask_overlay", "view_placement"},

@@ -30,8 +30,8 @@ SHAPE = (48, 64)
 Features = NDArray[np.float32]
 
 
-def told(found: Estimate, scale: float = 1.0) -> Features:
-    return motion_features(found, motion_score(found), scale)
+def told(found: Estimate) -> Features:
+    return motion_features(found, motion_score(found))
 
 
 def cells_of(values: Array, side: int = 4) -> Features:
@@ -144,10 +144,7 @@ def test_homography_predicts_direction_and_length() -> None:
     np.testing.assert_array_equal(told(found)[9:12, 3, 4], [0, 1, 0])
     np.testing.assert_allclose(told(found)[:2, 3, 4], [STATIC_PX / (1 + STATIC_PX), 0], atol=1e-6)
     np.testing.assert_allclose(told(found)[2:4, 3, 4], [1, 0], atol=1e-6)
-    for scale in (1.0, 0.5):
-        np.testing.assert_allclose(
-            told(found, scale)[12], np.log1p(scale * STATIC_PX) / LENGTH_UNIT, rtol=1e-6
-        )
+    np.testing.assert_allclose(told(found)[12], np.log1p(STATIC_PX) / LENGTH_UNIT, rtol=1e-6)
 
 
 def test_camera_without_a_motion_predicts_no_direction() -> None:
@@ -197,38 +194,17 @@ def test_training_mirrors_features_as_a_mirrored_photograph_has_them(kind: str, 
     assert expected.shape != features.shape or np.abs(expected - features).max() > 0.5
 
 
-def test_smaller_copy_has_fewer_cells_and_shorter_smears() -> None:
-    smears = random_smears(3, side=8)
-    found = estimated(smears, F=SIDEWAYS)
-    whole, half = told(found)[:, ::2, ::2], told(found, 0.5)
-    assert half.shape == (CHANNELS, 6, 8)
-    length, sigma = (np.expm1(LENGTH_UNIT * whole[4]), np.exp(LENGTH_UNIT * whole[5]))
-    np.testing.assert_allclose(half[4], np.log1p(0.5 * length) / LENGTH_UNIT, rtol=1e-4)
-    np.testing.assert_allclose(half[5], np.log(0.5 * sigma) / LENGTH_UNIT, rtol=1e-4, atol=1e-6)
-    others = [k for k in range(CHANNELS) if k not in (4, 5)]
-    np.testing.assert_allclose(half[others], whole[others], rtol=1e-5, atol=1e-6)
-
-
 @pytest.mark.parametrize("side", [1, 2, 5, 17, 457, 641, 2000])
-def test_cells_are_sampled_where_the_smaller_copy_has_them(side: int) -> None:
-    np.testing.assert_array_equal(cell_pixels(side, 1.0), np.minimum(np.arange(0, side, 4) + 1, side - 1))
-    for scale in (0.9, 0.5, 0.064):
-        small = max(round(side * scale), 1)
-        pixels = cell_pixels(side, scale)
-        assert len(pixels) == -(-small // 4) and pixels.min() >= 0 and pixels.max() < side
-        centres = (4 * np.arange(len(pixels)) + 2) / scale - 0.5
-        inside = centres < side - 1
-        assert (np.abs(pixels - centres)[inside] < 1).all()
+def test_cells_are_sampled_at_their_centres(side: int) -> None:
+    np.testing.assert_array_equal(cell_pixels(side), np.minimum(np.arange(0, side, 4) + 1, side - 1))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (17, 18), (5, 457), (4, 3)])
 @pytest.mark.parametrize(("F", "model"), [(SIDEWAYS, None), (None, SHIFT), (None, None)])
 def test_any_size_will_do(shape: tuple[int, int], F: Array | None, model: Array | None) -> None:
     found = estimate_of(sideways(shape), F=F, H=model)
-    for scale in (1.0, 0.3):
-        features = told(found, scale)
-        cells = tuple(-(-max(round(side * scale), 1) // 4) for side in shape)
-        assert features.shape == (CHANNELS, *cells) and np.isfinite(features).all()
+    features, cells = told(found), tuple(-(-side // 4) for side in shape)
+    assert features.shape == (CHANNELS, *cells) and np.isfinite(features).all()
 
 
 @pytest.mark.parametrize(("F", "model"), [(SIDEWAYS, None), (None, SHIFT)], ids="FH")

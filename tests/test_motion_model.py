@@ -1,4 +1,4 @@
-"""The network of moving things in torch: what is turned into the predicted direction, and what learns."""
+"""The motion segmentation network in torch: what is turned into the predicted direction, and what learns."""
 
 from dataclasses import fields
 

@@ -1,4 +1,4 @@
-"""The network of moving things in the package: what it computes, on any size, and what it refuses."""
+"""The motion segmentation network in the package: what it computes, on any size, and what it refuses."""
 
 import warnings
 from pathlib import Path
@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
 from blur2view.motion_features import CHANNELS, LENGTH_UNIT, motion_features
-from blur2view.motion_network import FORMAT, LONGEST_SIDE, MotionNetwork, reduced, to_photograph
+from blur2view.motion_network import FORMAT, LONGEST_SIDE, MotionNetwork
 from blur2view.motion_score import motion_score
 from blur2view.predict import SmearNetwork
 
@@ -76,11 +76,11 @@ def noise(shape: tuple[int, int], seed: int = 0) -> Image:
     return np.random.default_rng(seed).random((*shape, 3), dtype=np.float32)
 
 
-def probability(network: MotionNetwork, image: Image) -> NDArray[np.float32]:
+def cells_of(network: MotionNetwork, image: Image) -> NDArray[np.float32]:
     height, width = image.shape[:2]
     smears = sideways((height, width)) * np.linspace(0.1, 2, width, dtype=np.float32)[:, None]
     found = estimate_of(smears, F=SIDEWAYS)
-    return network.probability(found, motion_score(found), image)
+    return network.cells(found, image)
 
 
 @pytest.mark.parametrize("size", [(64, 96), (65, 33), (17, 18), (31, 32), (5, 457), (1, 1), (2, 3)])
@@ -88,7 +88,7 @@ def test_every_cell_gets_the_probability_of_its_pixels_and_smears(
     network: MotionNetwork, size: tuple[int, int]
 ) -> None:
     image = noise(size)
-    found = probability(network, image)
+    found = cells_of(network, image)
     rows, columns = (-(-side // 4) for side in size)
     padded = np.pad(
         image[..., 0], [(0, 4 * n - side) for n, side in zip((rows, columns), size, strict=True)], "reflect"
@@ -108,22 +108,13 @@ def test_larger_photographs_are_made_smaller_with_their_smears(
     image = np.zeros((*size, 3), np.float32)
     image[:, size[1] // 2 :, 0] = 1
     found = estimate_of(sideways(size), F=SIDEWAYS)
-    grid = network.probability(found, motion_score(found), image)
+    grid = network.cells(found, image)
     scale = LONGEST_SIDE / max(size)
     assert grid.shape == tuple(-(-max(round(side * scale), 1) // 4) for side in size)
     length = LENGTH * np.log1p(scale * STATIC_PX) / LENGTH_UNIT
     left, right = grid[:, : grid.shape[1] // 2 - 1], grid[:, grid.shape[1] // 2 + 1 :]
     np.testing.assert_allclose(left, 1 / (1 + np.exp(REDNESS / 2 - length)), rtol=1e-4)
     np.testing.assert_allclose(right, 1 / (1 + np.exp(-REDNESS / 2 - length)), rtol=1e-4)
-
-
-def test_reduction_averages_and_leaves_ordinary_photographs_alone() -> None:
-    ordinary = noise((480, LONGEST_SIDE))
-    assert reduced(ordinary) == (ordinary, 1.0)
-    large = noise((100, 2 * LONGEST_SIDE))
-    small, scale = reduced(large)
-    assert scale == 0.5
-    np.testing.assert_allclose(small, large.reshape(50, 2, LONGEST_SIDE, 2, 3).mean(axis=(1, 3)), atol=1e-5)
 
 
 def test_what_lies_beyond_the_photograph_is_no_cell_of_it(tmp_path: Path) -> None:
@@ -136,14 +127,14 @@ def test_what_lies_beyond_the_photograph_is_no_cell_of_it(tmp_path: Path) -> Non
     onnx.save(model, tmp_path / "far.onnx")
     found = estimate_of(sideways((20, 36)), H=np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]]))
     image = np.full((20, 36, 3), 0.5, np.float32)
-    grid = MotionNetwork(tmp_path / "far.onnx").probability(found, motion_score(found), image)
+    grid = MotionNetwork(tmp_path / "far.onnx").cells(found, image)
     np.testing.assert_allclose(grid, 1 / (1 + np.exp(-1)), rtol=1e-5)
 
 
 def test_probability_is_reproducible_and_changes_nothing(path: Path) -> None:
     image = noise((130, 170))
     before = image.copy()
-    first, second = (probability(MotionNetwork(path), image) for _ in range(2))
+    first, second = (cells_of(MotionNetwork(path), image) for _ in range(2))
     assert first.tobytes() == second.tobytes()
     np.testing.assert_array_equal(image, before)
 
@@ -153,7 +144,7 @@ def test_certainty_has_no_end_and_no_warning(tmp_path: Path) -> None:
         onnx.save(red_and_long(bias=bias), tmp_path / "sure.onnx")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = probability(MotionNetwork(tmp_path / "sure.onnx"), noise((32, 32)))
+            found = cells_of(MotionNetwork(tmp_path / "sure.onnx"), noise((32, 32)))
         np.testing.assert_allclose(found, expected, atol=1e-30)
 
 
@@ -161,7 +152,7 @@ def test_photograph_of_another_size_is_refused(network: MotionNetwork) -> None:
     found = estimate_of(sideways((32, 48)), F=SIDEWAYS)
     for shape in ((48, 32), (32, 52), (64, 96)):
         with pytest.raises(ValueError, match=r"expected an image of shape \(32, 48, 3\), got"):
-            network.probability(found, motion_score(found), noise(shape))
+            network.cells(found, noise(shape))
 
 
 def test_network_tells_what_it_is(network: MotionNetwork) -> None:
@@ -196,14 +187,14 @@ GOOD = red_and_long().SerializeToString()
         (GOOD.replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
         (GOOD.replace(b"CC0", b"CC\xff"), "damaged metadata"),
         (GOOD.replace(b"moving", b"movin\xff"), "damaged metadata"),
-        (colour_code_network().SerializeToString(), "not a network of moving things"),
+        (colour_code_network().SerializeToString(), "not a motion segmentation network"),
         (red_and_long(blur2view_format="motion-2").SerializeToString(), f"format {FORMAT}"),
-        (without("blur2view_format").SerializeToString(), "not a network of moving things"),
-        (red_and_long(features=CHANNELS - 1).SerializeToString(), "not a network of moving things"),
-        (red_and_long(outputs=2).SerializeToString(), "not a network of moving things"),
-        (GOOD.replace(b"moving", b"movers"), "not a network of moving things"),
-        (with_another_input(4).SerializeToString(), "not a network of moving things"),
-        (with_another_input(1).SerializeToString(), "not a network of moving things"),
+        (without("blur2view_format").SerializeToString(), "not a motion segmentation network"),
+        (red_and_long(features=CHANNELS - 1).SerializeToString(), "not a motion segmentation network"),
+        (red_and_long(outputs=2).SerializeToString(), "not a motion segmentation network"),
+        (GOOD.replace(b"moving", b"movers"), "not a motion segmentation network"),
+        (with_another_input(4).SerializeToString(), "not a motion segmentation network"),
+        (with_another_input(1).SerializeToString(), "not a motion segmentation network"),
         (without("model_id").SerializeToString(), "damaged metadata"),
         (red_and_long(stride="four").SerializeToString(), "damaged metadata"),
         (red_and_long(stride="8").SerializeToString(), "damaged metadata"),
@@ -243,7 +234,7 @@ def test_network_that_breaks_its_promise_is_refused(
     onnx.save(model, tmp_path / "wrong.onnx")
     network = MotionNetwork(tmp_path / "wrong.onnx")
     with pytest.raises(ModelError, match=f"wrong.onnx: .*{words}") as caught:
-        probability(network, noise((60, 30)))
+        cells_of(network, noise((60, 30)))
     assert "\n" not in str(caught.value) and capfd.readouterr() == ("", "")
 
 
@@ -253,7 +244,7 @@ def test_grid_of_another_size_is_refused(tmp_path: Path) -> None:
     model.graph.node[1].output[0] = "moving"  # cells of two pixels, features unused
     onnx.save(model, tmp_path / "fine.onnx")
     with pytest.raises(ModelError, match="other values than its format promises"):
-        probability(MotionNetwork(tmp_path / "fine.onnx"), noise((32, 32)))
+        cells_of(MotionNetwork(tmp_path / "fine.onnx"), noise((32, 32)))
 
 
 def test_features_are_those_of_the_estimate(network: MotionNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,20 +257,31 @@ def test_features_are_those_of_the_estimate(network: MotionNetwork, monkeypatch:
     monkeypatch.setattr(network, "_run", run)
     image, found = noise((36, 50)), estimate_of(sideways((36, 50)), F=SIDEWAYS)
     scored = motion_score(found)
-    network.probability(found, scored, image)
+    network.cells(found, image)
     assert seen[0].shape == (1, 3, 64, 64) and seen[1].shape == (1, CHANNELS, 16, 16)
     np.testing.assert_array_equal(seen[0][0, :, :36, :50], image.transpose(2, 0, 1))
     np.testing.assert_array_equal(seen[1][0, :, :9, :13], motion_features(found, scored))
     assert seen[0].flags.c_contiguous and seen[0].dtype == seen[1].dtype == np.float32
 
 
-def test_cells_cover_the_photograph_and_may_reach_beyond() -> None:
-    rows = np.linspace(0, 1, 5, dtype=np.float32)[:, None] + np.zeros((5, 2), np.float32)
-    picture = to_photograph(rows, 4, (18, 7))  # five cells of four pixels: two pixels are beyond
-    assert picture.shape == (18, 7)
-    centres = 4 * np.arange(4) + 1.5
+def test_cells_cover_the_photograph_and_may_reach_beyond(
+    network: MotionNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ramp(_: Image, features: Image) -> Image:
+        rows, columns = features.shape[2:]
+        return np.linspace(0, 1, rows, dtype=np.float32)[:, None] + np.zeros((1, columns), np.float32)
+
+    monkeypatch.setattr(network, "_run", ramp)
+    found = estimate_of(sideways((18, 7)), F=SIDEWAYS)  # five cells of four pixels: two pixels are beyond
+    grid, picture = network.cells(found, noise((18, 7))), network.probability(found, noise((18, 7)))
+    assert grid.shape == (5, 2) and picture.shape == (18, 7) and picture.dtype == np.float32
+    centres = 4 * np.arange(1, 4) + 1.5
     seen = np.interp(centres, np.arange(18), picture[:, 3])
-    np.testing.assert_allclose(seen[1:], rows[1:4, 0], atol=1e-6)
-    halved = to_photograph(np.ones((90, 160), np.float32), 4, (720, 1280))
-    assert halved.shape == (720, 1280) and (halved == 1).all()
-    assert to_photograph(np.ones((1, 1), np.float32), 4, (1, 1)).shape == (1, 1)
+    np.testing.assert_allclose(seen, grid[1:4, 0], atol=2e-4)  # OpenCV weighs in steps of 1 / 2048
+
+
+@pytest.mark.parametrize("shape", [(720, 1280), (1, 1), (3, 1500)])
+def test_every_pixel_gets_a_probability(network: MotionNetwork, shape: tuple[int, int]) -> None:
+    found = estimate_of(sideways(shape), F=SIDEWAYS)
+    picture = network.probability(found, np.full((*shape, 3), 0.5, np.float32))
+    assert picture.shape == shape and np.ptp(picture) < 1e-4

@@ -1,4 +1,4 @@
-"""The network of moving things learns: its examples, batches and loss, runs that resume, and the export."""
+"""The motion segmentation network learns: examples, batches and loss, runs that resume, the export."""
 
 import math
 import shutil
@@ -310,7 +310,7 @@ def test_rate_rises_then_falls_to_a_hundredth() -> None:
 def test_a_few_steps_lower_the_loss(tmp_path: Path) -> None:
     made = examples()
     batch = batch_of(made, chances(made), QUICK, 0)
-    run = MotionRun.start(QUICK, tmp_path / "none.pt")
+    run = MotionRun.start(QUICK, tmp_path / "none.pt", 1)
     run.network.train()
     losses = [run.advance(batch, 2e-3) for _ in range(25)]
     assert np.mean(losses[-3:]) < 0.6 * np.mean(losses[:3]) and run.step == 25
@@ -346,7 +346,7 @@ def test_resumed_run_equals_an_uninterrupted_one(
 
 
 def test_average_follows_the_weights(tmp_path: Path) -> None:
-    made, run = examples(), MotionRun.start(QUICK, tmp_path / "none.pt")
+    made, run = examples(), MotionRun.start(QUICK, tmp_path / "none.pt", 1)
     before = run.average.head.weight.clone()
     torch.testing.assert_close(run.network.head.weight, before, rtol=0, atol=0)
     run.network.train()
@@ -357,14 +357,14 @@ def test_average_follows_the_weights(tmp_path: Path) -> None:
 
 
 def test_weights_follow_from_the_seed(tmp_path: Path) -> None:
-    first, same, other = (MotionRun.start(replace(QUICK, seed=k), tmp_path / "none.pt") for k in (3, 3, 4))
+    first, same, other = (MotionRun.start(replace(QUICK, seed=k), tmp_path / "none.pt", 1) for k in (3, 3, 4))
     for mine, theirs in zip(arrays(first), arrays(same), strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert not torch.equal(first.network.head.weight, other.network.head.weight)
 
 
 def test_checkpoint_gives_its_averaged_network(tmp_path: Path) -> None:
-    run = MotionRun.start(QUICK, tmp_path / "none.pt")
+    run = MotionRun.start(QUICK, tmp_path / "none.pt", 1)
     with torch.no_grad():
         run.average.head.weight.add_(1)
     run.step = 7
@@ -387,7 +387,7 @@ def test_windows_larger_than_the_photographs_are_refused(tmp_path: Path) -> None
 
 
 def bad_checkpoint(path: Path, kind: str) -> Path:
-    """Write a file that is no checkpoint of the network of moving things."""
+    """Write a file that is no checkpoint of the motion segmentation network."""
     if kind == "damaged":
         path.write_bytes(b"PK no archive")
     elif kind == "folder":
@@ -410,6 +410,15 @@ def test_training_does_not_go_on_from_what_is_no_checkpoint(
     monkeypatch.setattr("sys.argv", ["train_motion", str(tmp_path / "motion.npz"), str(last)])
     with pytest.raises(SystemExit, match=r"^.*run.pt: is no checkpoint to go on from.*$"):
         train_motion.main()
+
+
+def test_training_does_not_go_on_with_another_seed_or_fewer_steps(tmp_path: Path) -> None:
+    made = examples()
+    train(made, replace(QUICK, steps=2), tmp_path / "run.pt")
+    with pytest.raises(Blur2ViewError, match=r"run.pt: is of another training .*'seed': 0.*not.*'seed': 1"):
+        train(made, replace(QUICK, steps=2, seed=1), tmp_path / "run.pt")
+    with pytest.raises(Blur2ViewError, match="run.pt has made 2 steps, more than 1"):
+        train(made, replace(QUICK, steps=1), tmp_path / "run.pt")
 
 
 def test_training_command_trains_and_names_missing_examples(
@@ -461,7 +470,7 @@ def test_package_computes_what_torch_does_in_every_size(exported: Path, checkpoi
         image = np.random.default_rng(1).random((*size, 3), dtype=np.float32)
         found = estimate_of(sideways(size), F=SIDEWAYS)
         scored = motion_score(found)
-        grid = loaded.probability(found, scored, image)
+        grid = loaded.cells(found, image)
         assert grid.shape == tuple(-(-side // 4) for side in size)
         if any(side % 32 for side in size):
             continue

@@ -69,7 +69,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     """Median seconds of every step of an estimate, in process and warm."""
     from blur2view.cli import main as command
 
-    network = blur2view.SmearNetwork()
+    network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
     image = blur2view.read_image(photo)
     found = estimate(image, network=network)
     field, matches = found.field, found.matches
@@ -81,6 +81,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "matches": timed(lambda: select_matches(field), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
         "draw and write": timed(lambda: write_results(files, {}, image, found), repeats),
+        "motion mask": timed(lambda: blur2view.segment(found, image, network=motion_network), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }

@@ -1,4 +1,4 @@
-"""Export the network of moving things to the ONNX file that the package ships.
+"""Export the motion segmentation network to the ONNX file that the package ships.
 
 ``python -m tools.export_motion runs/motion.pt models/motion.onnx`` writes its weights, dynamic in height and
 width, with the metadata that :mod:`blur2view.motion_network` reads, and checks the file against torch.
@@ -31,7 +31,7 @@ LARGEST_DIFFERENCE = 1e-3
 """Of logits."""
 
 CONVENTION = (
-    "inputs: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; features (N,13,H/stride,W/stride) of "
+    f"inputs: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; features (N,{CHANNELS},H/stride,W/stride) of "
     "blur2view.motion_features; output: moving (N,1,H/stride,W/stride), logits that a cell moves by itself"
 )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.mask_overlay import PINK
+from blur2view.motion_network import MotionNetwork
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation import MotionLabel, MotionMask, segment
 from tools.figure_cases import Case, at_pixels, at_quantiles
@@ -26,8 +27,8 @@ LEAST_SHARE = 0.03
 TITLES = ("input", "truth: pink moves, dark is hidden", "mask: dark cannot be told", "probability of moving")
 
 
-def masked(case: Case) -> MotionMask:
-    """Segment one photograph with its edges."""
+def masked(case: Case, network: MotionNetwork) -> MotionMask:
+    """Segment one photograph."""
     found = Estimate(
         field=case.field,
         matches=case.matches,
@@ -35,7 +36,7 @@ def masked(case: Case) -> MotionMask:
         model_id="",
         timings=Timings(predict_s=0.0, select_s=0.0, solve_s=0.0),
     )
-    return segment(found, case.image)
+    return segment(found, case.image, network=network)
 
 
 def mask_iou(case: Case, mask: MotionMask) -> float:
@@ -62,7 +63,8 @@ def segmentation_panels(found: Sequence[Case]) -> Figure | None:
     movers = [c for c in found if (~c.scene.static & c.scene.valid).mean() >= LEAST_SHARE]
     if not movers:
         return None
-    masks = {id(case): masked(case) for case in movers}
+    network = MotionNetwork()
+    masks = {id(case): masked(case, network) for case in movers}
     chosen = at_quantiles(movers, lambda case: -mask_iou(case, masks[id(case)]), QUANTILES)
     figure = new_figure(10, 2.05 * len(chosen) + 0.8)
     grid = figure.add_gridspec(len(chosen) + 1, 4, height_ratios=[1] * len(chosen) + [0.07])

@@ -1,4 +1,4 @@
-"""What the network of moving things is trained on: photographs, what is known of their smears, what moves.
+"""What the motion segmentation network is trained on: photographs, what is known of their smears, what moves.
 
 ``python -m tools.motion_data render/train render/motion.npz`` photographs rendered scenes, estimates smears
 and the camera's motion with the shipped network as anybody would, and stores what :class:`MotionExamples`
@@ -17,7 +17,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +25,7 @@ from blur2view.motion_features import motion_features
 from blur2view.motion_score import motion_score
 from blur2view.pipeline import estimate
 from blur2view.predict import SmearNetwork
-from tools.dataset import decode_linear, require_shards
+from tools.dataset import decode_linear, require_shards, start_worker
 from tools.sensor import photograph
 
 Array = NDArray[Any]
@@ -79,11 +78,6 @@ class MotionExamples:
         except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
             remedy = f"run python -m tools.motion_data SHARDS {path}"
             raise Blur2ViewError(f"no examples in {path}: {remedy}") from None
-
-
-def start_worker() -> None:
-    """Keep OpenCV to one thread, so that processes do not fight for cores."""
-    cv2.setNumThreads(1)
 
 
 def examples_of(shard: Path, model: Path | None = None) -> list[tuple[Array, Array, Array]]:

@@ -1,4 +1,4 @@
-"""The network of moving things: from a photograph and its smears to a logit per cell (torch)."""
+"""The motion segmentation network: from a photograph and its smears to a logit per cell (torch)."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Plan:
     shards: Path
     scenes: Path
     results: Path
-    seeds: int = 3
+    seeds: tuple[int, ...] = (0, 1, 2)
     steps: int = STEPS
     plain_steps: int = PLAIN_STEPS
 
@@ -52,7 +52,7 @@ def train(plan: Plan) -> None:
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )
-    run_all(list(VARIANTS.values()), range(plan.seeds), options, plan.plain_steps)
+    run_all(list(VARIANTS.values()), plan.seeds, options, plan.plain_steps)
     summarise(plan)
 
 
@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--shards", type=Path, default=Path("render"), help="(default: %(default)s)")
     parser.add_argument("--scenes", type=Path, default=Path("render/test"), help="(default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
-    parser.add_argument("--seeds", type=int, default=Plan.seeds)
+    parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
     parser.add_argument("--steps", type=int, default=Plan.steps)
     parser.add_argument("--plain-steps", type=int, default=Plan.plain_steps)
     parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))

@@ -2,7 +2,7 @@
 
     python -m tools.dataset --out render/train --scenes 4050 --photos KODAK
     python -m tools.dataset --out render/val --scenes 100 --first-seed 900000 --split test --photos KODAK
-    python -m tools.paper_variants --train render/train --val render/val --out runs/paper
+    python -m tools.paper_variants --train render/train --val render/val --out runs/paper/variants
 
 trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 2000 steps of 16 crops
 of 128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71 (--plain-steps). Runs
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +33,7 @@ from tools.loss import loss_of, smear_error, target_parts
 from tools.model import SmearUNet, decode
 from tools.paper_loss import Representation, decoded, paper_loss
 from tools.paper_network import PlainUNet, stem_network
+from tools.schedule import warm_cosine
 from tools.train import TrainOptions, batches_of
 from tools.validation import figures_of, validation_crops
 
@@ -124,9 +124,7 @@ def start(variant: Variant, seed: int, learning_rate: float, device: torch.devic
 
 def learning_rate_at(step: int, options: TrainOptions) -> float:
     """Warm up linearly over a tenth of the steps, then follow a cosine down to 1 % of the peak."""
-    warm = min(1.0, (step + 1) / max(1, options.steps // 10))
-    fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / options.steps)))
-    return options.learning_rate * warm * (0.01 + 0.99 * fall)
+    return warm_cosine(step, options.steps, options.learning_rate, options.steps // 10)
 
 
 def shared_input(network: nn.Module, images: Tensor) -> Tensor:
@@ -177,6 +175,8 @@ def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes:
     for run, last in zip(runs, files, strict=True):
         if last.exists():
             run.load(last)
+        if run.step > options.steps:
+            raise Blur2ViewError(f"{last} has made {run.step} steps, more than {options.steps}; move it away")
         run.network.train()
     first = min(run.step for run in runs)
     batches = batches_of(scenes, options, first)

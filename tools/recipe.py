@@ -44,7 +44,7 @@ class Recipe:
     calibration_scenes : int
         Rendered photographs that set the ranges of the integers of the fast network.
     motion : MotionTraining
-        Schedule of the network of moving things.
+        Schedule of the motion segmentation network.
     """
 
     scenes: int = 5150
@@ -97,7 +97,7 @@ def make(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
 
 
 def make_motion(recipe: Recipe, train: Path, work: Path, models: Path) -> None:
-    """Make the network of moving things, on what the fast network of ``models`` says of the scenes."""
+    """Make the motion segmentation network, on what the fast network of ``models`` says of the scenes."""
     examples = work / "motion.npz"
     if not examples.exists():
         made = motion_data.make(train, multiprocessing.cpu_count(), models / "smear_fast.onnx")

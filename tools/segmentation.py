@@ -144,7 +144,7 @@ class Judged:
 
 
 def judged_scenes(
-    folders: Iterable[Path], network: SmearNetwork, of_motion: MotionNetwork
+    folders: Iterable[Path], network: SmearNetwork, motion_network: MotionNetwork
 ) -> Iterator[tuple[Path, Judged]]:
     """Segment every scene of every folder; from true smears by their scores alone."""
     by_scores = SegmentOptions(learned=False)
@@ -152,7 +152,7 @@ def judged_scenes(
         for scene in read_test_set(folder):
             image = read_image(scene.image_path)
             found = estimate(image, network=network)
-            mask = segment(found, image, network=of_motion)
+            mask = segment(found, image, network=motion_network)
             truly = true_estimate(scene, found)
             yield (
                 folder,
@@ -201,21 +201,21 @@ def _row(name: str, scenes: list[SceneFigures]) -> str:
     return f"| {name} | {len(scenes)} | {told} |"
 
 
-def real_lines(folder: Path, network: SmearNetwork, of_motion: MotionNetwork) -> list[str]:
+def real_lines(folder: Path, network: SmearNetwork, motion_network: MotionNetwork) -> list[str]:
     """Measure the overlap with the outlined walker, and what is called moving where nothing is."""
     outline = json.loads(OUTLINE.read_text())
     person = np.zeros((outline["height"], outline["width"]), np.uint8)
     cv2.fillPoly(person, [np.array(outline["polygon"], np.int32)], 1)
     image = read_image(folder / outline["photograph"])
-    mask = segment(estimate(image, network=network), image, network=of_motion)
+    mask = segment(estimate(image, network=network), image, network=motion_network)
     moving = mask.labels == MotionLabel.MOVING
     lines = [f"- {outline['photograph']}: IoU {overlap(moving, person > 0):.2f} with the outlined person"]
     for name in STREETS:
         image = read_image(folder / name)
         found = estimate(image, network=network)
-        segment(found, image, network=of_motion)  # once to load what is loaded late
+        segment(found, image, network=motion_network)  # once to load what is loaded late
         start = time.process_time()
-        mask = segment(found, image, network=of_motion)
+        mask = segment(found, image, network=motion_network)
         seconds = time.process_time() - start
         share = float((mask.labels == MotionLabel.MOVING).mean())
         size = f"{image.shape[1]}x{image.shape[0]}"
@@ -258,12 +258,12 @@ def _panel_row(one: Judged) -> Array:
 
 HEAD = """# Motion masks
 
-`{command}`; networks `{model}`, `{of_motion}`.
+`{command}`; networks `{model}`, `{motion_network}`.
 
 Means over scenes. IoU: of what is called moving with what moves, over the pixels that are not called
 unobservable; "all": over every pixel whose smear is known. Baseline: SErrMin of the same F above 3 squared
-pixels. AP: average precision of what the network of moving things says, before regularisation. "True smears":
-the same estimator with the truth in place of the smears, and masks of their scores alone.
+pixels. AP: average precision of what the motion segmentation network says, before regularisation. "True
+smears": the same estimator with the truth in place of the smears, and masks of their scores alone.
 
 | scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, SErrMin | called moving | baseline | unobservable |
 |---|---|---|---|---|---|---|---|---|---|
@@ -279,20 +279,22 @@ def main() -> None:
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
     parser.add_argument("--out", type=Path, required=True, help="without suffix")
     arguments = parser.parse_args()
-    network, of_motion = SmearNetwork(), MotionNetwork()
+    network, motion_network = SmearNetwork(), MotionNetwork()
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}
-    for folder, one in judged_scenes(arguments.scenes, network, of_motion):
+    for folder, one in judged_scenes(arguments.scenes, network, motion_network):
         judged[folder].append(one)
         print(folder.name, one.predicted, flush=True)
     rows = [row for folder, some in judged.items() for row in split_rows(folder.name, some)]
     command = f"python -m tools.segmentation {' '.join(map(str, arguments.scenes))} --out {arguments.out}"
     text = (
-        HEAD.format(command=command, model=network.info.model_id, of_motion=of_motion.info.model_id)
+        HEAD.format(command=command, model=network.info.model_id, motion_network=motion_network.info.model_id)
         + "\n".join(rows)
         + "\n"
     )
     if arguments.real.is_dir():
-        text += "\nReal photographs:\n\n" + "\n".join(real_lines(arguments.real, network, of_motion)) + "\n"
+        text += (
+            "\nReal photographs:\n\n" + "\n".join(real_lines(arguments.real, network, motion_network)) + "\n"
+        )
     arguments.out.with_suffix(".md").write_text(text)
     some = with_movers(one for some in judged.values() for one in some)
     if some:

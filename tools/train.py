@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -35,6 +34,7 @@ from tools.crops import CropStream
 from tools.dataset import Scenes, load_shards, require_shards
 from tools.loss import Loss, loss_of
 from tools.model import MULTIPLE_OF, SmearUNet
+from tools.schedule import warm_cosine
 from tools.validation import figures_of, predict, validation_crops
 
 WARM_UP_STEPS = 300
@@ -99,9 +99,7 @@ class TrainOptions:
 
 def learning_rate_at(step: int, options: TrainOptions) -> float:
     """Warm up linearly over 300 steps, then follow a cosine down to 1 % of the peak."""
-    warm = min(1.0, (step + 1) / WARM_UP_STEPS)
-    fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / options.steps)))
-    return options.learning_rate * warm * (0.01 + 0.99 * fall)
+    return warm_cosine(step, options.steps, options.learning_rate, WARM_UP_STEPS)
 
 
 def forward(network: SmearUNet, images: Tensor) -> Tensor:

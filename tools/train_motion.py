@@ -1,4 +1,4 @@
-"""Train the network of moving things.
+"""Train the motion segmentation network.
 
 ``python -m tools.train_motion render/motion.npz runs/motion.pt`` makes ``--steps`` steps (35 minutes of one
 core), saves a checkpoint every few hundred and goes on from it when the line is run again. The same examples,
@@ -8,7 +8,6 @@ seed and number of threads give the same weights.
 from __future__ import annotations
 
 import argparse
-import math
 import pickle
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from blur2view.errors import Blur2ViewError
 from tools.checkpoint import follow
 from tools.motion_data import LEAST_SHARE, STATIC, VALID, MotionExamples
 from tools.motion_model import MotionOptions, MotionUNet
+from tools.schedule import warm_cosine
 from tools.stem import STRIDE
 
 Array = NDArray[Any]
@@ -52,11 +52,13 @@ class MotionTraining:
     seed: int = 0
     save_every: int = 250
 
+    def facts(self, examples: int) -> dict[str, int]:
+        """Tell what a checkpoint must have in common with the run that goes on from it."""
+        return {"seed": self.seed, "batch": self.batch, "examples": examples}
+
     def rate_at(self, step: int) -> float:
         """Warm up linearly, then follow a cosine down to 1 % of the peak."""
-        warm = min(1.0, (step + 1) / WARM_UP_STEPS)
-        fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / self.steps)))
-        return self.learning_rate * warm * (0.01 + 0.99 * fall)
+        return warm_cosine(step, self.steps, self.learning_rate, WARM_UP_STEPS)
 
 
 def mirrored(image: Array, features: Array, labels: Array, axis: int) -> tuple[Array, Array, Array]:
@@ -133,8 +135,8 @@ class MotionRun:
     step: int = 0
 
     @classmethod
-    def start(cls, options: MotionTraining, last: Path) -> MotionRun:
-        """Start anew from the seed, or go on from a checkpoint."""
+    def start(cls, options: MotionTraining, last: Path, examples: int) -> MotionRun:
+        """Start anew from the seed, or go on from a checkpoint of the same training."""
         torch.manual_seed(options.seed)
         network, average = MotionUNet(), MotionUNet()
         average.load_state_dict(network.state_dict())
@@ -144,19 +146,23 @@ class MotionRun:
             optimiser=torch.optim.AdamW(network.parameters(), lr=options.learning_rate, weight_decay=1e-4),
         )
         if last.exists():
-            run.go_on(last)
+            run.go_on(last, options.facts(examples))
+            if run.step > options.steps:
+                raise Blur2ViewError(f"{last} has made {run.step} steps, more than {options.steps}")
         return run
 
-    def go_on(self, last: Path) -> None:
-        """Go on from a checkpoint; Blur2ViewError if it is none of this network."""
+    def go_on(self, last: Path, facts: dict[str, int]) -> None:
+        """Go on from a checkpoint; Blur2ViewError if it is none of this network and training."""
         try:
             state = torch.load(last, map_location="cpu", weights_only=True)
             self.network.load_state_dict(state["network"])
             self.average.load_state_dict(state["average"])
             self.optimiser.load_state_dict(state["optimiser"])
-            self.step = int(state["step"])
+            self.step, before = int(state["step"]), state["training"]
         except BAD_CHECKPOINT:
             raise Blur2ViewError(f"{last}: is no checkpoint to go on from; move it away") from None
+        if before != facts:
+            raise Blur2ViewError(f"{last}: is of another training ({before}, not {facts}); move it away")
 
     def save(self, path: Path, options: MotionTraining, examples: int) -> None:
         """Write a checkpoint; a run killed meanwhile keeps the one before."""
@@ -168,7 +174,7 @@ class MotionRun:
             "model_options": self.network.options.as_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
-            "training": {"seed": options.seed, "batch": options.batch, "examples": examples},
+            "training": options.facts(examples),
         }
         torch.save(state, temporary)
         temporary.replace(path)
@@ -203,7 +209,7 @@ def train(examples: MotionExamples, options: MotionTraining, last: Path) -> Moti
     have, want = examples.image.shape[1:3], options.size
     if have[0] < want[0] or have[1] < want[1]:
         raise Blur2ViewError(f"photographs of {have[1]}x{have[0]} pixels, windows of {want[1]}x{want[0]}")
-    run, chance, losses = MotionRun.start(options, last), chances(examples), []
+    run, chance, losses = MotionRun.start(options, last, len(examples)), chances(examples), []
     run.network.train()
     while run.step < options.steps:
         batch = batch_of(examples, chance, options, run.step)
