@@ -27,8 +27,8 @@ FORMAT = "motion-1"
 INPUTS, OUTPUTS = {"image": 3, "features": CHANNELS}, {"moving": 1}
 """Names and channels, all (N, C, H, W)."""
 REMEDY = "export one with tools/export_motion.py or install blur2view again for the shipped one"
-LONGEST_SIDE = 640
-"""Larger photographs are made smaller: things that move are large, and masks need no more."""
+LONGEST_SIDES = 640, 320
+"""The network looks at copies of the photograph of at most these sizes; their logits are averaged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class MotionNetwork:
         Returns
         -------
         ndarray of shape (H, W), float32
-            Interpolated between the cells of the photograph at no more than LONGEST_SIDE.
+            Interpolated between the cells of both copies.
 
         Raises
         ------
@@ -84,20 +84,29 @@ class MotionNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        height, width = reduced_shape(image.shape, LONGEST_SIDE)
-        covered = upsample_grid(self.cells(found, image)[..., None], self.info.stride)[:height, :width, 0]
-        pixels = cv2.resize(covered, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        return np.asarray(pixels, np.float32).reshape(image.shape[:2])
-
-    def cells(self, found: Estimate, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Tell the probabilities (h, w) of cells of ``info.stride`` pixels; see :meth:`probability`.
-
-        The last cells may reach beyond the photograph.
-        """
         check_image(image)
         if image.shape[:2] != found.field.shape:
             raise ValueError(f"expected an image of shape {(*found.field.shape, 3)}, got {image.shape}")
-        small = reduced_image(image, LONGEST_SIDE)
+        sides = {reduced_shape(image.shape, side): side for side in LONGEST_SIDES}.values()
+        logits = np.mean([self._at_size(found, image, side) for side in sides], axis=0, dtype=np.float32)
+        return np.asarray(1 / (1 + np.exp(np.minimum(-logits, 80))), np.float32)  # exp(89) overflows
+
+    def _at_size(self, found: Estimate, image: NDArray[np.float32], longest: int) -> NDArray[np.float32]:
+        """Give the logits (H, W) that the network finds in a copy of the photograph, interpolated."""
+        height, width = reduced_shape(image.shape, longest)
+        covered = upsample_grid(self.cells(found, image, longest)[..., None], self.info.stride)
+        within = covered[:height, :width, 0]
+        pixels = cv2.resize(within, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        return np.asarray(pixels, np.float32).reshape(image.shape[:2])
+
+    def cells(
+        self, found: Estimate, image: NDArray[np.float32], longest: int = LONGEST_SIDES[0]
+    ) -> NDArray[np.float32]:
+        """Give the logits (h, w) of cells of ``info.stride`` pixels of a photograph made smaller.
+
+        The last cells may reach beyond it.
+        """
+        small = reduced_image(image, longest)
         stride, step = self.info.stride, self.info.multiple_of
         rows, columns = (range(-(-side // step) * step) for side in small.shape[:2])
         estimate = reduced_estimate(found, (small.shape[0], small.shape[1]))
@@ -106,8 +115,7 @@ class MotionNetwork:
         missing = [(0, len(span) // stride - n) for span, n in zip((rows, columns), shape, strict=True)]
         padded = np.pad(features, [(0, 0), *missing], mode="edge")
         planes = np.ascontiguousarray(reflected(small, rows, columns).transpose(2, 0, 1)[None])
-        logits = self._run(planes, padded[None])[: shape[0], : shape[1]]
-        return np.asarray(1 / (1 + np.exp(np.minimum(-logits, 80))), np.float32)  # exp(89) overflows
+        return self._run(planes, padded[None])[: shape[0], : shape[1]]
 
     def _run(self, image: NDArray[np.float32], features: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run the network on one picture (1, 3, H, W); logits (h, w)."""

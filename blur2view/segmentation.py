@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from blur2view.epipolar import Array
 from blur2view.matches import STRIDE
 from blur2view.motion_network import MotionNetwork
-from blur2view.motion_regions import MotionCells, decide, decide_by_network, to_pixels, without_small
+from blur2view.motion_regions import (
+    MotionCells,
+    decide,
+    decide_by_network,
+    to_pixels,
+    without_small,
+)
 from blur2view.motion_score import MotionScore, motion_score
 from blur2view.object_motion import object_motion
 from blur2view.pipeline import Estimate
@@ -82,8 +88,8 @@ class MotionMask:
         Squared residual over its variance (chi-square where nothing moves: of one degree of freedom, of
         two before a still camera, where the squared length of a smear is measured).
     evidence : ndarray of shape (H, W), float32
-        What parts were found in: the probability that the motion segmentation network gives, before any
-        regularisation, or the score where that was not asked.
+        What the motion segmentation network says, a probability, before any regularisation; the score where
+        the network was not asked.
     regions : tuple of MovingRegion
         The connected moving parts, largest first.
     reason : str
@@ -199,7 +205,7 @@ def _judge(
         return _Judgement(cells=decide(scored, image, shape), evidence=evidence)
     network = network or MotionNetwork()
     evidence = network.probability(found, image)
-    cells = decide_by_network(scored, evidence, shape)
+    cells = decide_by_network(scored, image, evidence)
     return _Judgement(cells=cells, evidence=evidence, model_id=network.info.model_id)
 
 

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
 from blur2view.motion_features import CHANNELS, LENGTH_UNIT, motion_features
-from blur2view.motion_network import FORMAT, LONGEST_SIDE, MotionNetwork
+from blur2view.motion_network import FORMAT, LONGEST_SIDES, MotionNetwork
 from blur2view.motion_score import motion_score
 from blur2view.predict import SmearNetwork
 
@@ -98,7 +98,7 @@ def test_every_cell_gets_the_probability_of_its_pixels_and_smears(
     length = STATIC_PX * np.linspace(0.1, 2, size[1])[at]
     logit = REDNESS * (red - 0.5) + LENGTH * np.log1p(length) / LENGTH_UNIT
     assert found.dtype == np.float32
-    np.testing.assert_allclose(found, 1 / (1 + np.exp(-logit)), rtol=1e-4)
+    np.testing.assert_allclose(found, logit, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("size", [(480, 1280), (1000, 800), (3, 1500)])
@@ -109,12 +109,12 @@ def test_larger_photographs_are_made_smaller_with_their_smears(
     image[:, size[1] // 2 :, 0] = 1
     found = estimate_of(sideways(size), F=SIDEWAYS)
     grid = network.cells(found, image)
-    scale = LONGEST_SIDE / max(size)
+    scale = LONGEST_SIDES[0] / max(size)
     assert grid.shape == tuple(-(-max(round(side * scale), 1) // 4) for side in size)
     length = LENGTH * np.log1p(scale * STATIC_PX) / LENGTH_UNIT
     left, right = grid[:, : grid.shape[1] // 2 - 1], grid[:, grid.shape[1] // 2 + 1 :]
-    np.testing.assert_allclose(left, 1 / (1 + np.exp(REDNESS / 2 - length)), rtol=1e-4)
-    np.testing.assert_allclose(right, 1 / (1 + np.exp(-REDNESS / 2 - length)), rtol=1e-4)
+    np.testing.assert_allclose(left, length - REDNESS / 2, rtol=1e-4)
+    np.testing.assert_allclose(right, length + REDNESS / 2, rtol=1e-4)
 
 
 def test_what_lies_beyond_the_photograph_is_no_cell_of_it(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_what_lies_beyond_the_photograph_is_no_cell_of_it(tmp_path: Path) -> Non
     found = estimate_of(sideways((20, 36)), H=np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]]))
     image = np.full((20, 36, 3), 0.5, np.float32)
     grid = MotionNetwork(tmp_path / "far.onnx").cells(found, image)
-    np.testing.assert_allclose(grid, 1 / (1 + np.exp(-1)), rtol=1e-5)
+    np.testing.assert_allclose(grid, 1, rtol=1e-5)
 
 
 def test_probability_is_reproducible_and_changes_nothing(path: Path) -> None:
@@ -144,7 +144,8 @@ def test_certainty_has_no_end_and_no_warning(tmp_path: Path) -> None:
         onnx.save(red_and_long(bias=bias), tmp_path / "sure.onnx")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = cells_of(MotionNetwork(tmp_path / "sure.onnx"), noise((32, 32)))
+            still = estimate_of(sideways((32, 32)), F=SIDEWAYS)
+            found = MotionNetwork(tmp_path / "sure.onnx").probability(still, noise((32, 32)))
         np.testing.assert_allclose(found, expected, atol=1e-30)
 
 
@@ -152,7 +153,7 @@ def test_photograph_of_another_size_is_refused(network: MotionNetwork) -> None:
     found = estimate_of(sideways((32, 48)), F=SIDEWAYS)
     for shape in ((48, 32), (32, 52), (64, 96)):
         with pytest.raises(ValueError, match=r"expected an image of shape \(32, 48, 3\), got"):
-            network.cells(found, noise(shape))
+            network.probability(found, noise(shape))
 
 
 def test_network_tells_what_it_is(network: MotionNetwork) -> None:
@@ -277,11 +278,13 @@ def test_cells_cover_the_photograph_and_may_reach_beyond(
     assert grid.shape == (5, 2) and picture.shape == (18, 7) and picture.dtype == np.float32
     centres = 4 * np.arange(1, 4) + 1.5
     seen = np.interp(centres, np.arange(18), picture[:, 3])
-    np.testing.assert_allclose(seen, grid[1:4, 0], atol=2e-4)  # OpenCV weighs in steps of 1 / 2048
+    np.testing.assert_allclose(
+        np.log(seen / (1 - seen)), grid[1:4, 0], atol=2e-3
+    )  # OpenCV weighs in steps of 1 / 2048
 
 
 @pytest.mark.parametrize("shape", [(720, 1280), (1, 1), (3, 1500)])
 def test_every_pixel_gets_a_probability(network: MotionNetwork, shape: tuple[int, int]) -> None:
     found = estimate_of(sideways(shape), F=SIDEWAYS)
     picture = network.probability(found, np.full((*shape, 3), 0.5, np.float32))
-    assert picture.shape == shape and np.ptp(picture) < 1e-4
+    assert picture.shape == shape and np.ptp(picture) < 1e-3

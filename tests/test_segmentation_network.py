@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from test_motion_network import red_and_long
 
 from blur2view.motion_network import MotionNetwork
-from blur2view.motion_regions import HIGH_PROBABILITY, LOW_PROBABILITY, decide_by_network
+from blur2view.motion_regions import DENIED, HIGH_PROBABILITY, LOW_PROBABILITY, decide_by_network
 from blur2view.motion_score import motion_score
 from blur2view.pipeline import Estimate
 from blur2view.segmentation import MotionLabel, SegmentOptions, segment
@@ -18,7 +18,7 @@ from blur2view.segmentation import MotionLabel, SegmentOptions, segment
 
 @pytest.fixture(scope="module")
 def red(tmp_path_factory: pytest.TempPathFactory) -> MotionNetwork:
-    """Give a network that calls red cells moving, orange ones too: 0.02 on the wall, 0.86 in the box."""
+    """Give a network that calls red cells moving, orange ones too: 0.01 on the wall, 0.88 in the box."""
     path = tmp_path_factory.mktemp("model") / "red.onnx"
     model = red_and_long(bias=-18.0)  # smears are 12 to 18 px long: 1.7 to 2 of the logit
     red, told = (onnx.numpy_helper.to_array(part).copy() for part in model.graph.initializer[:2])
@@ -82,16 +82,28 @@ def test_weak_parts_need_strong_ones_and_nothing_is_told_where_nothing_can_be_se
     chance[20:60, 20:60] = (LOW_PROBABILITY + HIGH_PROBABILITY) / 2  # weak alone
     chance[100:140, 20:60] = (LOW_PROBABILITY + HIGH_PROBABILITY) / 2
     chance[100:140, 60:100] = HIGH_PROBABILITY + 0.1
-    chance[200:230, 200:300] = 0.9  # where smears alone cannot tell
-    cells = decide_by_network(scored, chance, (HEIGHT, WIDTH))
+    chance[200:230, 200:300] = 0.95  # where smears alone cannot tell
+    cells = decide_by_network(scored, photo(), chance)
     assert not cells.moving[20:60, 20:60].any()
     assert cells.moving[102:138, 22:98].all() and cells.moving[202:228, 202:298].all()
-    assert cells.observable[:, :156].all() and not cells.observable[:190, 164:].any()
-    assert (cells.probability[:190, 164:] == 0).all() and cells.probability[10, 10] < 0.1
+    assert cells.observable[:, :140].all() and not cells.observable[:60, 200:].any()
+    assert (cells.probability[:60, 200:] == 0).all() and cells.probability[10, 10] < 0.1
     assert cells.probability[120, 40] < 0.5 < cells.probability[120, 80] < cells.probability[215, 250] <= 1
+
+
+def test_parts_found_by_scores_move_unless_the_network_denies_it() -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    scored = motion_score(found)
+    for chance, moves in ((DENIED + 0.05, True), (DENIED - 0.05, False)):
+        cells = decide_by_network(scored, photo(), np.full((HEIGHT, WIDTH), chance, np.float32))
+        assert cells.moving[85:155, 185:265].all() == moves == cells.moving.any()
+    none = decide_by_network(
+        motion_score(estimate_of(sideways(), F=SIDEWAYS)), photo(), np.full((HEIGHT, WIDTH), 0.3, np.float32)
+    )
+    assert not none.moving.any()
 
 
 def test_certain_cells_warn_of_nothing() -> None:
     found = estimate_of(sideways(), F=SIDEWAYS)
-    cells = decide_by_network(motion_score(found), np.ones((HEIGHT, WIDTH), np.float32), (HEIGHT, WIDTH))
+    cells = decide_by_network(motion_score(found), photo(), np.ones((HEIGHT, WIDTH), np.float32))
     assert cells.moving.all() and (cells.probability > 0.99).all()
