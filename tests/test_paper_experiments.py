@@ -177,7 +177,10 @@ def test_report_says_what_is_there_what_is_missing_and_what_is_best(tmp_path: Pa
     paper.write_report(plan)
     text = (tmp_path / "paper.md").read_text()
     assert text.count("Not run yet.") == 2 and (tmp_path / "paper_table1.png").exists()
-    assert "- Best of the six by EPE-S top 50 %: local, with map (in the paper: double, with map)." in text
+    assert (
+        "- Best of the six by EPE-S top 50 %: local, with map (in the paper: double, with map), 2.500; next"
+        in text
+    )
     assert (
         "| stem_local_map_0.01 | stem, paper's outputs | local, with map | 0.01 | 10 | 2 | 2.500 ± 0.500 |"
         in text
