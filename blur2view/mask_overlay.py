@@ -75,8 +75,10 @@ def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
 def headline(mask: MotionMask) -> str:
     """Count what moves and what cannot be told."""
     count = len(mask.regions)
-    parts = "nothing moves" if not count else f"{count} moving part{'s' if count > 1 else ''}"
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
     )
+    if unseen == 1:
+        return "nothing can be told of what moves"
+    parts = "nothing moves" if not count else f"{count} moving part{'s' if count > 1 else ''}"
     return f"{parts}, {moving:.1%} of the photograph; nothing can be told in {unseen:.0%}"

@@ -129,8 +129,8 @@ def segment(
 ) -> MotionMask:
     """Tell pixels that move by themselves from those that the camera's motion explains.
 
-    Before a camera that moves, a network decides from the photograph and its smears; before one that stands
-    still, or without the photograph, the scores of the smears do.
+    Before a camera that moves, a network adds what it sees in the photograph and its smears, and may deny
+    what their scores say; before one that stands still, or without the photograph, the scores decide alone.
 
     Parameters
     ----------
@@ -177,7 +177,8 @@ def segment(
         score=score,
         evidence=judged.evidence,
         regions=regions,
-        reason=scored.reason + (f"; decided by the network {judged.model_id}" if judged.model_id else ""),
+        reason=scored.reason
+        + (f"; decided by scores and the network {judged.model_id}" if judged.model_id else ""),
         model_id=judged.model_id,
     )
 

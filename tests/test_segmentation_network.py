@@ -41,7 +41,9 @@ def test_network_decides_before_a_moving_camera(red: MotionNetwork) -> None:
     moving = mask.labels == MotionLabel.MOVING
     assert (moving & truth()).sum() / (moving | truth()).sum() > 0.9
     np.testing.assert_array_equal(mask.probability > 0.5, moving)
-    assert mask.model_id == "red-and-long" and mask.reason.endswith("decided by the network red-and-long")
+    assert mask.model_id == "red-and-long" and mask.reason.endswith(
+        "decided by scores and the network red-and-long"
+    )
     np.testing.assert_allclose(mask.evidence[120, 225], 1 / (1 + np.exp(18 - 25 * 0.8)), atol=0.05)
     assert mask.evidence[30, 30] < 0.02 and mask.score.max() < 1e-6
 

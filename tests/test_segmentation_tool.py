@@ -93,9 +93,9 @@ def test_table_and_panel_hold_the_scene() -> None:
     found = estimate_of(with_mover(), F=SIDEWAYS)
     mask = by_scores(found, photo())
     figures = judge(scene(), found, mask)
-    one = Judged(scene=scene(), image=photo(), mask=mask, predicted=figures, true=figures)
+    one = Judged(scene=scene(), image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
     rows = split_rows("test", [one])
-    assert len(rows) == 6 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
+    assert len(rows) == 9 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
     assert f"{figures.iou:.3f}" in rows[0]
     assert rows[-1].count("| -") == 8  # no scene without movers
     assert panel([one]).shape == (120, 640, 3)
@@ -108,7 +108,7 @@ def test_without_movers_the_table_is_written_and_no_panel(
     found = estimate_of(sideways(), F=SIDEWAYS)
     calm, mask = replace(scene(), static=np.ones((60, 80), bool)), by_scores(found, photo())
     figures = judge(calm, found, mask)
-    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, true=figures)
+    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
     monkeypatch.setattr(segmentation, "SmearNetwork", lambda: SmearNetwork(tiny_model))
     monkeypatch.setattr(segmentation, "judged_scenes", lambda *_: [(tmp_path, one)])
     monkeypatch.setattr(

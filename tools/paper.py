@@ -58,10 +58,12 @@ def train(plan: Plan) -> None:
 
 def summarise(plan: Plan) -> None:
     """Store and draw what is finished of Table 1."""
-    found = paper_summary.read_runs(plan.work / "variants")
+    runs = plan.work / "variants"
+    found, study = paper_summary.read_runs(runs), paper_summary.read_alpha_study(runs)
     if found:
         write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
-        paper_summary.plot(found, plan.results / "paper_table1.png")
+        write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))
+        paper_summary.plot(found, study, plan.results / "paper_table1.png")
 
 
 def estimate(plan: Plan) -> None:

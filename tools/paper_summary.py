@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -60,14 +60,31 @@ def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures
     )
 
 
-def read_runs(folder: Path) -> dict[str, VariantFigures]:
-    """Read what is finished of all variants, by name."""
+def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, VariantFigures]:
+    """Read what is finished of all variants, by name: of all seeds, or of those given."""
     found = {}
     for name in VARIANTS:
-        documents = [json.loads(p.read_text()) for p in sorted(folder.glob(f"{name}_[0-9]*.json"))]
+        paths = {seed_of(path): path for path in sorted(folder.glob(f"{name}_[0-9]*.json"))}
+        documents = [
+            json.loads(path.read_text()) for seed, path in paths.items() if seeds is None or seed in seeds
+        ]
         if documents:
             found[name] = figures_of(name, documents)
     return found
+
+
+def seed_of(path: Path) -> int:
+    """Tell the seed of a finished run's file."""
+    return int(path.stem.rsplit("_", 1)[1])
+
+
+def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
+    """Read the study of alpha, with the seeds that all of it has."""
+    seeds = [
+        {seed_of(path) for path in folder.glob(f"{variant.name}_[0-9]*.json")} for variant in ALPHA_STUDY
+    ]
+    names = {variant.name for variant in ALPHA_STUDY}
+    return {k: v for k, v in read_runs(folder, set.intersection(*seeds)).items() if k in names}
 
 
 def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
@@ -102,11 +119,13 @@ def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list
         if variant.name not in found:
             continue
         figures, (network, loss) = found[variant.name], label(variant)
-        measured = " | ".join(f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES)
+        told = [f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES]
+        if figures.seeds == 1:
+            told = [f"{figures.mean[m]:.3f}" for m in MEASURES]
         head = (
             f"| {variant.name} | {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
         )
-        lines.append(f"{head} | {measured} |")
+        lines.append(f"{head} | {' | '.join(told)} |")
     return lines
 
 
@@ -154,7 +173,7 @@ def why_not_by_area(found: dict[str, VariantFigures]) -> list[str]:
     ]
 
 
-def plot(found: dict[str, VariantFigures], path: Path) -> None:
+def plot(found: dict[str, VariantFigures], study: dict[str, VariantFigures], path: Path) -> None:
     """Draw the sparsification curves: the six left, networks in the middle, alpha right."""
     from tools.figure_style import PALETTE, new_figure, save, style
 
@@ -163,9 +182,10 @@ def plot(found: dict[str, VariantFigures], path: Path) -> None:
         figure = new_figure(12, 3.8)
         panels = figure.subplots(1, len(groups), sharey=True)
         for panel, (title, variants) in zip(panels, groups.items(), strict=True):
-            present = [variant for variant in variants if variant.name in found]
+            runs = study if variants is ALPHA_STUDY else found
+            present = [variant for variant in variants if variant.name in runs]
             for variant, colour in zip(present, PALETTE, strict=False):
-                figures, (network, loss) = found[variant.name], label(variant)
+                figures, (network, loss) = runs[variant.name], label(variant)
                 names = {"networks": network, "alpha": f"alpha {variant.alpha:g}"}
                 text = f"{names.get(title, loss)}: {figures.mean['sparsification_area']:.3f}"
                 panel.plot(figures.removed, figures.by_sigma, color=colour, label=text)

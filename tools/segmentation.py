@@ -134,12 +134,13 @@ def true_estimate(scene: TestScene, found: Estimate) -> Estimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """A scene with its figures, from predicted and from true smears."""
+    """A scene with its figures: as shipped, by the scores of predicted smears alone, and of true ones."""
 
     scene: TestScene
     image: NDArray[np.float32]
     mask: MotionMask
     predicted: SceneFigures
+    scores: SceneFigures
     true: SceneFigures
 
 
@@ -161,6 +162,7 @@ def judged_scenes(
                     image=image,
                     mask=mask,
                     predicted=judge(scene, found, mask),
+                    scores=judge(scene, found, segment(found, image, by_scores)),
                     true=judge(scene, truly, segment(truly, image, by_scores)),
                 ),
             )
@@ -175,14 +177,15 @@ def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float])
 
 def split_rows(name: str, judged: list[Judged]) -> list[str]:
     """Tabulate a split: predicted and true smears, all movers and large ones, and scenes without any."""
+    kinds = {"predicted": "predicted smears", "scores": "their scores alone", "true": "true smears"}
     rows = []
     for least, what in ((LEAST_SHARE, "1 %"), (LARGE_SHARE, "5 %")):
-        for kind in ("predicted", "true"):
+        for kind, said in kinds.items():
             some = [getattr(one, kind) for one in judged if one.predicted.share >= least]
-            rows.append(_row(f"{name}, movers of {what} or more, {kind} smears", some))
+            rows.append(_row(f"{name}, movers of {what} or more, {said}", some))
     still = [one for one in judged if not (~one.scene.static).any()]
-    for kind in ("predicted", "true"):
-        rows.append(_row(f"{name}, no movers, {kind} smears", [getattr(one, kind) for one in still]))
+    for kind, said in kinds.items():
+        rows.append(_row(f"{name}, no movers, {said}", [getattr(one, kind) for one in still]))
     return rows
 
 
