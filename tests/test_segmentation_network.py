@@ -83,7 +83,7 @@ def test_weak_parts_need_strong_ones_and_nothing_is_told_where_nothing_can_be_se
     chance = np.full((HEIGHT, WIDTH), 0.05, np.float32)
     chance[20:60, 20:60] = (LOW_PROBABILITY + HIGH_PROBABILITY) / 2  # weak alone
     chance[100:140, 20:60] = (LOW_PROBABILITY + HIGH_PROBABILITY) / 2
-    chance[100:140, 60:100] = HIGH_PROBABILITY + 0.1
+    chance[100:140, 60:100] = HIGH_PROBABILITY + 0.02
     chance[200:230, 200:300] = 0.95  # where smears alone cannot tell
     cells = decide_by_network(scored, photo(), chance)
     assert not cells.moving[20:60, 20:60].any()
