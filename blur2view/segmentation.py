@@ -159,21 +159,20 @@ def segment(
         raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
     scored = motion_score(found)
     judged = _judge(found, scored, image, network, options)
-    cells = judged.cells
     moving, seen = (
-        to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
+        to_pixels(mask.astype(np.float64), image, shape) >= 0.5
+        for mask in (judged.cells.moving, judged.cells.observable)
     )
     moving = without_small(moving)
     labels = np.where(
         moving, MotionLabel.MOVING, np.where(seen, MotionLabel.STATIC, MotionLabel.UNOBSERVABLE)
     )
-    score = to_pixels_plainly(scored.score, shape)
-    regions = moving_regions(moving, score)
+    regions = moving_regions(moving, score := to_pixels_plainly(scored.score, shape))
     if options.objects:
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
         labels=labels.astype(np.uint8),
-        probability=agreeing(to_pixels(cells.probability, image, shape), moving),
+        probability=agreeing(to_pixels(judged.cells.probability, image, shape), moving),
         score=score,
         evidence=judged.evidence,
         regions=regions,
