@@ -265,8 +265,9 @@ HEAD = """# Motion masks
 
 Means over scenes. IoU: of what is called moving with what moves, over the pixels that are not called
 unobservable; "all": over every pixel whose smear is known. Baseline: SErrMin of the same F above 3 squared
-pixels. AP: average precision of what the motion segmentation network says, before regularisation. "True
-smears": the same estimator with the truth in place of the smears, and masks of their scores alone.
+pixels. AP: average precision of what the motion segmentation network says, before regularisation, and of the
+scores in the rows of "scores alone" and of "true smears": the same estimator with the truth in place of the
+smears, and masks of their scores alone.
 
 | scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, SErrMin | called moving | baseline | unobservable |
 |---|---|---|---|---|---|---|---|---|---|
