@@ -18,29 +18,39 @@ The method follows "Robust Fundamental Matrix Estimation from Single Image Motio
 Viksten), called "the paper" in this package.
 """
 
-from blur2view.cameras import Camera
-from blur2view.colmap_database import write_database
-from blur2view.errors import (
-    Blur2ViewError,
-    CameraError,
-    DatabaseError,
-    ImageError,
-    ModelError,
-    OutputError,
-)
-from blur2view.exposure_views import ExposureViews, TimeDirection, views_of
-from blur2view.image import read_image
-from blur2view.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.motion_network import MotionNetwork
-from blur2view.network_file import ModelInfo
-from blur2view.pipeline import Estimate, Timings, estimate
-from blur2view.pose import PoseCovariance, RigidTransform
-from blur2view.predict import SmearNetwork, predict
-from blur2view.segmentation import MotionLabel, MotionMask, MovingRegion, SegmentOptions, segment
-from blur2view.smear import SmearField
-from blur2view.tiles import TileOptions
-from blur2view.two_view import Configuration, EstimatorOptions, TwoViewGeometry, estimate_two_view
-from blur2view.viz import draw_overlay
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from blur2view.camera.camera import Camera
+    from blur2view.camera.image import read_image
+    from blur2view.colmap.database import write_database
+    from blur2view.colmap.mapping import global_options, mapper_options, triangulate_exposure
+    from blur2view.colmap.placement import Placement, place_views
+    from blur2view.errors import (
+        Blur2ViewError,
+        CameraError,
+        DatabaseError,
+        ImageError,
+        ModelError,
+        OutputError,
+    )
+    from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
+    from blur2view.geometry.pose import PoseCovariance, RigidTransform
+    from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+    from blur2view.networks.model_file import ModelInfo
+    from blur2view.networks.pyramid import PyramidOptions
+    from blur2view.networks.smear_network import SmearNetwork, predict
+    from blur2view.networks.tiles import TileOptions
+    from blur2view.pipeline import Estimate, Timings, estimate
+    from blur2view.segmentation.mask import MotionLabel, MotionMask, MovingRegion, SegmentOptions, segment
+    from blur2view.segmentation.network import MotionNetwork
+    from blur2view.smears.field import SmearField
+    from blur2view.smears.matches import SmearMatches
+    from blur2view.smears.sampling import SelectOptions, select_matches
+    from blur2view.two_view.estimate import estimate_two_view
+    from blur2view.two_view.options import EstimatorOptions
+    from blur2view.visualization.overlay import draw_overlay
 
 __version__ = "0.1.0"
 
@@ -61,7 +71,9 @@ __all__ = [
     "MotionNetwork",
     "MovingRegion",
     "OutputError",
+    "Placement",
     "PoseCovariance",
+    "PyramidOptions",
     "RigidTransform",
     "SegmentOptions",
     "SelectOptions",
@@ -76,10 +88,54 @@ __all__ = [
     "draw_overlay",
     "estimate",
     "estimate_two_view",
+    "global_options",
+    "mapper_options",
+    "place_views",
     "predict",
     "read_image",
     "segment",
     "select_matches",
+    "triangulate_exposure",
     "views_of",
     "write_database",
 ]
+
+_PUBLIC = {
+    "camera.camera": ("Camera",),
+    "camera.image": ("read_image",),
+    "colmap.database": ("write_database",),
+    "colmap.mapping": ("global_options", "mapper_options", "triangulate_exposure"),
+    "colmap.placement": ("Placement", "place_views"),
+    "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
+    "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
+    "geometry.pose": ("PoseCovariance", "RigidTransform"),
+    "geometry.two_view_geometry": ("Configuration", "TwoViewGeometry"),
+    "networks.model_file": ("ModelInfo",),
+    "networks.pyramid": ("PyramidOptions",),
+    "networks.smear_network": ("SmearNetwork", "predict"),
+    "networks.tiles": ("TileOptions",),
+    "pipeline": ("Estimate", "Timings", "estimate"),
+    "segmentation.mask": ("MotionLabel", "MotionMask", "MovingRegion", "SegmentOptions", "segment"),
+    "segmentation.network": ("MotionNetwork",),
+    "smears.field": ("SmearField",),
+    "smears.matches": ("SmearMatches",),
+    "smears.sampling": ("SelectOptions", "select_matches"),
+    "two_view.estimate": ("estimate_two_view",),
+    "two_view.options": ("EstimatorOptions",),
+    "visualization.overlay": ("draw_overlay",),
+}
+_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, imported when it is first used: `import blur2view` alone loads nothing."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names, also those that are not loaded yet."""
+    return sorted({*globals(), *__all__})

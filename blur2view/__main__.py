@@ -2,6 +2,6 @@
 
 import sys
 
-from blur2view.cli import main
+from blur2view.cli.commands import main
 
 sys.exit(main())

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blur2view.epipolar import Array, epipoles, serrmin
-
-__all__ = [
-    "cumulative_curve", "direction_error_deg", "epe_s", "epipole_angle_deg", "inlier_share", "length_ratio",
-    "rho",
-    "rotation_error", "serrmin", "share_under", "sparsification_area", "sparsification_curve",
-    "translation_direction_error_deg", "true_inlier_fraction",
-]  # fmt: skip
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import epipoles
+from blur2view.geometry.sampson import serrmin
 
 DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier

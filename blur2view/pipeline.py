@@ -1,16 +1,31 @@
 """The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cameras import Camera
-from blur2view.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.predict import SmearNetwork
-from blur2view.smear import SmearField
-from blur2view.two_view import EstimatorOptions, TwoViewGeometry, estimate_two_view
+from blur2view.camera.camera import Camera
+from blur2view.camera.intrinsics import Intrinsics
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What was asked for, the same for every photograph of a call."""
+
+    select: SelectOptions
+    options: EstimatorOptions
+    seed: int
+    intrinsics: Intrinsics = field(default_factory=Intrinsics)
+    exposure_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

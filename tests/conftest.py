@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from blur2view import cli
-from blur2view.smear import to_double_angle
+from blur2view.cli import commands as cli
+from blur2view.smears.field import to_double_angle
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.datasets.exposure import coded
 from tools.datasets.sceneflow import FLIP, intrinsics
 

@@ -14,10 +14,10 @@ from PIL import Image
 from playwright.sync_api import Browser, Page
 from report_scenes import WIDTH, made_up, turning_F
 
-from blur2view.epipolar import sampson
-from blur2view.geometry import Configuration
-from blur2view.report import Entry, report
-from blur2view.smear import smear_ends
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.smears.field import smear_ends
+from blur2view.visualization.report import Entry, report
 
 READY = "performance.getEntriesByName('blur2view-ready').length > 0"
 CYAN, AMBER = (34, 211, 238), (251, 191, 36)  # of the ends 1 and 2 and of the lines in their views

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import fundamental_from_pose, serrmin, swapped_order
-from blur2view.estimate_file import FileEstimate
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix
-from blur2view.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.pipeline import Estimate, Timings
-from blur2view.results import Run, document
-from blur2view.segmentation import MotionLabel, MotionMask
-from blur2view.smear import SmearField
-from blur2view.two_view import EstimatorOptions
+from blur2view.camera.camera import Camera
+from blur2view.documents import FileEstimate, document
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.pipeline import Estimate, Run, Timings
+from blur2view.segmentation.mask import MotionLabel, MotionMask
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.two_view.options import EstimatorOptions
 
 WIDTH, HEIGHT = 640, 360
 DOTS = ((401, 201), (417, 209))  # the white pixels of the photograph, the first a node of the grid

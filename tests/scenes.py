@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blur2view.epipolar import Array, fundamental_from_pose
-from blur2view.exposure_views import ExposureViews
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix as rotation
+from blur2view.arrays import Array
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.rotation import rotation_matrix as rotation
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from tools.degenerate_scenes import smooth_noise
 from tools.synthetic_matches import (
     IMAGE_SIZE,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.manifold import rotation_matrix
+from blur2view.geometry.rotation import rotation_matrix
 from tools.alignment import Motion, MotionErrors, align, centres, common_scale, rotation_errors_deg
 
 

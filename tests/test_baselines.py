@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import disturb, make_scene
 
-from blur2view.epipolar import Array
+from blur2view.arrays import Array
 from blur2view.metrics import rho
 from tools import baselines
 

@@ -116,7 +116,7 @@ def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
     hard = record(HARD, 0)
     hard.measured[PAPER] = replace(ABSENT, ms=5000.0)
     records += [hard, record("network", 0, "network")]
-    text = estimator_report.write(records, {"code": "one", "machine": "here"}, tmp_path / "out")
+    text = benchmark.write(records, {"code": "one", "machine": "here"}, tmp_path / "out")
     assert "whole sweep: AUC@10 ours 1.000, best told 1.000 (true order, pycolmap), +0.000" in text
     assert "smooth, base: time over that of true order, pycolmap: median 0.50, p95 0.50" in text
     assert "500 times faster in the median; success 1.000 against 0.000" in text

@@ -8,20 +8,13 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, disturb, make_scene
 
-from blur2view.calibrated import (
-    POSE,
-    STATED,
-    TURN_SHARE,
-    CalibratedFit,
-    autocorrelation,
-    fit_calibrated,
-    turn_alone,
-    turning_prior,
-)
-from blur2view.cameras import Camera
-from blur2view.estimators import build_problem
-from blur2view.manifold import CameraF, TranslationF, rotation_vector
-from blur2view.refine import RefineOptions
+from blur2view.camera.camera import Camera
+from blur2view.geometry.rotation import rotation_vector
+from blur2view.robust.parametrization import CameraF, TranslationF
+from blur2view.robust.problem import build_problem
+from blur2view.robust.residuals import RefineOptions
+from blur2view.two_view.calibrated import POSE, CalibratedFit, autocorrelation, fit_calibrated
+from blur2view.two_view.calibrated_start import STATED, TURN_SHARE, turn_alone, turning_prior
 
 
 def fit_of(seed: int, *, noise_px: float = 0.0, direction_deg: float = 0.0) -> CalibratedFit:

@@ -5,7 +5,7 @@ import pytest
 from scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
 
 from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, estimate_two_view
-from blur2view.epipolar import serrmin
+from blur2view.geometry.sampson import serrmin
 from blur2view.metrics import rotation_error, translation_direction_error_deg
 
 

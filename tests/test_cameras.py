@@ -11,11 +11,17 @@ import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
-from blur2view.cameras import Camera
-from blur2view.colmap import distorted_points, from_colmap, parse_camera, rescaled_matrix, to_colmap
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import (
+    distorted_points,
+    from_colmap,
+    parse_camera,
+    rescaled_matrix,
+    to_colmap,
+)
+from blur2view.camera.exif import ExifFacts, read_exif
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 from blur2view.errors import CameraError
-from blur2view.exif import ExifFacts, read_exif
-from blur2view.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 
 SIZE = (640, 480)
 RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"

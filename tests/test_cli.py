@@ -12,15 +12,16 @@ import onnx
 import pytest
 from conftest import HEIGHT, WIDTH, colour_code_network, forward_motion
 
-from blur2view import cli, estimate_file
-from blur2view.epipolar import serrmin
-from blur2view.image import read_image
-from blur2view.matches import SelectOptions
+from blur2view import documents as estimate_file
+from blur2view.camera.image import read_image
+from blur2view.cli import commands as cli
+from blur2view.geometry.sampson import serrmin
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
-from blur2view.smear import smear_ends
-from blur2view.two_view import EstimatorOptions
-from blur2view.viz import draw_overlay
+from blur2view.smears.field import smear_ends
+from blur2view.smears.sampling import SelectOptions
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.visualization.overlay import draw_overlay
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -201,7 +202,7 @@ def test_interrupt_is_no_traceback(
 
 
 def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path, tmp_path: Path) -> None:
-    root = Path(cli.__file__).parents[1]
+    root = Path(cli.__file__).parents[2]
     command = [
         sys.executable,
         "-m",
@@ -227,7 +228,7 @@ def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path
 def test_output_that_nobody_takes_is_no_traceback(
     still: Path, tiny_model: Path, target: str, words: str, buffered: bool
 ) -> None:
-    root = Path(cli.__file__).parents[1]
+    root = Path(cli.__file__).parents[2]
     command = f"{sys.executable} -m blur2view estimate {still} --model {tiny_model} {target}"
     environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
     done = subprocess.run(["bash", "-c", command], cwd=root, env=environment, capture_output=True, text=True)

@@ -9,7 +9,7 @@ import pytest
 from conftest import colour_code, write_picture
 from PIL import ExifTags, Image
 
-from blur2view import cli
+from blur2view.cli import commands as cli
 
 SIZE = (320, 240)
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])

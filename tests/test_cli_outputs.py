@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from conftest import colour_code, write_picture
 
-from blur2view import estimate_file, results
+from blur2view import documents as estimate_file
+from blur2view.cli import outputs as results
 
 
 def test_nothing_is_overwritten_without_being_asked(

@@ -10,11 +10,12 @@ import pytest
 from conftest import colour_code, write_picture
 from PIL import Image
 
-from blur2view import cli, mask_results
-from blur2view.image import read_image
+from blur2view.camera.image import read_image
+from blur2view.cli import commands as cli
+from blur2view.cli import outputs as mask_results
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
-from blur2view.segmentation import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 
 HEIGHT, WIDTH = 160, 208
 BOX = slice(40, 100), slice(100, 180)

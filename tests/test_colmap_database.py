@@ -9,16 +9,16 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.cameras import Camera
-from blur2view.colmap import fundamental_to_colmap
-from blur2view.colmap_check import check_database
-from blur2view.colmap_database import write_database
-from blur2view.colmap_rows import camera_facts
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.colmap.check import check_database
+from blur2view.colmap.database import write_database
+from blur2view.colmap.rows import camera_facts
 from blur2view.errors import DatabaseError
-from blur2view.exposure_views import ExposureViews, TimeDirection
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix
-from blur2view.pose import RigidTransform
+from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(525.0, SIZE)

@@ -9,12 +9,12 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap_check import check_database
-from blur2view.colmap_link import LinkJob, LinkStep, Step, plan_links, write_links
-from blur2view.colmap_project import image_names, name_in_project, open_project
-from blur2view.epipolar import unit_norm
+from blur2view.colmap.check import check_database
+from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
+from blur2view.colmap.project import image_names, name_in_project, open_project
 from blur2view.errors import DatabaseError
-from blur2view.keypoint_views import KeypointViews
+from blur2view.exposure.linked_views import KeypointViews
+from blur2view.geometry.epipolar import unit_norm
 from tools.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.kill_writes import kill_many, random_views
 from tools.malformed_projects import SQL_FAULTS, malform
@@ -210,7 +210,7 @@ def test_a_failure_midway_undoes_all(tmp_path: Path) -> None:
 def test_a_locked_database_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "project.db"
     make_project(path, ProjectOptions(wal=False))
-    monkeypatch.setattr("blur2view.colmap_project.PATIENCE_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.project.PATIENCE_S", 0.05)
     job = job_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")

@@ -8,8 +8,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view import colmap_schema
-from blur2view.colmap_schema import (
+from blur2view.colmap import schema as colmap_schema
+from blur2view.colmap.schema import (
     CONFIGURATIONS,
     MAX_IMAGES,
     MODELS,

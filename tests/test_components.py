@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, Scene, disturb, make_scene, project_smears, with_outliers
 
-from blur2view.components import (
+from blur2view.arrays import Array
+from blur2view.metrics import rho
+from blur2view.robust.minimal_solvers import ALL_SIGNS, solve_seven_smears
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sign_components import (
     ComponentOptions,
     SignComponents,
     no_components,
     sample_patterns,
     sign_components,
 )
-from blur2view.epipolar import Array
-from blur2view.matches import SmearMatches
-from blur2view.metrics import rho
-from blur2view.seven_smears import ALL_SIGNS, solve_seven_smears
-from blur2view.sign_graph import near_pairs
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.sign_graph import near_pairs
+from blur2view.two_view.estimate import estimate_two_view
 
 SEEDS = range(10)
 
@@ -182,7 +182,7 @@ def test_a_wrong_grouping_costs_the_estimate_nothing(monkeypatch: pytest.MonkeyP
         matches = replace(matches_of(scene.ends), image_size=IMAGE_SIZE if camera else None)
         for kind, results in values.items():
             given = sign_components(matches) if kind == "found" else wrong_grouping(scene, kind)
-            monkeypatch.setattr("blur2view.search.sign_components", lambda _, given=given: given)
+            monkeypatch.setattr("blur2view.two_view.search.sign_components", lambda _, given=given: given)
             F = estimate_two_view(matches).F
             results.append(1.0 if F is None else float(np.median(rho(F, scene.true_ends))))
     found, *wrong = (np.exp(np.mean(np.log(results))) for results in values.values())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dataset_trees import HEIGHT, WIDTH, png, sceneflow, shifted
 
-from blur2view.epipolar import sampson
+from blur2view.geometry.sampson import sampson
 from tools.dataset import load_shards
 from tools.datasets import __main__ as command
 from tools.datasets.sceneflow import SceneFlow

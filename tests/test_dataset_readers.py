@@ -21,8 +21,9 @@ from dataset_trees import (
     texture,
 )
 
-from blur2view.epipolar import fundamental_from_pose, sampson, unit_norm
 from blur2view.errors import Blur2ViewError
+from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
+from blur2view.geometry.sampson import sampson
 from tools.datasets import flow as flows
 from tools.datasets.exposure import Exposure, coded, linearised
 from tools.datasets.gold_standard import gold_standard_fundamental

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 
-from blur2view.degeneracy import collinear, within_errors
-from blur2view.epipolar import Array, homogeneous, unit_norm
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous, unit_norm
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import rho
-from blur2view.two_view import Configuration, TwoViewGeometry, estimate_two_view
-from blur2view.verdict import WITHOUT_F, Structure
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.degeneracy import collinear, within_errors
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tools.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 
 SEEDS = range(6)
@@ -247,7 +249,7 @@ def test_within_errors_counts_on_the_stated_standard_deviations() -> None:
 
 
 def test_every_structure_has_a_configuration() -> None:
-    from blur2view.two_view import CONFIGURATIONS
+    from blur2view.two_view.estimate import CONFIGURATIONS
 
     assert set(CONFIGURATIONS) == set(Structure)
     assert set(Structure) >= WITHOUT_F

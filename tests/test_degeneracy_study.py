@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.epipolar import fundamental_from_pose, serrmin
-from blur2view.homography import PlanarEnds
-from blur2view.homography_search import find_plane
-from blur2view.two_view import Configuration, TwoViewGeometry
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography_search import find_plane
 from tools.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
 from tools.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
 

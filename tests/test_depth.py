@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scenes import make_scene
 
-from blur2view.depth import order_log_odds, parallax_along_lines
-from blur2view.epipolar import Array, apply_similarity
-from blur2view.manifold import rotation_vector
+from blur2view.arrays import Array
+from blur2view.geometry.depth import order_log_odds, parallax_along_lines
+from blur2view.geometry.epipolar import apply_similarity
+from blur2view.geometry.rotation import rotation_vector
 
 
 def parallax(seed: int, rotation_share: float) -> tuple[Array, Array, np.ndarray]:

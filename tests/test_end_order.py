@@ -5,9 +5,9 @@ import pytest
 from scenes import Scene, disturb, make_scene
 
 from blur2view import Camera, SmearMatches, TwoViewGeometry, estimate_two_view
-from blur2view.colmap import colmap_camera, distorted_points
-from blur2view.end_order import forward_share, motion_order
-from blur2view.epipolar import sampson
+from blur2view.camera.colmap_camera import colmap_camera, distorted_points
+from blur2view.exposure.end_order import forward_share, motion_order
+from blur2view.geometry.sampson import sampson
 
 SEEDS = range(8)
 

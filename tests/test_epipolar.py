@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 from scenes import make_scene
 
-from blur2view import epipolar
-from blur2view.scoring import BatchSampson
+from blur2view.arrays import Array
+from blur2view.geometry import epipolar, sampson
+from blur2view.geometry.sampson import BatchSampson
 
 SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
 
 
-def random_matrices(seed: int, count: int) -> epipolar.Array:
+def random_matrices(seed: int, count: int) -> Array:
     return epipolar.unit_norm(np.random.default_rng(seed).normal(size=(count, 3, 3)))
 
 
@@ -52,49 +53,49 @@ def test_sampson_is_opencv_s() -> None:
     F, points = random_matrices(4, 1)[0], np.random.default_rng(4).normal(size=(10, 2, 2))
     x, y = epipolar.homogeneous(points[:, 0]), epipolar.homogeneous(points[:, 1])
     theirs = [cv2.sampsonDistance(a.reshape(3, 1), b.reshape(3, 1), F) for a, b in zip(x, y, strict=True)]
-    assert np.allclose(epipolar.sampson(F, points[:, 0], points[:, 1]), theirs)
+    assert np.allclose(sampson.sampson(F, points[:, 0], points[:, 1]), theirs)
 
 
 def test_sampson_of_a_small_offset_is_its_half_square_across_the_line() -> None:
     F = epipolar.cross_matrix(np.array([1.0, 0, 0]))  # motion along x: epipolar lines are rows
     x = np.array([[3.0, 4.0]])
-    assert np.allclose(epipolar.sampson(F, x, x + [5.0, 0.2]), 0.2**2 / 2)
+    assert np.allclose(sampson.sampson(F, x, x + [5.0, 0.2]), 0.2**2 / 2)
 
 
 def test_serrmin_is_blind_to_order_and_transposition() -> None:
     F, ends = random_matrices(5, 3), np.random.default_rng(5).normal(size=(20, 2, 2))
-    value = epipolar.serrmin(F, ends)
+    value = sampson.serrmin(F, ends)
     assert value.shape == (3, 20)
-    assert np.allclose(value, epipolar.serrmin(F, ends[:, ::-1]))
-    assert np.allclose(value, epipolar.serrmin(np.swapaxes(F, 1, 2), ends))
-    assert (value <= epipolar.sampson(F, ends[:, 0], ends[:, 1])).all()
+    assert np.allclose(value, sampson.serrmin(F, ends[:, ::-1]))
+    assert np.allclose(value, sampson.serrmin(np.swapaxes(F, 1, 2), ends))
+    assert (value <= sampson.sampson(F, ends[:, 0], ends[:, 1])).all()
 
 
 def test_true_F_explains_its_smears_and_orders_them() -> None:
     scene = make_scene(np.random.default_rng(6), rotation_share=0.8)
-    assert epipolar.serrmin(scene.F, scene.ends).max() < 1e-18
+    assert sampson.serrmin(scene.F, scene.ends).max() < 1e-18
     resolved = (
         np.abs(
             np.subtract(
                 *[
-                    epipolar.sampson(scene.F, *pair)
+                    sampson.sampson(scene.F, *pair)
                     for pair in ((scene.ends[:, 0], scene.ends[:, 1]), (scene.ends[:, 1], scene.ends[:, 0]))
                 ]
             )
         )
         > 1e-12
     )
-    swapped = epipolar.swapped_order(scene.F, scene.ends)
+    swapped = sampson.swapped_order(scene.F, scene.ends)
     assert resolved.mean() > 0.9
     assert (swapped == scene.swapped)[resolved].all()
-    assert (epipolar.swapped_order(scene.F.T, scene.ends) == ~scene.swapped)[resolved].all()
+    assert (sampson.swapped_order(scene.F.T, scene.ends) == ~scene.swapped)[resolved].all()
 
 
 def test_serrmin_scales_with_the_coordinates() -> None:
     F, ends = random_matrices(7, 1)[0], np.random.default_rng(7).uniform(0, 600, (20, 2, 2))
     normalised = epipolar.apply_similarity(SIMILARITY, ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    pixels = epipolar.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
-    assert np.allclose(pixels * 0.01**2, epipolar.serrmin(F, normalised))
+    pixels = sampson.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
+    assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
 
 
 def test_batch_scores_equal_serrmin() -> None:
@@ -102,7 +103,7 @@ def test_batch_scores_equal_serrmin() -> None:
     T = epipolar.shared_normalisation(scene.ends)
     ends = epipolar.apply_similarity(T, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
     F, unit = random_matrices(8, 30), 1 / T[0, 0]
-    exact = np.sqrt(epipolar.serrmin(F, ends)) * unit
+    exact = np.sqrt(sampson.serrmin(F, ends)) * unit
     batch = BatchSampson(ends, unit)
     assert np.allclose(np.sqrt(batch(F)), exact, atol=0.01)
     assert np.allclose(np.sqrt(batch(F, np.array([5, 3]))), exact[:, [5, 3]], atol=0.01)

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import sampson
-from blur2view.matches import select_matches
-from blur2view.smear import SmearField
+from blur2view.geometry.sampson import sampson
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import select_matches
 from tools import evaluate, testset
 from tools.render import RenderOptions, render
 from tools.smear_figures import SmearFigures, coherence, evaluate_smears, pooled, smear_tables

@@ -10,9 +10,9 @@ import pytest
 import skimage
 import torch
 
+from blur2view.camera.image import read_image
 from blur2view.errors import ModelError
-from blur2view.image import read_image
-from blur2view.predict import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork
 from tools import export_onnx
 from tools.checkpoint import Run, load_average, start_run
 from tools.export_onnx import Images, difference_px, export, sample_image

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.epipolar import Array
-from blur2view.exposure_motion import (
+from blur2view.arrays import Array
+from blur2view.exposure.trajectory import (
     ExposedFrame,
     common_fraction,
     exposure_motion,
@@ -16,7 +16,7 @@ from blur2view.exposure_motion import (
     smooth_velocities,
     velocities,
 )
-from blur2view.manifold import rotation_matrix
+from blur2view.geometry.rotation import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
 SPREAD = np.repeat([1e-3, 3e-3], 3)

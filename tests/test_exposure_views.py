@@ -7,14 +7,14 @@ import pytest
 from scenes import Scene, disturb, make_scene
 
 from blur2view import estimate_two_view
-from blur2view.cameras import Camera
-from blur2view.epipolar import sampson
-from blur2view.exposure_views import ExposureViews, TimeDirection, views_of
-from blur2view.manifold import rotation_matrix
-from blur2view.matches import SmearMatches
+from blur2view.camera.camera import Camera
+from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
-from blur2view.pose import PoseCovariance, RigidTransform
-from blur2view.smear import SmearField
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
 
 
 def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:

@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import homogeneous, sampson, serrmin
-from blur2view.matches import select_matches
-from blur2view.predict import SmearNetwork
-from blur2view.segmentation import MotionMask
-from blur2view.smear import SmearField
-from blur2view.two_view import TwoViewGeometry, estimate_two_view
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.sampson import sampson, serrmin
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.segmentation.mask import MotionMask
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
 from tools import figure_style, figures, testset
 from tools.evaluate import true_ends
 from tools.failure_scenes import CARDS, KINDS, covered, failure_scene

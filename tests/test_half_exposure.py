@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, Scene, make_scene
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import fundamental_from_pose, sampson
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.half_exposure import half_fundamental, half_geometry, half_homography, half_pose
-from blur2view.manifold import rotation_matrix
-from blur2view.pose import RigidTransform
+from blur2view.camera.camera import Camera
+from blur2view.exposure.half_exposure import half_fundamental, half_geometry, half_homography, half_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from tools.synthetic_matches import project_smears
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scenes import some_views
 
+from blur2view.colmap.hloc_files import certainty, matches0, pair_name, write_hloc
 from blur2view.errors import OutputError
-from blur2view.hloc_files import certainty, matches0, pair_name, write_hloc
 
 
 def hloc_matches(path: Path, name0: str, name1: str) -> tuple[np.ndarray, np.ndarray]:

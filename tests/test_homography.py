@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, rotation
 
-from blur2view.epipolar import Array, cross_matrix, homogeneous, unit_norm
-from blur2view.estimators import assumed_camera
-from blur2view.homography import (
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.robust.homography import (
     Homographies,
     PlanarEnds,
     PlaneH,
@@ -19,9 +19,10 @@ from blur2view.homography import (
     residual_jacobian,
     velocity_basis,
 )
-from blur2view.homography_search import ROTATIONS, find_plane, four_smears, two_smears
-from blur2view.manifold import CameraPrior
-from blur2view.refine import RefineOptions
+from blur2view.robust.homography_search import ROTATIONS, find_plane, four_smears, two_smears
+from blur2view.robust.parametrization import CameraPrior
+from blur2view.robust.problem import assumed_camera
+from blur2view.robust.residuals import RefineOptions
 
 SOFT = CameraPrior(rotation=(0.1, 0.1, 0.3))
 KNOWN = CameraPrior(rotation=(0.1, 0.1, 0.3), log_focal=0.0, principal=0.0)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scenes import make_scene
 
-from blur2view.epipolar import apply_similarity
-from blur2view.hypotheses import half_sphere, meeting_points, turning_hypotheses, weighted_samples
+from blur2view.geometry.epipolar import apply_similarity
+from blur2view.geometry.rotation import half_sphere
 from blur2view.metrics import rho
+from blur2view.robust.minimal_solvers import meeting_points, turning_hypotheses
+from blur2view.robust.ransac import weighted_samples
 
 
 def test_half_sphere_is_even_and_of_unit_length() -> None:

@@ -7,13 +7,13 @@ import pytest
 from scenes import make_scene
 
 from blur2view import estimate_two_view
-from blur2view.cameras import Camera
-from blur2view.epipolar import sampson
-from blur2view.keypoint_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views, sample
-from blur2view.matches import SelectOptions, select_matches
+from blur2view.camera.camera import Camera
+from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views, sample
+from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
-from blur2view.smear import SmearField
-from blur2view.two_view import EstimatorOptions
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.two_view.options import EstimatorOptions
 from tools.synthetic_matches import layered_depth, project_smears
 
 SIZE = (160, 120)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from blur2view.metrics import direction_error_deg, epe_s
-from blur2view.smear import to_double_angle
+from blur2view.smears.field import to_double_angle
 from tools.loss import Target, loss_of, smear_error, target_parts
 from tools.model import decode
 from tools.validation import figures_of

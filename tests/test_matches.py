@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from blur2view.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.smear import SmearField
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import SelectOptions, select_matches
 
 
 def field(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int] = (96, 128)) -> SmearField:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scenes import some_views
 
+from blur2view.colmap.text_formats import keypoints_text, matches_text, write_matches_text
 from blur2view.errors import OutputError
-from blur2view.matches_text import keypoints_text, matches_text, write_matches_text
 
 
 def imported_matches(text: str) -> Iterator[tuple[str, str, list[tuple[int, int]]]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from blur2view.smear import to_double_angle
+from blur2view.smears.field import to_double_angle
 from tools.model import ExportedSmear, ModelOptions, SmearUNet, decode
 from tools.stem import STRIDE, StructureStem
 

@@ -13,9 +13,9 @@ from test_motion_training import NARROW, QUICK, bad_checkpoint
 from test_motion_training import small_and_alone as small_and_alone
 
 from blur2view.errors import ModelError
-from blur2view.motion_features import CHANNELS, motion_features
-from blur2view.motion_network import FORMAT, MotionNetwork
-from blur2view.motion_score import motion_score
+from blur2view.segmentation.features import CHANNELS, motion_features
+from blur2view.segmentation.network import FORMAT, MotionNetwork
+from blur2view.segmentation.score import motion_score
 from tools import export_motion
 from tools.motion_model import MotionUNet
 from tools.train_motion import MotionRun, load_network

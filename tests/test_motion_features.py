@@ -8,10 +8,11 @@ from motion_scenes import HEIGHT, SHIFT, SIDEWAYS, STATIC_PX, SURE_RAD, WIDTH, e
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import Array, cross_matrix
-from blur2view.matches import GridSmears, grid_pixels
-from blur2view.motion_features import (
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.pipeline import Estimate
+from blur2view.segmentation.features import (
     CHANNELS,
     LENGTH_UNIT,
     LONGEST_SCORE,
@@ -21,9 +22,9 @@ from blur2view.motion_features import (
     doubled,
     motion_features,
 )
-from blur2view.motion_score import measured_ends, motion_score
-from blur2view.pipeline import Estimate
-from blur2view.smear import SmearField, to_double_angle
+from blur2view.segmentation.score import measured_ends, motion_score
+from blur2view.smears.field import SmearField, to_double_angle
+from blur2view.smears.sampling import GridSmears, grid_pixels
 from tools.train_motion import mirrored, transposed
 
 SHAPE = (48, 64)

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from blur2view.motion_features import CHANNELS
+from blur2view.segmentation.features import CHANNELS
 from tools.motion_model import (
     DIRECTIONS,
     PAIRS,

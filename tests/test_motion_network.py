@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.motion_features import CHANNELS, LENGTH_UNIT, motion_features
-from blur2view.motion_network import FORMAT, LONGEST_SIDES, MotionNetwork
-from blur2view.motion_score import motion_score
-from blur2view.predict import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.segmentation.features import CHANNELS, LENGTH_UNIT, motion_features
+from blur2view.segmentation.network import FORMAT, LONGEST_SIDES, MotionNetwork
+from blur2view.segmentation.score import motion_score
 
 Image = NDArray[np.float32]
 

@@ -13,10 +13,10 @@ import torch
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from blur2view.motion_features import CHANNELS, motion_features
-from blur2view.motion_score import motion_score
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
+from blur2view.segmentation.features import CHANNELS, motion_features
+from blur2view.segmentation.score import motion_score
 from tools import export_motion, motion_data, train_motion
 from tools.dataset import Scenes, training_record
 from tools.motion_data import STATIC, VALID, MotionExamples, examples_of

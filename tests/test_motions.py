@@ -4,20 +4,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
-from blur2view.epipolar import Array, fundamental_from_pose
-from blur2view.estimators import SmearProblem
-from blur2view.families import Fit
-from blur2view.homography_search import find_plane
-from blur2view.motions import (
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.robust.homography_search import find_plane
+from blur2view.robust.problem import SmearProblem
+from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
+from blur2view.two_view.model_selection import Fit
+from blur2view.two_view.multiple_motions import (
     TwoMotions,
     explained,
     independence,
     leaves_structure,
     suspicious,
 )
-from blur2view.planarity import planar_ends
-from blur2view.search import EstimatorOptions, search_and_fit
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.planarity import planar_ends
+from blur2view.two_view.search import search_and_fit
 from tools.degenerate_scenes import DegenerateScene, Kind, draw_scene
 
 

@@ -7,16 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import Array
+from blur2view.arrays import Array
+from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.neighbours import (
-    DatabaseMatcher,
-    PhotographMatcher,
-    database_names,
-    detect,
-    match_features,
-    verified,
-)
+from blur2view.exposure.neighbours import PhotographMatcher, detect, match_features, verified
 
 SHIFT = np.array([12.0, -5.0])
 

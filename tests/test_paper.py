@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, make_scene, with_outliers
 
-from blur2view.epipolar import Array, homogeneous, serrmin, unit_norm
-from blur2view.matches import SmearMatches
-from blur2view.paper import (
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous, unit_norm
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.paper import (
     PaperOptions,
     ambiguous_cost,
     cofactors,
@@ -19,8 +24,6 @@ from blur2view.paper import (
     paper_fundamental,
     preemptive_best,
 )
-from blur2view.search import EstimatorOptions
-from blur2view.two_view import Configuration, estimate_two_view
 
 
 def matches_of(ends: Array) -> SmearMatches:

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import serrmin
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.matches import SmearMatches
-from blur2view.predict import SmearNetwork
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.smears.matches import SmearMatches
 from tools import failure_cases, paper, paper_report, paper_summary, paper_tables, testset
 from tools.convolution_blur import blurs, convolve
 from tools.failure_scenes import FailureScene, failure_scene

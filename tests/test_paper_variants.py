@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from blur2view.smear import to_double_angle
+from blur2view.smears.field import to_double_angle
 from tools import paper_variants, validation
 from tools.dataset import load_shards, training_record
 from tools.model import ModelOptions, SmearUNet

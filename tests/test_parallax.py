@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from blur2view.epipolar import Array, cross_matrix, homogeneous
-from blur2view.homography import PlanarEnds, cayley
-from blur2view.parallax import (
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous
+from blur2view.robust.homography import PlanarEnds, cayley
+from blur2view.two_view.parallax import (
     Deviations,
     chance_densities,
     deviations,

@@ -2,17 +2,19 @@
 
 import numpy as np
 
-from blur2view.epipolar import Array, fundamental_from_pose, sampson, unit_norm
-from blur2view.estimators import build_problem
-from blur2view.homography import cayley
-from blur2view.homography_search import find_plane
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
+from blur2view.geometry.sampson import BatchSampson, sampson
+from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.metrics import epipole_angle_deg
-from blur2view.planarity import planar_ends
-from blur2view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
-from blur2view.scoring import BatchSampson
-from blur2view.seven_smears import solve_seven_smears
-from blur2view.two_view import Configuration, estimate_two_view
+from blur2view.robust.homography import cayley
+from blur2view.robust.homography_search import find_plane
+from blur2view.robust.minimal_solvers import solve_seven_smears
+from blur2view.robust.problem import build_problem
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.planarity import planar_ends
+from blur2view.two_view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
 from tools.degenerate_scenes import tilted_plane
 from tools.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
 

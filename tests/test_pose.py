@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
 
-from blur2view.cameras import Camera
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix
-from blur2view.matches import SmearMatches
-from blur2view.metrics import rotation_error, translation_direction_error_deg
-from blur2view.pose import (
+from blur2view.camera.camera import Camera
+from blur2view.geometry.pose import (
     CHI_SQUARED_90,
     PoseCovariance,
     RigidTransform,
@@ -22,7 +18,11 @@ from blur2view.pose import (
     oriented_pose,
     pose_covariance,
 )
-from blur2view.two_view import estimate_two_view
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.metrics import rotation_error, translation_direction_error_deg
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 
 SEEDS = range(5)
 

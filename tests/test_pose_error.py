@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import make_scene, rotation
 
-from blur2view.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.pose_error import pose_auc, pose_error_deg, pose_of
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.network_file import model_path
-from blur2view.predict import UNSEEN_SIGMA_PX, SmearNetwork, predict
-from blur2view.smear import to_double_angle
-from blur2view.tiles import TileOptions, cells, ramps, spans
+from blur2view.networks.model_file import model_path
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict
+from blur2view.networks.tiles import TileOptions, cells, ramps, spans
+from blur2view.smears.field import to_double_angle
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
 

@@ -10,9 +10,9 @@ from conftest import colour_code, colour_code_network
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.predict import SmearNetwork
-from blur2view.pyramid import PyramidOptions, blended, halved
-from blur2view.tiles import TileOptions
+from blur2view.networks.pyramid import PyramidOptions, blended, halved
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.tiles import TileOptions
 
 LONGEST_PX = 16.0
 

@@ -7,7 +7,7 @@ import onnx
 import pytest
 import torch
 
-from blur2view.predict import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork
 from tools.checkpoint import Run
 from tools.export_onnx import export, sample_image
 from tools.model import ModelOptions, SmearUNet

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.motion_network import MotionNetwork
-from blur2view.predict import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.segmentation.network import MotionNetwork
 from tools import recipe, validation
 from tools.recipe import Recipe, make
 from tools.train_motion import MotionTraining

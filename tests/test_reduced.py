@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from motion_scenes import SHIFT, estimate_of, sideways, with_mover
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import serrmin
-from blur2view.matches import GridSmears
-from blur2view.motion_features import motion_features
-from blur2view.motion_score import displacement_of, motion_score
-from blur2view.reduced import reduced_estimate, reduced_image, reduced_shape, resizing
-from blur2view.smear import smear_ends
+from blur2view.camera.camera import Camera
+from blur2view.geometry.sampson import serrmin
+from blur2view.segmentation.features import motion_features
+from blur2view.segmentation.reduced import reduced_estimate, reduced_image, reduced_shape, resizing
+from blur2view.segmentation.score import displacement_of, motion_score
+from blur2view.smears.field import smear_ends
+from blur2view.smears.sampling import GridSmears
 
 FULL, HALF = (240, 320), (120, 160)
 

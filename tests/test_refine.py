@@ -4,36 +4,22 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, disturb, make_scene
 
-from blur2view.components import SignComponents
-from blur2view.epipolar import (
-    Array,
-    apply_similarity,
-    cross_matrix,
-    sampson,
-    serrmin,
-    symmetric_skew,
-    unit_norm,
-)
-from blur2view.estimators import assumed_camera
-from blur2view.manifold import (
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import apply_similarity, cross_matrix, symmetric_skew, unit_norm
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.sampson import sampson, sampson_jacobian, serrmin, signed_sampson
+from blur2view.robust.parametrization import (
     CameraF,
     CameraPrior,
     GeneralF,
     Manifold,
     TranslationF,
     camera_from_matrix,
-    rotation_matrix,
-    rotation_vector,
 )
-from blur2view.refine import (
-    OrderedResiduals,
-    RefineOptions,
-    WeightedEnds,
-    company_log_odds,
-    refine,
-    sampson_jacobian,
-    signed_sampson,
-)
+from blur2view.robust.problem import assumed_camera
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, company_log_odds
+from blur2view.smears.sign_components import SignComponents
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))
 DIRECTION = np.array([0.6, 0.0, 0.8])

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import sampson
+from blur2view.geometry.sampson import sampson
 from tools.exposure import Exposure, grid_points
 from tools.motion import Trajectory
 from tools.render import Rendering, RenderOptions, expose, render, sample_length

@@ -15,11 +15,11 @@ import pytest
 from conftest import colour_code, write_picture
 from report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
 
-from blur2view import cli
-from blur2view.cameras import Camera
-from blur2view.geometry import Configuration
-from blur2view.report import Entry, report
-from blur2view.report_photograph import MAX_NODES, VERDICTS, lens, node_pixels, photograph
+from blur2view.camera.camera import Camera
+from blur2view.cli import commands as cli
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.visualization.report import Entry, report
+from blur2view.visualization.report_photograph import MAX_NODES, VERDICTS, lens, node_pixels, photograph
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
 Report = Callable[..., int]

@@ -23,8 +23,8 @@ from report_browser import (
 )
 from report_scenes import boxed_mask, made_up, turning_F
 
-from blur2view.geometry import Configuration
-from blur2view.report import Entry, report
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.visualization.report import Entry, report
 
 
 def names(page: Page) -> list[str]:

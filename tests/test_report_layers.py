@@ -20,8 +20,8 @@ from report_browser import (
 )
 from report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, made_up, turning_F
 
-from blur2view.epipolar import serrmin
-from blur2view.report import Entry
+from blur2view.geometry.sampson import serrmin
+from blur2view.visualization.report import Entry
 
 
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:

@@ -24,10 +24,10 @@ from report_browser import (
 )
 from report_scenes import DOTS, HEIGHT, WIDTH, made_up, turning_F
 
-from blur2view.cameras import Camera
-from blur2view.geometry import Configuration
-from blur2view.report import Entry
-from blur2view.viz import farthest_points
+from blur2view.camera.camera import Camera
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.visualization.overlay import farthest_points
+from blur2view.visualization.report import Entry
 
 
 def line_offsets(

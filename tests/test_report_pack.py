@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from report_scenes import unpacked
 
-from blur2view.report_pack import packed, picture
+from blur2view.visualization.report_pack import packed, picture
 
 
 @pytest.mark.parametrize("kind", ["uint8", "int16", "uint16", "int32"])

@@ -21,11 +21,15 @@ from motion_scenes import (
 )
 from numpy.typing import NDArray
 
-from blur2view import mask_overlay, motion_regions, motion_score
-from blur2view.epipolar import Array, cross_matrix, serrmin
-from blur2view.matches import GridSmears, grid_pixels
-from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions
-from blur2view.smear import SmearField, smear_ends
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.sampson import serrmin
+from blur2view.segmentation import regions as motion_regions
+from blur2view.segmentation import score as motion_score
+from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.sampling import GridSmears, grid_pixels
+from blur2view.visualization import mask_overlay
 
 
 def overlap(mask: MotionMask) -> float:
@@ -227,7 +231,7 @@ def test_halo_of_an_object_is_cut_along_its_colours() -> None:
 
 
 def test_distorted_cameras_are_judged_by_undistorted_smears() -> None:
-    from blur2view.cameras import Camera
+    from blur2view.camera.camera import Camera
 
     camera = Camera.from_string("SIMPLE_RADIAL 320 240 200 160 120 0.25")
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
@@ -250,7 +254,7 @@ def test_distorted_cameras_are_judged_by_undistorted_smears() -> None:
 
 @pytest.mark.parametrize(("F", "H"), [(SIDEWAYS, None), (None, SHIFT)], ids="FH")
 def test_smears_without_rays_of_a_distorted_camera_are_unobservable(F: Array | None, H: Array | None) -> None:
-    from blur2view.cameras import Camera
+    from blur2view.camera.camera import Camera
 
     camera = Camera.from_string("SIMPLE_RADIAL 320 240 220 160 120 -0.35")
     displacement = sideways()

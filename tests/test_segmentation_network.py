@@ -9,11 +9,11 @@ from motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, by_scores, estimate_of, 
 from numpy.typing import NDArray
 from test_motion_network import red_and_long
 
-from blur2view.motion_network import MotionNetwork
-from blur2view.motion_regions import DENIED, HIGH_PROBABILITY, LOW_PROBABILITY, decide_by_network
-from blur2view.motion_score import motion_score
 from blur2view.pipeline import Estimate
-from blur2view.segmentation import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.network import MotionNetwork
+from blur2view.segmentation.regions import DENIED, HIGH_PROBABILITY, LOW_PROBABILITY, decide_by_network
+from blur2view.segmentation.score import motion_score
 
 
 @pytest.fixture(scope="module")

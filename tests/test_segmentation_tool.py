@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from motion_scenes import BOX, SIDEWAYS, by_scores, estimate_of, photo, sideways, with_mover
 
-from blur2view.geometry import TwoViewGeometry
-from blur2view.predict import SmearNetwork
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import SmearNetwork
 from tools import mover_scenes, segmentation
 from tools.render import RenderOptions
 from tools.segmentation import (

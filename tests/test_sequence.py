@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import fundamental_from_pose, sampson
 from blur2view.errors import Blur2ViewError
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.sampson import sampson
 from tools.exposure import KNOTS, grid_points
 from tools.render import compose
 from tools.sequence import (

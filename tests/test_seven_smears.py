@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scenes import Scene, make_scene
 
-from blur2view.epipolar import Array, denormalise
-from blur2view.seven_smears import ALL_SIGNS, homogeneous_cubic_roots, solve_seven_smears
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import denormalise
+from blur2view.robust.minimal_solvers import ALL_SIGNS, homogeneous_cubic_roots, solve_seven_smears
 
 
 def samples(count: int, seed: int = 0) -> tuple[Array, Array, list[Scene]]:

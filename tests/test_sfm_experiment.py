@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from blur2view.errors import Blur2ViewError
-from blur2view.exposure_views import CLOSE, OPEN
-from blur2view.manifold import rotation_matrix
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_matrix
 from tools.alignment import Motion
 from tools.recording import Recording, motion_per_frame, redkitchen_recording
 from tools.sfm_plot import plot

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from blur2view.components import SignComponents
-from blur2view.smear import SmearField
+from blur2view.smears.field import SmearField
+from blur2view.smears.sign_components import SignComponents
 from tools import sign_components as study
 from tools.synthetic_matches import SyntheticOptions, synthetic_smears
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from blur2view.epipolar import Array
-from blur2view.sign_graph import Edges, balanced, double_cover, near_pairs, support
+from blur2view.arrays import Array
+from blur2view.smears.sign_graph import Edges, balanced, double_cover, near_pairs, support
 
 
 def field(seed: int, count: int = 400) -> tuple[Array, Array]:

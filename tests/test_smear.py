@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.smear import SmearField, from_double_angle, smear_ends, to_double_angle, upsample_grid
+from blur2view.smears.field import SmearField, from_double_angle, smear_ends, to_double_angle, upsample_grid
 
 
 def random_displacements(seed: int = 0) -> np.ndarray:

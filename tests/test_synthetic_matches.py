@@ -5,7 +5,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from blur2view.epipolar import sampson
+from blur2view.geometry.sampson import sampson
 from tools import synthetic_matches as synthetic
 from tools.synthetic_matches import Kind, Motion, SyntheticOptions, synthetic_smears
 

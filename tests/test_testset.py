@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import sampson
-from blur2view.smear import smear_ends
+from blur2view.geometry.sampson import sampson
+from blur2view.smears.field import smear_ends
 from tools import testset
 from tools.render import render
 

@@ -7,13 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import Array, cross_matrix, fundamental_from_pose
-from blur2view.exposure_views import ExposureViews, TimeDirection
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix, rotation_vector
-from blur2view.pose import RigidTransform
-from blur2view.time_direction import (
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.exposure.time_direction import (
     NeighbourMotion,
     agreement_of,
     confidence_of,
@@ -26,7 +22,12 @@ from blur2view.time_direction import (
     turn_agreement,
     with_time_direction,
 )
-from blur2view.translation_sign import other_translation, share_before
+from blur2view.exposure.translation_sign import other_translation, share_before
+from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)

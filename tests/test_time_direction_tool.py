@@ -9,7 +9,7 @@ import pytest
 from scenes import some_views
 
 import blur2view
-from blur2view.epipolar import Array
+from blur2view.arrays import Array
 from tools.sequence import SequenceOptions, render_sequence
 from tools.time_direction import Directed, agreement, plot, redkitchen, rendered, report, row
 

@@ -7,12 +7,13 @@ import pycolmap
 import pytest
 from scenes import IMAGE_SIZE, Scene, make_scene
 
-from blur2view.cameras import Camera
-from blur2view.colmap import fundamental_to_colmap, homography_to_colmap, to_colmap
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.matches import SmearMatches
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import translation_direction_error_deg
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 
 COUNT = 400
 

@@ -7,10 +7,10 @@ import pytest
 from scenes import IMAGE_SIZE, Scene, make_scene, with_outliers
 
 from blur2view import Camera, SmearMatches, estimate_two_view
-from blur2view.epipolar import Array
-from blur2view.manifold import rotation_vector
+from blur2view.arrays import Array
+from blur2view.geometry.rotation import rotation_vector, turn_flow
 from blur2view.metrics import translation_direction_error_deg
-from blur2view.translation_grid import translation_search, turn_flow, turns_given, unit_lines
+from blur2view.two_view.calibrated_start import translation_search, turns_given, unit_lines
 
 
 def rays_of(scene: Scene) -> Array:

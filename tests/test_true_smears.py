@@ -6,10 +6,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap import to_colmap
+from blur2view.camera.colmap_camera import to_colmap
 from blur2view.errors import Blur2ViewError
-from blur2view.exposure_views import CLOSE, OPEN
-from blur2view.manifold import rotation_matrix
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_matrix
 from tools.alignment import Motion, MotionErrors
 from tools.exposure import grid_points
 from tools.sfm_experiment import estimated_motion

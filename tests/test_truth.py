@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.epipolar import sampson
+from blur2view.geometry.sampson import sampson
 from tools import truth
 from tools.canvas import paint
 from tools.exposure import Exposure, grid_points

@@ -7,16 +7,16 @@ import pycolmap
 import pytest
 from scenes import IMAGE_SIZE, disturb, make_scene
 
-from blur2view.cameras import Camera
-from blur2view.colmap_database import write_database
+from blur2view.camera.camera import Camera
+from blur2view.colmap.database import write_database
+from blur2view.colmap.mapping import mapper_options, triangulate_exposure
 from blur2view.errors import DatabaseError
-from blur2view.exposure_views import ExposureViews
-from blur2view.geometry import Configuration, TwoViewGeometry
-from blur2view.manifold import rotation_matrix
-from blur2view.mapping import mapper_options, triangulate_exposure
-from blur2view.matches import SmearMatches
-from blur2view.pose import RigidTransform
-from blur2view.two_view import estimate_two_view
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 from tools.exposure import grid_points
 from tools.testset import TestScene
 from tools.two_image_models import (

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from scenes import IMAGE_SIZE, Scene, disturb, make_scene, noise_field_ends, with_outliers, with_second_motion
 
-from blur2view.epipolar import Array, swapped_order, unit_norm
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.sampson import swapped_order
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import epipole_angle_deg, rho
-from blur2view.search import EstimatorOptions, two_parameter_fundamental
-from blur2view.trust import agreement, constant_field
-from blur2view.two_view import Configuration, TwoViewGeometry, estimate_two_view
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import agreement, constant_field
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import two_parameter_fundamental
 
 SEEDS = range(8)
 

@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from blur2view.epipolar import fundamental_from_pose, sampson
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.sampson import sampson
 from tools.reference_methods import METHODS, Answer, Case, nothing, pycolmap_two_view
 from tools.synthetic_matches import SyntheticOptions, synthetic_smears
 from tools.validate_geometry import (

@@ -10,13 +10,13 @@ import pycolmap
 import pytest
 from scenes import some_views
 
-from blur2view.colmap import to_colmap
-from blur2view.colmap_link import LinkJob, LinkStep, plan_links, write_links
-from blur2view.epipolar import Array
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
-from blur2view.keypoint_views import KeypointViews
-from blur2view.manifold import rotation_matrix, rotation_vector
-from blur2view.view_placement import Placement, place_views
+from blur2view.exposure.linked_views import KeypointViews
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 
 FRAMES, FEATURES, SHARE, FOCAL = 7, 60, 0.5, 200.0
 SIZE = (160, 120)

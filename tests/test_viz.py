@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
-from blur2view.epipolar import cross_matrix, fundamental_from_pose
-from blur2view.matches import SmearMatches
-from blur2view.smear import SmearField, smear_ends
-from blur2view.two_view import Configuration, TwoViewGeometry
-from blur2view.viz import View, draw_overlay, farthest_points, spread_subset
+from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.matches import SmearMatches
+from blur2view.visualization.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.visualization.overlay import View, draw_overlay, farthest_points, spread_subset
 
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.manifold import rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 
 Array = NDArray[Any]
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
 
 Array = NDArray[Any]
 Solver = Callable[[Array, Array], "Array | None"]

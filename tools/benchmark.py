@@ -27,12 +27,12 @@ import cv2
 import numpy as np
 
 import blur2view
-from blur2view.epipolar import cross_matrix
-from blur2view.matches import select_matches
+from blur2view.cli.outputs import OutputFiles, write_results
+from blur2view.geometry.epipolar import cross_matrix
 from blur2view.pipeline import estimate
-from blur2view.results import OutputFiles, write_results
-from blur2view.seven_smears import solve_seven_smears
-from blur2view.two_view import estimate_two_view
+from blur2view.robust.minimal_solvers import solve_seven_smears
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
 from tools.testset import test_options, write_scene
 
 SIZE = (1280, 720)
@@ -68,7 +68,7 @@ def classical(first: Path, last: Path) -> None:
 
 def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     """Median seconds of every step of an estimate, in process and warm."""
-    from blur2view.cli import main as command
+    from blur2view.cli.commands import main as command
 
     network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
     image = blur2view.read_image(photo)

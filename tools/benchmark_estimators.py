@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -40,6 +41,7 @@ from tools.estimator_cells import (
 )
 from tools.estimator_log import Log, Measured, Record
 from tools.estimator_methods import METHODS, PAPER, Method, Problem
+from tools.estimator_plot import plot
 from tools.evaluate import judge
 from tools.pose_error import NO_POSE_DEG, pose_error_deg
 from tools.processes import single_threaded_pool
@@ -47,6 +49,17 @@ from tools.processes import single_threaded_pool
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED_CODE = ("baselines", "estimator_methods", "estimator_cells", "synthetic_matches", "pose_error")
 """Modules of tools on which the figures depend, besides the whole package."""
+
+
+def write(records: list[Record], head: dict[str, str], out: Path) -> str:
+    """Write OUT.md, OUT.json and OUT.png; give the text."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    text = estimator_report.markdown(records, head)
+    out.with_suffix(".md").write_text(text)
+    document = json.dumps(estimator_report.document(records, head), indent=None)
+    out.with_suffix(".json").write_text(document + "\n")
+    plot(records, out.with_suffix(".png"))
+    return text
 
 
 def measure(method: Method, problem: Problem) -> Measured:
@@ -168,7 +181,7 @@ def main() -> None:
     if not arguments.report:
         run(log, plan, arguments.processes, arguments.scenes)
     out = arguments.out or Path("tools/results" if name == "estimators" else "runs") / name
-    print(estimator_report.write(log.read(), log.head(), out))
+    print(write(log.read(), log.head(), out))
 
 
 if __name__ == "__main__":

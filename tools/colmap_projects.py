@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from blur2view.colmap_schema import MAX_IMAGES, SCHEMA_VERSION, TABLES
+from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES
 
 SIZE = (96, 64)
 OLD_TABLES = """

@@ -20,13 +20,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import Array, apply_similarity, denormalise
-from blur2view.manifold import CameraF, CameraPrior, GeneralF, Manifold, TranslationF
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import apply_similarity, denormalise
 from blur2view.metrics import rho, rotation_error, translation_direction_error_deg
-from blur2view.refine import OrderedResiduals, RefineOptions, WeightedEnds, refine
-from blur2view.two_view import estimate_two_view
+from blur2view.robust.parametrization import CameraF, CameraPrior, GeneralF, Manifold, TranslationF
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 from tools.baselines import scrambled
 from tools.evaluate import true_ends
 from tools.exposure import GRID

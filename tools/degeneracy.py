@@ -25,14 +25,16 @@ from pathlib import Path
 import numpy as np
 
 import blur2view
-from blur2view.epipolar import Array, homogeneous
-from blur2view.homography import PlanarEnds
-from blur2view.homography_search import find_plane
-from blur2view.manifold import nearest_motion
-from blur2view.matches import select_matches
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.pose import nearest_motion
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import rho
-from blur2view.smear import smear_ends
-from blur2view.two_view import Configuration, TwoViewGeometry, estimate_two_view
+from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography_search import find_plane
+from blur2view.smears.field import smear_ends
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
 from tools.benchmark import machine
 from tools.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.processes import single_threaded_pool

@@ -11,8 +11,8 @@ from typing import Literal, get_args
 import cv2
 import numpy as np
 
-from blur2view.epipolar import Array
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.smears.matches import SmearMatches
 from tools.synthetic_matches import (
     FAR,
     IMAGE_SIZE,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from blur2view.matches import select_matches
-from blur2view.smear import SmearField
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import select_matches
 from tools.baselines import in_true_order
 from tools.estimator_methods import METHODS, PAPER, Problem
 from tools.evaluate import true_ends, truth_at_matches

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cameras import Camera
-from blur2view.matches import SmearMatches
-from blur2view.search import EstimatorOptions
-from blur2view.two_view import estimate_two_view, two_parameter_fundamental
+from blur2view.camera.camera import Camera
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import two_parameter_fundamental
 from tools import baselines
 
 Array = NDArray[Any]

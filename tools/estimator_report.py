@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -72,18 +70,6 @@ def by_method(records: Iterable[Record]) -> dict[str, Figures]:
         for name, measured in record.measured.items():
             found[name].append(measured)
     return {name: figures(rows) for name, rows in found.items() if rows}
-
-
-def write(records: list[Record], head: dict[str, str], out: Path) -> str:
-    """Write OUT.md, OUT.json and OUT.png; give the text."""
-    from tools.estimator_plot import plot
-
-    out.parent.mkdir(parents=True, exist_ok=True)
-    text = markdown(records, head)
-    out.with_suffix(".md").write_text(text)
-    out.with_suffix(".json").write_text(json.dumps(document(records, head), indent=None) + "\n")
-    plot(records, out.with_suffix(".png"))
-    return text
 
 
 def document(records: list[Record], head: dict[str, str]) -> dict[str, object]:

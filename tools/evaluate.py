@@ -21,17 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.matches import SmearMatches, select_matches
-from blur2view.metrics import (
-    epipole_angle_deg,
-    inlier_share,
-    rho,
-    serrmin,
-    share_under,
-)
-from blur2view.search import two_parameter_fundamental
-from blur2view.smear import SmearField, smear_ends
-from blur2view.two_view import estimate_two_view
+from blur2view.geometry.sampson import serrmin
+from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.search import two_parameter_fundamental
 from tools import baselines
 from tools.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.smear_plot import plot

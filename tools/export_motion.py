@@ -1,7 +1,7 @@
 """Export the motion segmentation network to the ONNX file that the package ships.
 
 ``python -m tools.export_motion runs/motion.pt models/motion.onnx`` writes its weights, dynamic in height and
-width, with the metadata that :mod:`blur2view.motion_network` reads, and checks the file against torch.
+width, with the metadata that :mod:`blur2view.segmentation.network` reads, and checks the file against torch.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from blur2view.errors import Blur2ViewError, ModelError
-from blur2view.motion_features import CHANNELS
-from blur2view.motion_network import FORMAT
+from blur2view.segmentation.features import CHANNELS
+from blur2view.segmentation.network import FORMAT
 from tools.export_onnx import sample_image
 from tools.motion_model import MotionUNet
 from tools.stem import STRIDE

@@ -1,7 +1,7 @@
 """Export a checkpoint to the ONNX file that the package ships.
 
 ``python -m tools.export_onnx runs/smear/last.pt models/smear.onnx`` writes the averaged weights, dynamic in
-height and width, with the metadata that :mod:`blur2view.network_file` reads and a reader wants to know, and
+height and width, with the metadata that `networks.model_file` reads and a reader wants to know, and
 checks the file against torch on a rendered picture.
 """
 
@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.network_file import FORMAT
+from blur2view.networks.model_file import FORMAT
 from tools.checkpoint import load_average, save_average
 from tools.model import MULTIPLE_OF, ExportedSmear, SmearUNet
 from tools.render import RenderOptions, render
@@ -32,7 +32,7 @@ Images = NDArray[np.float32]
 
 LARGEST_DIFFERENCE_PX = 1e-3
 LONGEST_PX = 48.0
-"""Smears up to this length are measured at an image's own size; see ``blur2view/pyramid.py``."""
+"""Smears up to this length are measured at an image's own size; see ``blur2view/networks/pyramid.py``."""
 
 CONVENTION = (
     "input: image (N,3,H,W) float32 RGB, sRGB-coded, 0 to 1; output: smear (N,4,H/stride,W/stride): "

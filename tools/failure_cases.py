@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 import blur2view
-from blur2view.epipolar import Array
-from blur2view.geometry import Configuration, TwoViewGeometry
+from blur2view.arrays import Array
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import rho
-from blur2view.smear import smear_ends
+from blur2view.smears.field import smear_ends
 from tools.exposure import grid_points
 from tools.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.render import Rendering

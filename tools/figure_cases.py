@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.image import read_image
-from blur2view.matches import SmearMatches
+from blur2view.camera.image import read_image
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import epe_s, rho
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
-from blur2view.smear import SmearField
-from blur2view.two_view import TwoViewGeometry
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
 from tools.evaluate import true_ends
 from tools.testset import TestScene
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.image import read_image
-from blur2view.metrics import PAPER_INLIER, cumulative_curve, epe_s, serrmin, sparsification_curve
-from blur2view.search import two_parameter_fundamental
+from blur2view.camera.image import read_image
+from blur2view.geometry.sampson import serrmin
+from blur2view.metrics import PAPER_INLIER, cumulative_curve, epe_s, sparsification_curve
+from blur2view.two_view.search import two_parameter_fundamental
 from tools import baselines
 from tools.evaluate import true_ends
 from tools.figure_cases import Case

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
-from blur2view.viz import draw_overlay
+from blur2view.visualization.overlay import draw_overlay
 from tools.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.figure_style import new_figure, show_picture
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import homogeneous, sampson
-from blur2view.viz import farthest_points, spread_subset
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.sampson import sampson
+from blur2view.visualization.overlay import farthest_points, spread_subset
 from tools.evaluate import true_ends
 from tools.figure_cases import Case, at_pixels, at_quantiles
 from tools.figure_style import PALETTE, new_figure, show_picture

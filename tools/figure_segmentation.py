@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.mask_overlay import PINK
-from blur2view.motion_network import MotionNetwork
 from blur2view.pipeline import Estimate, Timings
-from blur2view.segmentation import MotionLabel, MotionMask, segment
+from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
+from blur2view.segmentation.network import MotionNetwork
+from blur2view.visualization.mask_overlay import PINK
 from tools.figure_cases import Case, at_pixels, at_quantiles
 from tools.figure_panels import QUANTILES, pale
 from tools.figure_style import new_figure, show_picture

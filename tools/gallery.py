@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.drawing import INK, PAPER, write
-from blur2view.viz import draw_overlay
+from blur2view.visualization.drawing import INK, PAPER, write
+from blur2view.visualization.overlay import draw_overlay
 
 Picture = NDArray[np.uint8]
 

@@ -26,10 +26,10 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from blur2view import cli_colmap
-from blur2view.cli import main as blur2view
-from blur2view.colmap_schema import MAX_IMAGES
-from blur2view.predict import SmearNetwork
+from blur2view.cli import to_colmap as cli_colmap
+from blur2view.cli.commands import main as blur2view
+from blur2view.colmap.schema import MAX_IMAGES
+from blur2view.networks.smear_network import SmearNetwork
 from tools.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
 
 NAME = "a_001.jpg"

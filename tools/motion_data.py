@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from blur2view.motion_features import motion_features
-from blur2view.motion_score import motion_score
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.predict import SmearNetwork
+from blur2view.segmentation.features import motion_features
+from blur2view.segmentation.score import motion_score
 from tools.dataset import decode_linear, require_shards, start_worker
 from tools.sensor import photograph
 
@@ -44,7 +44,7 @@ class MotionExamples:
     image : ndarray of shape (N, H, W, 3)
         uint8 RGB.
     features : ndarray of shape (N, C, H/4, W/4)
-        float16, see :func:`blur2view.motion_features.motion_features`.
+        float16, see :func:`blur2view.segmentation.features.motion_features`.
     labels : ndarray of shape (N, H/4, W/4)
         uint8: 1 smear known + 2 static.
     """

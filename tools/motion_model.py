@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.motion_features import CHANNELS
+from blur2view.segmentation.features import CHANNELS
 from tools.model import Block
 from tools.stem import LEVELS, STRIDE, LagStem, OrientedStem, StructureStem
 

@@ -40,7 +40,7 @@ def rightward(d: Tensor) -> Tensor:
 
 
 def double_angle(d: Tensor) -> Tensor:
-    """Map smears (N, 2, h, w) to |d| (cos 2 phi, sin 2 phi); the torch twin of `smear.to_double_angle`."""
+    """Map smears (N, 2, h, w) to |d| (cos 2 phi, sin 2 phi); the torch twin of `field.to_double_angle`."""
     x, y = d[:, :1], d[:, 1:]
     length = torch.sqrt(x * x + y * y + 1e-12)
     return torch.cat([x * x - y * y, 2 * x * y], 1) / length

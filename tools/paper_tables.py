@@ -27,12 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.epipolar import serrmin
-from blur2view.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.geometry.sampson import serrmin
 from blur2view.metrics import PAPER_INLIER, cumulative_curve
-from blur2view.search import EstimatorOptions, sampson_sigma
-from blur2view.smear import SmearField, smear_ends
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import sampson_sigma
 from tools.testset import TestScene, read_test_set
 
 Array = NDArray[Any]

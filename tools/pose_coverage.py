@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.cameras import Camera
-from blur2view.epipolar import Array
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.metrics import rotation_error, translation_direction_error_deg
-from blur2view.pose import CHI_SQUARED_90, RigidTransform
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 from tools.correlated_noise import smooth_noise
 from tools.processes import single_threaded_pool
 from tools.synthetic_matches import IMAGE_SIZE, Kind, SyntheticOptions, SyntheticSmears, synthetic_smears

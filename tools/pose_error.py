@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from blur2view.epipolar import Array, homogeneous, swapped_order
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
+from blur2view.geometry.sampson import swapped_order
 from blur2view.metrics import rotation_error
-from blur2view.pose import RigidTransform, before_both, decompose_essential
 
 NO_POSE_DEG = 180.0  # the error of no answer
 

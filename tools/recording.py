@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from blur2view.manifold import rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 from tools.alignment import Motion
 from tools.sequence import read_sequence, relative_pose
 

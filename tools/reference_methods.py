@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cameras import Camera
-from blur2view.colmap import colmap_camera, to_colmap
-from blur2view.epipolar import Array, fundamental_from_pose
-from blur2view.matches import SmearMatches
-from blur2view.two_view import estimate_two_view
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import colmap_camera, to_colmap
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 
 MAX_ERROR_PX = 1.0  # of pycolmap and OpenCV; the noise is 1 px a coordinate, or 0.5
 

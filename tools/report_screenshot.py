@@ -15,7 +15,7 @@ from statistics import median
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from blur2view import cli
+from blur2view.cli import commands as cli
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WINDOW = (1280, 800)

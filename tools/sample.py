@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from blur2view.epipolar import epipoles
+from blur2view.geometry.epipolar import epipoles
 from tools.render import render
 from tools.sensor import SensorOptions, photograph
 from tools.testset import test_options

@@ -22,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from blur2view.epipolar import serrmin
-from blur2view.image import read_image
-from blur2view.mask_overlay import draw_motion
-from blur2view.matches import grid_pixels, select_matches
-from blur2view.motion_network import MotionNetwork
+from blur2view.camera.image import read_image
+from blur2view.geometry.sampson import serrmin
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
-from blur2view.predict import SmearNetwork
-from blur2view.segmentation import MotionLabel, MotionMask, SegmentOptions, segment
-from blur2view.smear import SmearField, smear_ends
-from blur2view.two_view import estimate_two_view
+from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions, segment
+from blur2view.segmentation.network import MotionNetwork
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.sampling import grid_pixels, select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.visualization.mask_overlay import draw_motion
 from tools.testset import TestScene, read_test_set
 
 Array = NDArray[Any]

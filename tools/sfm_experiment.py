@@ -5,7 +5,7 @@
         --redkitchen ../shared/data/redkitchen_sequence
 
 Each video goes through SIFT, sequential matching and incremental mapping with COLMAP's defaults and the true
-intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views. `blur2view.view_placement` places
+intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views. `blur2view.colmap.placement` places
 them in that model; the mapper adds them to it under ``mapper_options(linked=True, keep_photographs=True)``;
 and all is mapped anew globally. Told are
 what was registered, errors against the true poses after one similarity, and the motion during every exposure:
@@ -28,13 +28,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cli import main as blur2view_main
-from blur2view.colmap import to_colmap
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.cli.commands import main as blur2view_main
+from blur2view.colmap.mapping import global_options, mapper_options
+from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
-from blur2view.exposure_views import CLOSE, OPEN
-from blur2view.manifold import rotation_vector
-from blur2view.mapping import global_options, mapper_options
-from blur2view.view_placement import place_views
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_vector
 from tools.alignment import Motion
 from tools.recording import Recording, redkitchen_recording, rendered_recording
 from tools.sfm_report import markdown
@@ -158,7 +158,7 @@ def place(database: Path, model: Path, recording: Recording, out: Path) -> Path:
 
 def experiment(recording: Recording, model: Path | None, true_smears: bool = False) -> Result:
     """Reconstruct a recording without and with its views: those of a network, or of its true smears."""
-    from blur2view.predict import SmearNetwork
+    from blur2view.networks.smear_network import SmearNetwork
 
     images = recording.paths[0].parent
     with tempfile.TemporaryDirectory() as temporary:

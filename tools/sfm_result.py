@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.exposure_views import CLOSE, OPEN
+from blur2view.exposure.views import CLOSE, OPEN
 from tools.alignment import Motion, MotionErrors, Similarity, align, common_scale
 from tools.recording import Recording
 
@@ -38,7 +38,7 @@ class Result:
     ----------
     recording : Recording
     without, placed, joined, averaged : Model
-        With views: placed by `blur2view.view_placement`, joined by the incremental mapper, by global mapping.
+        With views: placed by `place_views`, joined by the incremental mapper, by global mapping.
     estimated : Motion
         From the database: single photographs, translations of unit length; NaN without a pose.
     facts : list of dict

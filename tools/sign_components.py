@@ -20,15 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.components import SignComponents, no_components, sample_patterns, sign_components
-from blur2view.families import fit_families
-from blur2view.hypotheses import weighted_samples
-from blur2view.matches import SmearMatches, select_matches
 from blur2view.metrics import rho
-from blur2view.ransac import ransac
-from blur2view.search import EstimatorOptions, build_estimator, keep_memory
-from blur2view.seven_smears import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
-from blur2view.smear import SmearField
+from blur2view.robust.minimal_solvers import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
+from blur2view.robust.ransac import ransac, weighted_samples
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import select_matches
+from blur2view.smears.sign_components import SignComponents, no_components, sample_patterns, sign_components
+from blur2view.two_view.model_selection import fit_families
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import build_estimator, keep_memory
 from tools.benchmark import machine
 from tools.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.testset import read_test_set

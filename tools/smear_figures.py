@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.image import read_image
+from blur2view.camera.image import read_image
 from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
-from blur2view.smear import SmearField
+from blur2view.smears.field import SmearField
 from tools.testset import TestScene
 
 Array = NDArray[Any]

@@ -13,9 +13,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import Array, fundamental_from_pose, homogeneous
-from blur2view.manifold import rotation_matrix
-from blur2view.matches import SmearMatches
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import fundamental_from_pose, homogeneous
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.smears.matches import SmearMatches
 
 IMAGE_SIZE = (640, 480)
 FAR, NEAR = (3.0, 6.0), (1.0, 3.0)  # depths of the background and of cards; the unit is arbitrary

@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.cameras import Camera
-from blur2view.colmap import to_colmap
-from blur2view.epipolar import Array, homogeneous
-from blur2view.exposure_views import ExposureViews, views_of
-from blur2view.manifold import rotation_vector
-from blur2view.neighbours import PhotographMatcher
-from blur2view.time_direction import with_time_direction
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.exposure.neighbours import PhotographMatcher
+from blur2view.exposure.time_direction import with_time_direction
+from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.rotation import rotation_vector
 from tools.sequence import read_sequence, relative_pose
 
 ROOM_DEPTH_M = 2.0  # RedKitchen's; between 1 m and infinity its flow keeps its direction to 0.99 (cosine)

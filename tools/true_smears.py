@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.cameras import Camera
-from blur2view.colmap_link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.camera.camera import Camera
+from blur2view.colmap.database_matches import DatabaseMatcher
+from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.errors import Blur2ViewError
-from blur2view.keypoint_views import KeypointViews, keypoint_views
-from blur2view.matches import select_matches
-from blur2view.neighbours import DatabaseMatcher
+from blur2view.exposure.linked_views import KeypointViews, keypoint_views
+from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.pipeline import Estimate, Timings
-from blur2view.smear import SmearField
-from blur2view.time_direction import consecutive_runs, with_time_direction
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
 
 Array = NDArray[Any]
 

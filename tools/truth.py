@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.canvas import Canvas
 from tools.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.motion import Trajectory

@@ -5,11 +5,11 @@
 
 estimates each photograph with its intrinsics known, writes a database of its two virtual images as
 ``blur2view to-colmap`` does, and lets ``pycolmap.incremental_mapping`` reconstruct it under
-`blur2view.mapping.mapper_options`. Photographs count whose median smear is longer than 12 px and whose
+`blur2view.colmap.mapping.mapper_options`. Photographs count whose median smear is longer than 12 px and whose
 camera's translation makes more than a fifth of it. Told are the models that COLMAP builds, how far their
 motion is from the estimate's in the estimate's own covariance, and the errors of both against the truth;
 the same where the smears' ends are first moved onto their epipolar lines (``to-colmap --corrected``), and
-where the estimate's poses are kept (`blur2view.mapping.triangulate_exposure`); and how many models are left
+where the estimate's poses are kept (`blur2view.triangulate_exposure`); and how many models are left
 if one option is COLMAP's again.
 """
 
@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 
 import blur2view
-from blur2view.cameras import Camera
-from blur2view.colmap_database import write_database
-from blur2view.epipolar import Array
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.colmap.database import write_database
+from blur2view.colmap.mapping import mapper_options, triangulate_exposure
 from blur2view.errors import DatabaseError
-from blur2view.exposure_views import ExposureViews, views_of
-from blur2view.geometry import TwoViewGeometry
-from blur2view.mapping import mapper_options, triangulate_exposure
-from blur2view.pose import CHI_SQUARED_90, RigidTransform
+from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from tools.testset import TestScene, read_test_set
 
 LEAST_SMEAR_PX, LEAST_TRANSLATION = 12.0, 0.2

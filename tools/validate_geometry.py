@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.cameras import Camera
-from blur2view.colmap import to_colmap
-from blur2view.epipolar import Array, sampson
-from blur2view.geometry import TwoViewGeometry
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import rotation_error, translation_direction_error_deg
-from blur2view.smear import smear_ends
-from blur2view.two_view import estimate_two_view
+from blur2view.smears.field import smear_ends
+from blur2view.two_view.estimate import estimate_two_view
 from tools.exposure import grid_points
 from tools.pose_error import pose_of
 from tools.reference_methods import METHODS, Answer, Case

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
-from blur2view.results import write_atomically
+from blur2view.output_files import write_atomically
 from tools.dataset import Scenes, encode_linear
 from tools.datasets.exposure import Exposure
 from tools.exposure import GRID, grid_points

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import fundamental_from_pose
 from blur2view.errors import Blur2ViewError
+from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.datasets.flow import MidSmears
 from tools.datasets.gold_standard import gold_standard_fundamental
 from tools.textures import srgb_to_linear

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.epipolar import apply_similarity, denormalise, homogeneous, shared_normalisation
-from blur2view.manifold import GeneralF
+from blur2view.geometry.epipolar import apply_similarity, denormalise, homogeneous, shared_normalisation
+from blur2view.robust.parametrization import GeneralF
 from tools import baselines
 
 Array = NDArray[Any]

@@ -1,0 +1,196 @@
+"""A camera's intrinsics: the size they are for, and the rays of pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import (
+    calibration_matrix,
+    choose_camera,
+    colmap_camera,
+    normalised_points,
+    parse_camera,
+    rescaled,
+    rescaled_matrix,
+    to_colmap,
+)
+from blur2view.errors import CameraError
+
+PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Camera:
+    """Intrinsics of one camera, the same at both ends of the exposure.
+
+    Parameters
+    ----------
+    K : ndarray of shape (3, 3)
+        Focal lengths and principal point in our pixels, (0, 0) at the centre of the top-left one; of a
+        distorted camera, those of its undistorted picture. No skew.
+    width, height : int
+        Size in pixels of the pictures it is for.
+    model : str
+        COLMAP's name of the camera model.
+    params : tuple of float
+        COLMAP's parameters of the model, in COLMAP's pixels.
+    source : str
+        "focal", "camera string", "database" or "exif", and what was done since.
+    log_focal_sigma : float
+        Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
+        More: a hint, which tells where an ordinary camera may be, and nothing is called calibrated.
+
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
+    """
+
+    K: Array
+    width: int
+    height: int
+    model: str = "PINHOLE"
+    params: tuple[float, ...] = ()
+    source: str = "focal"
+    log_focal_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Convert to float64 and check shapes and values."""
+        K = np.array(self.K, np.float64)
+        if K.shape != (3, 3) or not np.isfinite(K).all():
+            raise ValueError(f"K must be finite and of shape (3, 3), got shape {K.shape}")
+        if not min(K[0, 0], K[1, 1]) > 0 or K[0, 1] or K[1, 0] or K[2].tolist() != [0, 0, 1]:
+            raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx, fy > 0, got {K.tolist()}")
+        if min(self.width, self.height) < 1 or not 0 <= self.log_focal_sigma < np.inf:
+            raise ValueError(f"need a positive size and log_focal_sigma >= 0, got {self}")
+        object.__setattr__(self, "K", K)
+
+    @classmethod
+    def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
+        """Square pixels, no distortion, the principal point at the centre of the image.
+
+        Parameters
+        ----------
+        focal_px : float
+            Focal length in pixels, positive.
+        image_size : (int, int)
+            Width and height.
+        source : str
+            Where the focal length is from.
+        """
+        if not 0 < focal_px < np.inf:
+            raise ValueError(f"focal length must be positive and finite, got {focal_px}")
+        width, height = image_size
+        centre = np.array([(width - 1) / 2, (height - 1) / 2])
+        K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])
+        params = (float(focal_px), *to_colmap(centre).tolist())
+        return cls(K=K, width=width, height=height, model="SIMPLE_PINHOLE", params=params, source=source)
+
+    @classmethod
+    def from_string(cls, text: str) -> Camera:
+        """Read a COLMAP camera string, "SIMPLE_RADIAL 640 480 525 320 240 0.05", blanks or commas between.
+
+        Raises
+        ------
+        CameraError
+            If it is none.
+        """
+        return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
+
+    @classmethod
+    def from_database(cls, path: Path, camera_id: int | None = None, image_name: str = "") -> Camera:
+        """Read a camera of a COLMAP database: by id, else the image's, else the only one.
+
+        Raises
+        ------
+        CameraError
+            If the database or the camera cannot be used; see `colmap_camera.choose_camera`.
+        """
+        chosen, camera = choose_camera(path, camera_id, image_name)
+        return cls.from_colmap(camera, f"database, camera {chosen}")
+
+    @classmethod
+    def from_colmap(cls, camera: Any, source: str) -> Camera:
+        """Convert a pycolmap.Camera."""
+        return cls(
+            K=calibration_matrix(camera),
+            width=camera.width,
+            height=camera.height,
+            model=camera.model_name,
+            params=tuple(np.asarray(camera.params, float).tolist()),
+            source=source,
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether the geometry is calibrated with it."""
+        return self.log_focal_sigma == 0
+
+    @property
+    def distorted(self) -> bool:
+        """Whether its model is not a pinhole's."""
+        return self.model not in PINHOLES and len(self.params) > 0
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean of both focal lengths."""
+        return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
+
+    @cached_property
+    def _colmap(self) -> Any:
+        return colmap_camera(self.model, self.width, self.height, self.params)
+
+    def rays(self, points: Array) -> Array:
+        """Coordinates x/z, y/z (..., 2) of the rays of pixels (..., 2); NaN where there is no ray."""
+        points = np.asarray(points, float)
+        if self.distorted:
+            return normalised_points(self._colmap, points.reshape(-1, 2)).reshape(points.shape)
+        return (points - self.K[:2, 2]) / np.diag(self.K)[:2]
+
+    def undistorted(self, points: Array) -> Array:
+        """Pixels (..., 2) as the pinhole camera K would see them; F and E hold for these."""
+        if not self.distorted:
+            return np.asarray(points, float)
+        return self.rays(points) * np.diag(self.K)[:2] + self.K[:2, 2]
+
+    def for_image(self, image_size: tuple[int, int]) -> Camera:
+        """Fit the camera to a picture of another size if it has the same shape, to a pixel: it was resized.
+
+        Raises
+        ------
+        CameraError
+            If the shapes differ: a cropped or turned picture has another principal point, which cannot be
+            known.
+        """
+        width, height = image_size
+        if (width, height) == (self.width, self.height):
+            return self
+        scale = width / self.width
+        if abs(height - scale * self.height) > max(1.0, scale):
+            turned = abs(width * self.width - height * self.height) <= max(width, height)
+            hint = " turned upright by its EXIF orientation?" if turned else " cropped?"
+            raise CameraError(
+                f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
+                f"{width}x{height}:{hint} Give the camera of this picture"
+            )
+        source = f"{self.source}, scaled by {scale:.4g}"
+        if self.distorted:
+            resized = Camera.from_colmap(rescaled(self._colmap, width, height), source)
+            return replace(resized, log_focal_sigma=self.log_focal_sigma)
+        K = rescaled_matrix(self.K, scale)
+        params = (K[0, 0], K[1, 1], *to_colmap(K[:2, 2]))
+        return replace(
+            self,
+            K=K,
+            width=width,
+            height=height,
+            model="PINHOLE",
+            params=tuple(map(float, params)),
+            source=source,
+        )

@@ -1,0 +1,212 @@
+"""COLMAP's conventions in one place: its pixels, its camera models, the cameras of its databases.
+
+COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there. Every number that goes to or
+comes from COLMAP passes through this module, F and H through `colmap_geometry`; nothing else in the package
+adds or takes a half.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.errors import CameraError
+
+HALF_PIXEL = 0.5
+MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
+
+
+def to_colmap(points: Array) -> Array:
+    """Our pixels (..., 2) as COLMAP's."""
+    return np.asarray(points, float) + HALF_PIXEL
+
+
+def from_colmap(points: Array) -> Array:
+    """COLMAP's pixels (..., 2) as ours."""
+    return np.asarray(points, float) - HALF_PIXEL
+
+
+def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
+    """Split a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
+
+    Returns
+    -------
+    model, width, height, params
+        As written; `colmap_camera` checks them.
+
+    Raises
+    ------
+    CameraError
+        If it is not of that form.
+    """
+    words = text.replace(",", " ").split()
+    if len(words) < 4:
+        raise _malformed(text, "is neither a camera string nor a database")
+    try:
+        width, height = (int(word) for word in words[1:3])
+        params = tuple(float(word) for word in words[3:])
+    except ValueError:
+        raise _malformed(text, "width and height must be whole numbers, parameters numbers") from None
+    return words[0].upper(), width, height, params
+
+
+def _malformed(text: str, why: str) -> CameraError:
+    example = "for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
+    return CameraError(f"camera {text!r}: {why}; write MODEL WIDTH HEIGHT PARAMS..., {example}")
+
+
+def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
+    """Build pycolmap's camera.
+
+    Returns
+    -------
+    pycolmap.Camera
+
+    Raises
+    ------
+    CameraError
+        If the model is unknown, has another number of parameters, or a value cannot be.
+    """
+    import pycolmap  # 0.7 s, so only where a camera has more than a focal length
+
+    known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]
+    text = f"{model} {width} {height} {' '.join(f'{value:g}' for value in params)}".strip()
+    if model not in known:
+        raise CameraError(f"camera {text!r}: unknown model {model}; COLMAP's are {', '.join(known)}")
+    expected = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info
+    if len(params) != len(expected.split(",")):
+        raise CameraError(f"camera {text!r}: {model} has the parameters {expected}, got {len(params)} values")
+    if not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
+        raise CameraError(f"camera {text!r}: needs a positive width and height below {MAX_SIDE} pixels")
+    camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
+    if not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
+        raise CameraError(f"camera {text!r}: needs finite parameters and a planar image")
+    if not min(camera.focal_length_x, camera.focal_length_y) > 0:
+        raise CameraError(f"camera {text!r}: the focal length must be positive")
+    return camera
+
+
+def calibration_matrix(camera: Any) -> Array:
+    """K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
+    K = np.array(camera.calibration_matrix(), float)
+    K[:2, 2] = from_colmap(K[:2, 2])
+    return K
+
+
+def rescaled_matrix(K: Array, scale: float) -> Array:
+    """K (3, 3) of a picture resized by a factor: its corners keep their place, not the pixels' centres."""
+    resized = np.diag([scale, scale, 1.0]) @ K
+    resized[:2, 2] = from_colmap(scale * to_colmap(K[:2, 2]))
+    return resized
+
+
+def rescaled(camera: Any, width: int, height: int) -> Any:
+    """Copy of a pycolmap.Camera for a picture resized to this size."""
+    copy = type(camera)(camera.todict())
+    copy.rescale(width, height)
+    return copy
+
+
+def normalised_points(camera: Any, points: Array) -> Array:
+    """Rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
+    # a point list comes back with NaN where a single point gives None
+    return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
+
+
+def distorted_points(camera: Any, rays: Array) -> Array:
+    """Our pixels (N, 2) of rays (N, 2) = (x/z, y/z): the inverse of `normalised_points`."""
+    directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    return from_colmap(np.asarray(camera.img_from_cam(directions), float).reshape(-1, 2))
+
+
+Row = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, params
+
+
+def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
+    """Read the cameras of a COLMAP database and the camera of every image, without writing to it.
+
+    pycolmap's ``Database.open`` would upgrade the file, so SQLite reads it here. It is opened for writing all
+    the same: a read-only connection leaves the files of a write-ahead log behind.
+
+    Returns
+    -------
+    cameras : list of (camera_id, model, width, height, params)
+        ``model`` is COLMAP's number, ``params`` its float64 bytes.
+    of_image : dict
+        Camera id by image name.
+
+    Raises
+    ------
+    CameraError
+        If there is no such file, it is locked or damaged, or is no COLMAP database.
+    """
+    if not path.is_file():
+        raise CameraError(f"{path}: no such database; check the path")
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)) as database:
+            database.text_factory = lambda name: name.decode("utf-8", "surrogateescape")  # some other image's
+            rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
+            images = database.execute("SELECT name, camera_id FROM images").fetchall()
+    except (sqlite3.Error, UnicodeError) as error:
+        hint = "wait for the program that uses it" if "locked" in str(error) else "is it COLMAP's?"
+        raise CameraError(f"{path}: cannot be read as a COLMAP database ({error}); {hint}") from None
+    return cast(list[Row], rows), dict(images)
+
+
+def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[int, Any]:
+    """Id and pycolmap.Camera of a database: the one named, the image's, or the only one.
+
+    Parameters
+    ----------
+    path : Path
+        The database.
+    camera_id : int or None
+        None chooses by the image.
+    image_name : str
+        The photograph's path; the database's image whose name it ends with is taken for it.
+
+    Raises
+    ------
+    CameraError
+        If the database cannot be read, has no such camera, or leaves the choice open.
+    """
+    rows, of_image = database_cameras(path)
+    by_id = {row[0]: row for row in rows}
+    if camera_id is None:
+        camera_id = _camera_of(path, list(by_id), of_image, image_name)
+    if camera_id not in by_id:
+        have = ", ".join(map(str, by_id)) or "none"
+        raise CameraError(f"{path}: has no camera {camera_id}; it has {have}")
+    _, model, width, height, params = by_id[camera_id]
+    try:
+        import pycolmap
+
+        name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
+        values = tuple(np.frombuffer(params, np.float64).tolist())
+        width, height = int(width), int(height)
+    except (KeyError, TypeError, ValueError):
+        raise CameraError(
+            f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
+        ) from None
+    return camera_id, colmap_camera(name, width, height, values)
+
+
+def _camera_of(path: Path, ids: list[int], of_image: dict[str, int], image_name: str) -> int:
+    """Camera of the image whose name is the longest ending of ``image_name``; else the only camera."""
+    parts = Path(image_name).parts
+    for start in range(len(parts)):
+        name = "/".join(parts[start:])
+        if name in of_image:
+            return of_image[name]
+    if len(ids) == 1:
+        return ids[0]
+    have = ", ".join(map(str, ids)) or "none"
+    raise CameraError(
+        f"{path}: knows no image {Path(image_name).name} and has several cameras or none ({have}); "
+        f"name one as {path}:ID"
+    )

@@ -1,0 +1,73 @@
+"""Two-view geometry in COLMAP's conventions: F and H of its pixels, whose halves `colmap_camera` explains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import HALF_PIXEL
+
+
+def fundamental_to_colmap(F: Array) -> Array:
+    """F (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    back = _shift(-HALF_PIXEL)
+    shifted: Array = back.T @ F @ back
+    return shifted / np.linalg.norm(shifted)
+
+
+def homography_to_colmap(H: Array) -> Array:
+    """H (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    shifted: Array = _shift(HALF_PIXEL) @ H @ _shift(-HALF_PIXEL)
+    return shifted / np.linalg.norm(shifted)
+
+
+def _shift(offset: float) -> Array:
+    """Move pixels (3, 3) along both axes."""
+    return np.array([[1, 0, offset], [0, 1, offset], [0, 0, 1.0]])
+
+
+def colmap_two_view_geometry(
+    config: str,
+    inliers: NDArray[np.int_],
+    *,
+    F: Array | None = None,
+    E: Array | None = None,
+    H: Array | None = None,
+    pose: tuple[Array, Array] | None = None,
+) -> Any:
+    """Build a pycolmap.TwoViewGeometry of index-aligned keypoints.
+
+    Parameters
+    ----------
+    config : str
+        A name of TwoViewGeometryConfiguration.
+    inliers : ndarray of int, shape (M,)
+        Indices of the keypoints that are inliers, the same in both images.
+    F, H : ndarray of shape (3, 3), optional
+        Of our pixels.
+    E : ndarray of shape (3, 3), optional
+        Of rays, which have no half pixel.
+    pose : (ndarray of shape (3, 3), ndarray of shape (3,)), optional
+        Rotation and translation of cam2_from_cam1.
+
+    Returns
+    -------
+    pycolmap.TwoViewGeometry
+    """
+    import pycolmap
+
+    geometry = pycolmap.TwoViewGeometry()
+    geometry.config = pycolmap.TwoViewGeometryConfiguration.__members__[config]
+    geometry.inlier_matches = np.stack([inliers, inliers], axis=1).astype(np.uint32)
+    if F is not None:
+        geometry.F = fundamental_to_colmap(F)
+    if E is not None:
+        geometry.E = E
+    if H is not None:
+        geometry.H = homography_to_colmap(H)
+    if pose is not None:
+        geometry.cam2_from_cam1 = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[0]), pose[1])
+    return geometry

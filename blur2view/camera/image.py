@@ -1,0 +1,166 @@
+"""Photographs: decode, refuse what cannot be used, orient upright, scale to [0, 1]."""
+
+import io
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, UnidentifiedImageError
+
+from blur2view.errors import ImageError
+
+# Four cells of the network's grid: anything smaller shows no smear.
+MIN_SIDE_PX = 16
+# Above medium-format sensors (150 megapixels) and just below where Pillow itself refuses (179).
+MAX_PIXELS = 175_000_000
+# What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
+BACKDROP = 0.5
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def read_image(path: str | os.PathLike[str], *, as_stored: bool = False) -> NDArray[np.float32]:
+    """Read a photograph as upright float32 sRGB-coded RGB.
+
+    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
+    ignored, and of several frames the first is taken. 16-bit colour with an EXIF rotation is read with
+    8 bits.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    as_stored : bool
+        Leave the picture as its pixels are stored, as COLMAP does, instead of turning it upright by EXIF.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), float32
+        RGB in [0, 1], sRGB-coded.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
+        be used. The message is one line that names the path and the remedy.
+    """
+    path = Path(path)
+    encoded = _read_bytes(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
+        photo = _decode(path, encoded, as_stored)
+    return _to_rgb(photo)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Decoded:
+    """Pixels of shape (H, W) or (H, W, C), C in 2, 3, 4, upright, with the value that means white."""
+
+    pixels: Pixels
+    white: int
+
+
+def _read_bytes(path: Path) -> bytes:
+    """Return the file's content or raise ImageError."""
+    try:
+        encoded = path.read_bytes()
+    except FileNotFoundError:
+        raise ImageError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise ImageError(f"{path}: is a directory; name the images in it, for example {path}/*.jpg") from None
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
+    if not encoded:
+        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
+    return encoded
+
+
+def _decode(path: Path, encoded: bytes, as_stored: bool) -> _Decoded:
+    """Decode every pixel and turn the picture upright, unless it is wanted as it is stored."""
+    try:
+        with Image.open(io.BytesIO(encoded)) as photo:
+            _check_size(path, *photo.size)
+            # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
+            deep = len(photo.getbands()) > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
+            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            photo.load()  # raises if the file is truncated; OpenCV would return half a picture
+            if deep and (orientation == 1 or as_stored):
+                return _Decoded(pixels=_decode_deep(encoded), white=65535)
+            # Pillow's TIFF reader has turned the picture by now, so ask again
+            turn = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            pixels, white = _pixels(path, photo)
+            return _Decoded(pixels=pixels if as_stored else _upright(pixels, turn), white=white)
+    except Image.DecompressionBombError:
+        raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
+    except UnidentifiedImageError:
+        raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
+    except ImageError:
+        raise
+    except MemoryError:
+        raise ImageError(f"{path}: does not fit in memory; resize it") from None
+    except Exception as error:
+        # on damaged files Pillow's decoders raise whatever they stumble over: KeyError, RuntimeError, ...
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
+
+
+_TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    """Refuse sizes that cannot hold a smear or do not fit in memory."""
+    size = f"{path}: is {width}x{height} pixels"
+    if min(width, height) < MIN_SIDE_PX:
+        raise ImageError(f"{size}; use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}")
+    if width * height > MAX_PIXELS:
+        raise ImageError(f"{size}; {_TOO_LARGE}")
+
+
+def _pixels(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
+    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
+    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
+        grey = np.asarray(photo)
+        if grey.min() < 0 or grey.max() > 65535:
+            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
+        return grey.astype(np.uint16), 65535
+    if photo.mode == "F":
+        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
+    mode = "RGBA" if photo.has_transparency_data else "RGB"
+    return np.asarray(photo.convert(mode)), 255
+
+
+def _decode_deep(encoded: bytes) -> Pixels:
+    """Decode 16-bit colour, (H, W, 3) or (H, W, 4), RGB order."""
+    pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
+        raise ValueError("its 16-bit pixels cannot be decoded")
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
+
+
+def _upright(pixels: Pixels, orientation: int) -> Pixels:
+    """Apply an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
+    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return pixels
+
+
+def _to_rgb(photo: _Decoded) -> NDArray[np.float32]:
+    """Scale to [0, 1], composite alpha, spread grey over three channels."""
+    values = np.ascontiguousarray(photo.pixels, dtype=np.float32)
+    values /= photo.white
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.shape[2] in (2, 4):
+        alpha = values[..., -1:]
+        values = BACKDROP + (values[..., :-1] - BACKDROP) * alpha
+    return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

@@ -1,0 +1,105 @@
+"""Which camera took a photograph: what the user says, else what EXIF says."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from blur2view.camera.camera import Camera
+from blur2view.camera.exif import ExifFacts
+from blur2view.errors import CameraError
+
+EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, cropped pictures
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intrinsics:
+    """What the user says of the camera of every photograph of a call: nothing, a focal length or a camera.
+
+    Parameters
+    ----------
+    focal_px : float or None
+        Focal length in pixels.
+    camera : str or None
+        A COLMAP camera string, "path.db", "path.db:ID", or "exif".
+
+    Raises
+    ------
+    ValueError, CameraError
+        If both are given or the focal length is not positive; if the string is no camera.
+    """
+
+    focal_px: float | None = None
+    camera: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without a photograph."""
+        if self.focal_px is not None and self.camera is not None:
+            raise ValueError("give a focal length or a camera, not both")
+        if self.focal_px is not None and not 0 < self.focal_px < np.inf:
+            raise ValueError(f"focal length must be positive and finite, got {self.focal_px}")
+        if self.camera is not None and self.camera != "exif" and self._database() is None:
+            Camera.from_string(self.camera)
+
+    def _database(self) -> tuple[Path, int | None] | None:
+        """Path and camera id if a database is meant: what exists or looks like a path."""
+        text = self.camera or ""
+        path, colon, number = text.rpartition(":")
+        if colon and number.isdecimal():
+            return Path(path), int(number)
+        looks_like_one = text.endswith(".db") or os.path.isfile(text)
+        return (Path(text), None) if looks_like_one else None
+
+    def of(self, path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
+        """Camera of one photograph.
+
+        Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
+        a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
+
+        Parameters
+        ----------
+        path : Path
+            The photograph.
+        image_size : (int, int)
+            Width and height, upright.
+        exif : ExifFacts
+            Of the photograph.
+
+        Raises
+        ------
+        CameraError
+            If EXIF is asked for and says nothing, a database cannot be used, or the size does not fit.
+        """
+        if self.focal_px is not None:
+            return Camera.from_focal(self.focal_px, image_size)
+        if self.camera is None:
+            return _hint(image_size, exif)
+        if self.camera == "exif":
+            return _from_exif(path, image_size, exif)
+        database = self._database()
+        if database is not None:
+            camera = Camera.from_database(*database, str(path))
+        else:
+            camera = Camera.from_string(self.camera)
+        try:
+            return camera.for_image(image_size)
+        except CameraError as error:
+            raise CameraError(f"{path}: {error}") from None
+
+
+def _hint(image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
+    """EXIF's focal length as a hint, None where there is none."""
+    if exif.focal_px is None:
+        return None
+    camera = Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")
+    return replace(camera, log_focal_sigma=EXIF_LOG_FOCAL)
+
+
+def _from_exif(path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera:
+    """EXIF's focal length taken for true."""
+    if exif.focal_px is None:
+        raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
+    return Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")

@@ -1,0 +1,1 @@
+"""COLMAP databases, text formats and mapping."""

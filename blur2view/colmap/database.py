@@ -1,0 +1,124 @@
+"""A fresh COLMAP database of blurred photographs: two virtual images of each."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.colmap.rows import (
+    CameraFacts,
+    Pair,
+    add_camera,
+    add_image,
+    camera_facts,
+    put_keypoints,
+    put_pair,
+)
+from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE
+from blur2view.errors import DatabaseError
+from blur2view.exposure.views import ExposureViews
+
+
+def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
+    """Write a database that holds nothing but these views; it appears whole or not at all.
+
+    Photographs with equal cameras share one. The time direction that is not known is marked so in the table
+    ``blur2view_views``.
+
+    Parameters
+    ----------
+    path : Path
+        Must not exist.
+    photographs : sequence of ExposureViews
+        Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
+
+    Raises
+    ------
+    ValueError
+        If two photographs have one name.
+    DatabaseError
+        If the file exists or cannot be written.
+    """
+    names = [views.name for views in photographs]
+    if len(set(names)) != len(names):
+        raise ValueError(f"photographs must have different names, got {names}")
+    with _fresh(path) as database:
+        cameras: dict[CameraFacts, int] = {}
+        for views in photographs:
+            facts = camera_facts(views.camera, views.size)
+            if facts not in cameras:
+                cameras[facts] = add_camera(database, facts)
+            _add_views(database, views, cameras[facts])
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse a path where something lies, or a folder that takes no files.
+
+    Raises
+    ------
+    DatabaseError
+        If so.
+    """
+    if os.path.lexists(path):
+        raise DatabaseError(f"{path}: exists; add to it with --link, or choose another --db")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
+
+
+@contextmanager
+def _fresh(path: Path) -> Iterator[sqlite3.Connection]:
+    """Give an empty database beside the path, and rename it when all is written."""
+    refuse_existing(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        beside.unlink(missing_ok=True)
+        with closing(sqlite3.connect(beside, isolation_level=None)) as database:
+            database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
+            database.execute("PRAGMA foreign_keys = ON")
+            database.executescript(f"BEGIN; {TABLES} {VIEWS_TABLE} PRAGMA user_version = {SCHEMA_VERSION};")
+            yield database
+            database.execute("COMMIT")
+        refuse_existing(path)  # may have come meanwhile
+        beside.replace(path)
+    except (sqlite3.Error, OSError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: int) -> None:
+    """Insert both images of a photograph and their pair."""
+    first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
+    put_keypoints(database, first, views.points_open)
+    put_keypoints(database, last, views.points_close)
+    pair = Pair(matched=matched(views), inliers=inliers(views), geometry=views.geometry)
+    put_pair(database, first, last, pair)
+    mark_views(database, views, (first, last))
+
+
+def matched(views: ExposureViews) -> NDArray[np.int_]:
+    """Give the indices of all points if their order means anything, else of none."""
+    known = views.geometry.F is not None or views.geometry.H is not None
+    return np.arange(len(views.points_open) if known else 0)
+
+
+def inliers(views: ExposureViews) -> NDArray[np.int_]:
+    """Give the indices of the matches that fit the geometry."""
+    return np.flatnonzero(views.geometry.inlier_mask) if len(matched(views)) else matched(views)
+
+
+def mark_views(
+    database: sqlite3.Connection, views: ExposureViews, ids: Sequence[int], source: bytes | None = None
+) -> None:
+    """Note in our own table that both images are ours, how sure their time is, what they were made from."""
+    for image_id, role in zip(ids, ("open", "close"), strict=True):
+        time = int(views.time.known), views.time.confidence
+        row = (image_id, views.name, role, views.geometry.config.name, *time, source)
+        database.execute("INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)", row)

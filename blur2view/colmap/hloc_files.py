@@ -1,0 +1,122 @@
+"""hloc's files: ``features.h5``, ``matches.h5`` and ``pairs.txt``, as its extractors and matchers write them.
+
+hloc (Hierarchical-Localization 1.5) keeps a group of datasets per image name in one HDF5 file, and one per
+pair of names, "/" in them turned to "-", in another. Its pixels are ours, (0, 0) at the centre of the first
+one; it adds the half pixel itself when it fills a database. For that (``hloc.triangulation.import_features``
+and ``import_matches``) a database must hold the views' names: ``hloc.reconstruction.import_images`` makes one
+from the pictures of ``--format matches``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.colmap.text_formats import refuse_names
+from blur2view.errors import OutputError
+from blur2view.exposure.views import ExposureViews
+
+UNMATCHED = -1
+
+
+def pair_name(name1: str, name2: str) -> str:
+    """Give the group that hloc looks for in a file of matches."""
+    return "/".join(name.replace("/", "-") for name in (name1, name2))
+
+
+def matches0(views: ExposureViews) -> NDArray[np.int32]:
+    """For every keypoint of the open view, (N,), its keypoint of the close view, or -1 for an outlier."""
+    index = np.arange(len(views.sigma_px), dtype=np.int32)
+    return np.where(views.geometry.inlier_mask, index, np.int32(UNMATCHED))
+
+
+def certainty(views: ExposureViews) -> NDArray[np.float16]:
+    """Scores (N,) in (0, 1] that fall with sigma_px: 1 / (1 + sigma^2), half at one pixel."""
+    return (1 / (1 + views.sigma_px**2)).astype(np.float16)
+
+
+def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
+    """Write ``features.h5``, ``matches.h5`` and ``pairs.txt`` for all photographs, each whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if needed; what an earlier call wrote there is replaced.
+    sequence : sequence of ExposureViews
+
+    Returns
+    -------
+    list of Path
+        The three files.
+
+    Raises
+    ------
+    OutputError
+        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written.
+    """
+    refuse_names(sequence, "hloc's lists of pairs")
+    h5py = _h5py()
+    paths = [folder / name for name in ("features.h5", "matches.h5", "pairs.txt")]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(paths, sequence, h5py)
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+    return paths
+
+
+def _h5py() -> Any:
+    """Import h5py, which only this needs.
+
+    Raises
+    ------
+    OutputError
+        If it is not installed.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise OutputError("hloc's files need h5py; install it with: pip install h5py") from None
+    return h5py
+
+
+def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) -> None:
+    """Write all files beside their paths, then rename them; nothing is left of a failure."""
+    beside = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
+    try:
+        with h5py.File(beside[0], "w") as features, h5py.File(beside[1], "w") as matches:
+            for views in sequence:
+                _add_features(features, views)
+                _add_matches(matches, views)
+        beside[2].write_text("".join(" ".join(views.names) + "\n" for views in sequence))
+        for temporary, path in zip(beside, paths, strict=True):
+            temporary.replace(path)
+    finally:
+        for temporary in beside:
+            temporary.unlink(missing_ok=True)
+
+
+def _add_features(file: Any, views: ExposureViews) -> None:
+    """Add the keypoints of both views, float32, with the standard deviation of a coordinate in pixels."""
+    for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
+        group = file.create_group(name)
+        keypoints = group.create_dataset("keypoints", data=points.astype(np.float32))
+        # sigma is that of the displacement in both directions: twice that of one coordinate of one end
+        keypoints.attrs["uncertainty"] = float(np.median(views.sigma_px) / 2) if len(points) else 1.0
+        group.create_dataset("scores", data=certainty(views))
+        group.create_dataset("image_size", data=np.array(views.size))
+
+
+def _add_matches(file: Any, views: ExposureViews) -> None:
+    """Add the matches from the open to the close view."""
+    group = file.create_group(pair_name(*views.names))
+    matched = matches0(views)
+    group.create_dataset("matches0", data=matched)
+    scores = np.where(matched == UNMATCHED, np.float16(0), certainty(views))
+    group.create_dataset("matching_scores0", data=scores)

@@ -1,0 +1,220 @@
+"""Virtual views added to a COLMAP project that holds the photographs and their features.
+
+Per photograph two images, their keypoints, and three pairs: photograph-open, photograph-close, open-close.
+Rows of the user are read, never written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sqlite3
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from blur2view.colmap.database import mark_views
+from blur2view.colmap.project import (
+    ProjectImage,
+    has_frames,
+    image_names,
+    name_in_project,
+    open_project,
+    own_views,
+    read_image,
+)
+from blur2view.colmap.rows import Pair, add_image, put_keypoints, put_pair
+from blur2view.colmap.schema import VIEWS_TABLE
+from blur2view.errors import DatabaseError
+from blur2view.exposure.half_exposure import half_geometry
+from blur2view.exposure.linked_views import KeypointViews
+from blur2view.exposure.views import CLOSE, OPEN
+
+
+class Step(StrEnum):
+    """What is to be done with a photograph."""
+
+    ADD = "add"
+    REPLACE = "replace"
+    KEEP = "keep"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinkStep:
+    """The plan for one photograph: what to do, and the image that it is about."""
+
+    step: Step
+    image: ProjectImage
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinkJob:
+    """One photograph's plan with the views to write."""
+
+    plan: LinkStep
+    linked: KeypointViews
+
+
+def plan_links(
+    path: Path, photographs: Sequence[Path], *, replace: bool = False
+) -> list[LinkStep | DatabaseError]:
+    """Look up photographs in a project and decide what to do with each; nothing is written.
+
+    Parameters
+    ----------
+    path : Path
+        The database.
+    photographs : sequence of Path
+    replace : bool
+        Whether views that we wrote earlier are to be written anew.
+
+    Returns
+    -------
+    list of LinkStep or DatabaseError
+        One per photograph; an error says why it cannot be linked.
+
+    Raises
+    ------
+    DatabaseError
+        If the database as a whole cannot be used.
+    """
+    plan: list[LinkStep | DatabaseError] = []
+    first_of: dict[str, Path] = {}
+    with open_project(path) as database:
+        names = image_names(database)
+        for photograph in photographs:
+            name = name_in_project(names, photograph)
+            if name is None:
+                plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; leave it out"))
+            elif name in first_of:
+                plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
+            else:
+                first_of[name] = photograph
+                plan.append(_plan_one(path, database, names, name, replace))
+    return plan
+
+
+def _plan_one(
+    path: Path, database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool
+) -> LinkStep | DatabaseError:
+    """Decide about one image of the project."""
+    try:
+        image = read_image(path, database, name)
+    except DatabaseError as error:
+        return error
+    own = own_views(database, name)
+    ours = {number for number, _ in own.values()}
+    for view in (name + OPEN, name + CLOSE):
+        if view in names and names[view] not in ours:
+            return DatabaseError(f"{path}: holds an image {view} that is not ours; rename or delete it")
+    if not own or replace:
+        return LinkStep(step=Step.REPLACE if own else Step.ADD, image=image)
+    if len(own) == 2 and all(source == digest(image) for _, source in own.values()):
+        return LinkStep(step=Step.KEEP, image=image)
+    return DatabaseError(f"{path}: {name} has changed since its views were made; add --replace")
+
+
+def digest(image: ProjectImage) -> bytes:
+    """Digest what the virtual views of an image are made from: its camera and its keypoints."""
+    return hashlib.sha256(f"{image.camera_id} ".encode() + image.source).digest()
+
+
+def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> Path | None:
+    """Write the views of all photographs in one transaction; without jobs the file is not touched.
+
+    Parameters
+    ----------
+    path : Path
+        The database.
+    jobs : sequence of LinkJob
+        Made by `plan_links`, each with its views.
+    backup : bool
+        Whether the database is copied first, as it is when the transaction begins.
+
+    Returns
+    -------
+    Path or None
+        The backup.
+
+    Raises
+    ------
+    DatabaseError
+        If the database cannot be used, or an image changed since the plan. Nothing is written then.
+    """
+    if not jobs:
+        return None
+    with open_project(path, write=True) as database:
+        for job in jobs:
+            _require_unchanged(path, database, job.plan)
+        copy = back_up(path) if backup else None
+        database.execute(VIEWS_TABLE)
+        for job in jobs:
+            _write_link(database, job)
+    return copy
+
+
+def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep) -> None:
+    """Refuse a plan that another program has overtaken."""
+    names = image_names(database)
+    name = plan.image.name
+    now = _plan_one(path, database, names, name, plan.step is Step.REPLACE) if name in names else None
+    if not isinstance(now, LinkStep) or now.step is not plan.step or digest(now.image) != digest(plan.image):
+        raise DatabaseError(f"{path}: image {name} has changed meanwhile; run again")
+
+
+def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
+    """Write both images of a photograph and the three pairs."""
+    image, views = job.plan.image, job.linked.views
+    own = own_views(database, image.name)
+    frames = has_frames(database)
+    sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
+    ids = []
+    for role, (name, points) in sides.items():
+        there = own[role][0] if role in own else None
+        number = there or add_image(database, name, image.camera_id, with_frame=frames)
+        put_keypoints(database, number, points, replace=there is not None)
+        ids.append(number)
+    first, last = ids
+    matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
+    whole = views.geometry
+    geometries = {
+        (image.image_id, first): half_geometry(whole.reversed(), views.camera, views.size),
+        (image.image_id, last): half_geometry(whole, views.camera, views.size),
+        (first, last): whole,
+    }
+    for (one, other), geometry in geometries.items():
+        pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
+        known = {number for number, _ in own.values()}  # a pair of a new image can be no row of ours
+        put_pair(database, one, other, pair, replace={one, other} <= known | {image.image_id})
+    mark_views(database, views, ids, digest(image))
+
+
+def back_up(path: Path) -> Path:
+    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it.
+
+    Raises
+    ------
+    DatabaseError
+        If the copy cannot be written.
+    """
+    stamp = time.strftime("%Y%m%dT%H%M%S")
+    candidates = (
+        path.with_name(f"{path.name}.{stamp}{n}.bak") for n in ("", *(f"-{i}" for i in range(1000)))
+    )
+    copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
+    beside = copy.with_name(f".{copy.name}.tmp")
+    uri = f"{path.resolve().as_uri()}?mode=ro"
+    try:
+        with closing(sqlite3.connect(uri, uri=True)) as source, closing(sqlite3.connect(beside)) as target:
+            source.backup(target)
+        beside.replace(copy)
+    except (sqlite3.Error, OSError) as error:
+        raise DatabaseError(f"{copy}: the backup cannot be written ({error}); add --no-backup") from None
+    finally:
+        beside.unlink(missing_ok=True)
+    return copy

@@ -1,0 +1,203 @@
+"""Options under which COLMAP's mappers accept the short baselines of exposures.
+
+The virtual images of one exposure (:mod:`blur2view.exposure.views`) lie millimetres to centimetres apart:
+the rays of a point meet at hundredths or tenths of a degree, where COLMAP asks for 16 degrees to begin a
+model and for 1.5 to keep a point; and without other images every track has two views, which COLMAP ignores.
+The options are pycolmap's own, to be changed at will.
+
+A mapper adjusts both poses to all smears alike: it knows neither their standard deviations, nor that
+neighbours err together, nor how a hand moves, all of which our estimate uses. `triangulate_exposure` keeps
+the estimate's poses and makes the points alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from blur2view.errors import DatabaseError
+from blur2view.exposure.views import CLOSE, OPEN
+
+MIN_ANGLE_DEG = 0.02
+"""Least angle between the rays of a point: a hand that moves by 5 mm sees 3 m away at 0.1 degrees."""
+
+
+def mapper_options(
+    *,
+    linked: bool = False,
+    keep_photographs: bool = False,
+    refine_intrinsics: bool | None = None,
+    seed: int = 0,
+    max_seconds: int = -1,
+) -> Any:
+    """Options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
+
+    Parameters
+    ----------
+    linked : bool
+        False: a database of exposures alone, each of which is a model of two images. True: the views stand
+        beside the photographs of an ordinary project (``--link``). Its wide baselines then begin the model
+        and make the points, and only what would refuse the views is changed.
+    keep_photographs : bool
+        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
+        are, and the intrinsics. So views join the model that was there before them; smears, which err more
+        than features do, cannot bend it.
+    refine_intrinsics : bool, optional
+        Whether bundle adjustment refines focal length and distortion. Default: in linked projects, as COLMAP
+        does. Two views of one exposure cannot tell a focal length from a depth: give it to ``to-colmap``.
+    seed : int
+        Of the mapper's samples, so that a run with one thread repeats; -1 leaves it to the clock.
+    max_seconds : int
+        After which the mapper ends with the model that it has; -1: no limit.
+
+    Returns
+    -------
+    pycolmap.IncrementalPipelineOptions
+        What differs from the defaults of pycolmap 4.2, for exposures alone:
+
+        - ``triangulation.ignore_two_view_tracks`` off: a smear is a track of two views; there is no other.
+        - ``mapper.init_min_tri_angle`` and ``mapper.filter_min_tri_angle`` at `MIN_ANGLE_DEG`: the defaults
+          (16, 1.5) refuse every pair and drop most points; ``triangulation.min_angle`` (1.5) likewise, for
+          points made later and by `triangulate_exposure`.
+        - ``mapper.init_max_forward_motion`` 1: the default 0.95 refuses who walks forward.
+        - ``mapper.init_max_error`` 2 px: the default 4 forgives a third of a smear.
+        - ``mapper.init_min_num_inliers`` 50, not 100: a small or plain picture has few sure smears.
+        - ``min_model_size`` 2: in a database of many exposures each is a model of two images.
+        - ``extract_colors`` off: no file holds the pixels of a virtual image.
+
+        Linked:
+
+        - ``mapper.abs_pose_min_num_inliers`` 8, not 30: a view sees only points whose smears are sure. No
+          match of a view is a mistake of appearance, as its keypoints are the photograph's, moved.
+        - ``min_model_size`` 3, and ``extract_colors`` off.
+
+    Raises
+    ------
+    ValueError
+        If photographs are to be kept where there are none, or intrinsics refined with them.
+
+    Examples
+    --------
+    >>> mapper_options().triangulation.ignore_two_view_tracks
+    False
+    """
+    import pycolmap
+
+    if keep_photographs and (not linked or refine_intrinsics):
+        raise ValueError("keep_photographs is for linked projects, and keeps their intrinsics")
+    options = pycolmap.IncrementalPipelineOptions()
+    refine = linked and not keep_photographs if refine_intrinsics is None else refine_intrinsics
+    options.ba_refine_focal_length = options.ba_refine_extra_params = refine
+    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
+    options.random_seed = seed
+    options.max_runtime_seconds = max_seconds
+    options.extract_colors = False
+    options.min_model_size = 3
+    options.fix_existing_frames = keep_photographs
+    if linked:
+        options.mapper.abs_pose_min_num_inliers = 8
+    else:
+        _accept_exposures(options)
+    return options
+
+
+def _accept_exposures(options: Any) -> None:
+    """Let pycolmap.IncrementalPipelineOptions build models of single exposures, in place."""
+    options.min_model_size = 2
+    options.triangulation.ignore_two_view_tracks = False
+    options.triangulation.min_angle = MIN_ANGLE_DEG
+    options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG
+    options.mapper.init_min_tri_angle = MIN_ANGLE_DEG
+    options.mapper.init_max_forward_motion = 1.0
+    options.mapper.init_min_num_inliers = 50
+    options.mapper.init_max_error = 2.0
+
+
+def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seconds: float = 600.0) -> Any:
+    """Options for ``pycolmap.global_mapping`` of a database with linked views.
+
+    The recipe: ``blur2view to-colmap --link --db DB IMG...``, then ``pycolmap.global_mapping(DB, IMAGES, OUT,
+    global_options())``. The mapper averages rotations over the two-view geometries of photographs and views
+    alike, so ours must be there.
+
+    Parameters
+    ----------
+    refine_intrinsics : bool
+        Whether bundle adjustment refines focal length and distortion.
+    seed : int
+        Of the mapper's samples; -1 leaves it to the clock.
+    solver_seconds : float
+        Each bundle adjustment, of which there are a few, returns what it has after so long. pycolmap 4.2
+        has no limit for positioning or for the whole: who needs one maps in a process that can be ended.
+
+    Returns
+    -------
+    pycolmap.GlobalPipelineOptions
+
+    Raises
+    ------
+    ValueError
+        If the time is not positive.
+    """
+    import pycolmap
+
+    if not solver_seconds > 0:
+        raise ValueError(f"solver_seconds must be positive, got {solver_seconds}")
+    options = pycolmap.GlobalPipelineOptions()
+    options.random_seed = seed
+    options.mapper.bundle_adjustment.ceres.solver_options.max_solver_time_in_seconds = solver_seconds
+    options.mapper.bundle_adjustment.refine_focal_length = refine_intrinsics
+    options.mapper.bundle_adjustment.refine_extra_params = refine_intrinsics
+    return options
+
+
+def triangulate_exposure(database: Path, name: str) -> Any:
+    """Build the model of one exposure with the poses of our estimate, as they are.
+
+    Parameters
+    ----------
+    database : Path
+        That ``blur2view to-colmap`` wrote with known intrinsics; pycolmap opens it.
+    name : str
+        Of the photograph.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
+        length, and a point for every inlier whose rays meet before both cameras.
+
+    Raises
+    ------
+    DatabaseError
+        If the database lacks the views or a pose between them.
+    """
+    import pycolmap
+
+    if not database.is_file():
+        raise DatabaseError(f"{database}: no such database; write it with blur2view to-colmap")
+    camera, images, geometry = _read_exposure(database, name)
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(camera)
+    for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
+        view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+        model.add_image_with_trivial_frame(view, pose)
+    options = mapper_options()
+    with tempfile.TemporaryDirectory() as folder:
+        return pycolmap.triangulate_points(model, database, folder, folder, True, options, False)
+
+
+def _read_exposure(database: Path, name: str) -> tuple[Any, list[Any], Any]:
+    """Read camera, both images and the geometry between them."""
+    import pycolmap
+
+    with pycolmap.Database.open(database) as opened:
+        views = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
+        images = [view for view in views if view is not None]
+        if len(images) < 2:
+            raise DatabaseError(f"{database}: has no views of {name}; add them with blur2view to-colmap")
+        geometry = opened.read_two_view_geometry(*(image.image_id for image in images))
+        if geometry.cam2_from_cam1 is None:
+            raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
+        return opened.read_camera(images[0].camera_id), images, geometry

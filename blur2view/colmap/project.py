@@ -1,0 +1,203 @@
+"""A user's COLMAP database: opened without changing it, looked over, and read.
+
+SQLite opens the file, in place, and one transaction changes it or nothing does: its journal outlives a kill
+at any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over
+the original would lose what others write meanwhile, and would come apart from a log beside the file.
+pycolmap is not asked, because its ``Database.open`` writes (see `schema`).
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.camera.colmap_camera import from_colmap
+from blur2view.colmap.schema import COLUMNS, NEWEST_KNOWN, RIG_COLUMNS, keypoints_from_blob
+from blur2view.errors import DatabaseError
+
+PATIENCE_S = 2.0  # for the lock of another program
+OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
+HINTS = {
+    "locked": "another program uses it; close that and try again",
+    "readonly": "it cannot be written; check permissions",
+    "unable to open": "check permissions of the file and its folder",
+    "disk is full": "make room",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProjectImage:
+    """One image of a project, as it was read.
+
+    Parameters
+    ----------
+    image_id, camera_id : int
+    name : str
+    prior_focal : bool
+        Whether the project takes the camera's focal length for more than a guess.
+    keypoints : ndarray of shape (N, 2)
+        Our pixels.
+    source : bytes
+        The keypoints' data as stored, to notice when they change.
+    """
+
+    image_id: int
+    camera_id: int
+    name: str
+    prior_focal: bool
+    keypoints: NDArray[np.float64]
+    source: bytes
+
+
+@contextmanager
+def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connection]:
+    """Open a COLMAP database; with ``write`` inside one transaction that is kept only if nothing fails.
+
+    Without ``write`` the file is opened for writing all the same, so that SQLite can finish or undo what a
+    killed program left behind, but nothing is written.
+
+    Raises
+    ------
+    DatabaseError
+        If there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
+    """
+    if not path.is_file():
+        raise DatabaseError(f"{path}: no such database; check the path, or leave out --link for a new one")
+    try:
+        uri = f"{path.resolve().as_uri()}?mode=rw"
+        with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE_S, isolation_level=None)) as database:
+            database.text_factory = _text
+            database.execute("PRAGMA foreign_keys = ON")
+            database.execute("BEGIN IMMEDIATE" if write else "BEGIN")
+            look_over(path, database)
+            yield database
+            database.execute("COMMIT" if write else "ROLLBACK")
+    except (sqlite3.Error, OverflowError, UnicodeError) as error:  # of a schema that is no text
+        hint = next((hint for key, hint in HINTS.items() if key in str(error)), "is it whole, and COLMAP's?")
+        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({error}); {hint}") from None
+
+
+def look_over(path: Path, database: sqlite3.Connection) -> None:
+    """Refuse what is not a database that we know how to add to.
+
+    Raises
+    ------
+    DatabaseError, sqlite3.Error
+        If it is not.
+    """
+    version = database.execute("PRAGMA user_version").fetchone()[0]
+    if version < 0:
+        raise DatabaseError(f"{path}: says version {version}, which no COLMAP writes; is it COLMAP's?")
+    if version > NEWEST_KNOWN:
+        raise DatabaseError(
+            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
+            "update blur2view"
+        )
+    kinds = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
+    required = COLUMNS | (RIG_COLUMNS if "frames" in kinds or "rigs" in kinds else {})
+    own = {"blur2view_views": OWN_COLUMNS} if "blur2view_views" in kinds else {}
+    for table, columns in (required | own).items():
+        if kinds.get(table) != "table":
+            raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
+        _look_over_columns(path, database, table, columns)
+    if "trigger" in kinds.values():
+        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+    damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
+    if damage != ["ok"]:
+        raise DatabaseError(f"{path}: is damaged ({' '.join(damage[0].split())}); restore a backup")
+
+
+def _look_over_columns(
+    path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...]
+) -> None:
+    """Refuse a table without our columns, or with others that must be filled."""
+    rows = database.execute(f"PRAGMA table_info({table})").fetchall()
+    have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
+    missing = [column for column in columns if column not in have]
+    foreign = [name for name, (needed, default) in have.items() if needed and default is None]
+    foreign = [name for name in foreign if name not in columns]
+    if missing or foreign:
+        what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
+        raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")
+
+
+def image_names(database: sqlite3.Connection) -> dict[str, int]:
+    """Read the id of every image by its name."""
+    rows = database.execute("SELECT name, image_id FROM images").fetchall()
+    return {name: number for name, number in rows if isinstance(name, str) and storable(name)}
+
+
+def storable(name: str) -> bool:
+    """Whether SQLite can hold a name; a path of bytes that are no UTF-8 it cannot."""
+    return not any("\ud800" <= character <= "\udfff" for character in name)
+
+
+def name_in_project(names: dict[str, int], photograph: Path) -> str | None:
+    """Name of a photograph: the longest ending of its path that the project knows, None if there is none."""
+    parts = photograph.absolute().parts
+    endings = ("/".join(parts[start:]) for start in range(1, len(parts)))
+    return next((name for name in endings if name in names), None)
+
+
+def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectImage:
+    """Read one image of a project with its keypoints.
+
+    Raises
+    ------
+    DatabaseError
+        If its rows are missing or contradict each other.
+    """
+    sql = (
+        "SELECT image_id, camera_id, prior_focal_length FROM images LEFT JOIN cameras USING (camera_id) "
+        "WHERE name = ?"
+    )
+    image_id, camera_id, prior = database.execute(sql, (name,)).fetchone()
+    row = database.execute(
+        "SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image_id,)
+    ).fetchone()
+    if row is None or row[0] == 0:
+        raise DatabaseError(f"{path}: image {name} has no keypoints; run COLMAP's feature extraction first")
+    try:
+        keypoints = from_colmap(keypoints_from_blob(*row))
+    except ValueError as error:
+        raise DatabaseError(
+            f"{path}: image {name} is damaged ({error}); run feature extraction again"
+        ) from None
+    if prior is None:
+        raise DatabaseError(f"{path}: image {name} has no camera; the database is damaged")
+    return ProjectImage(
+        image_id=image_id,
+        camera_id=camera_id,
+        name=name,
+        prior_focal=bool(prior),
+        keypoints=keypoints,
+        source=row[2],
+    )
+
+
+def has_frames(database: sqlite3.Connection) -> bool:
+    """Whether images of this project have frames; then every image needs one."""
+    table = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'frames'").fetchone()
+    return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
+
+
+def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
+    """Id and source of the views of a photograph that we wrote and that are still there, by role."""
+    if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
+        return {}
+    sql = (
+        "SELECT role, image_id, source FROM blur2view_views JOIN images USING (image_id) "
+        "WHERE photograph = ? AND name = photograph || '#' || role"
+    )
+    return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
+
+
+def _text(data: bytes) -> str:
+    """Decode a text of any bytes without loss."""
+    return data.decode("utf-8", "surrogateescape")

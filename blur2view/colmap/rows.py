@@ -1,0 +1,155 @@
+"""Rows of a COLMAP database: a camera, an image with its frame, keypoints, a pair of images.
+
+Every function takes a connection inside a transaction that the caller opened and will end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from sqlite3 import Connection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.colmap.schema import (
+    CAMERA_SENSOR,
+    CONFIGURATIONS,
+    keypoints_blob,
+    matches_blob,
+    matrix_blob,
+    model_number,
+    pair_id,
+    params_blob,
+    quaternion,
+)
+from blur2view.exposure.end_order import GUESSED_FOCAL
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+
+CameraFacts = tuple[str, int, int, tuple[float, ...], int]  # model, width, height, params, prior focal
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pair:
+    """Two images whose keypoints are index-aligned.
+
+    Parameters
+    ----------
+    matched, inliers : ndarray of int
+        Indices of the keypoints that are matched, and of those that fit the geometry.
+    geometry : TwoViewGeometry
+        From the first to the second image; its masks are not looked at.
+    """
+
+    matched: NDArray[np.int_]
+    inliers: NDArray[np.int_]
+    geometry: TwoViewGeometry
+
+
+def camera_facts(camera: Camera | None, size: tuple[int, int]) -> CameraFacts:
+    """Model, size, parameters and prior focal length of a photograph's camera.
+
+    Parameters
+    ----------
+    camera : Camera or None
+        Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for
+        a distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
+    size : (int, int)
+        Width and height of the photograph, pixels.
+    """
+    width, height = size
+    if camera is None:
+        return "SIMPLE_RADIAL", width, height, (GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0), 0
+    if camera.params and camera.known:
+        return camera.model, width, height, camera.params, 1
+    cx, cy = to_colmap(camera.K[:2, 2]).tolist()
+    if not camera.known:
+        return "SIMPLE_RADIAL", width, height, (camera.focal_px, cx, cy, 0.0), 1
+    return "PINHOLE", width, height, (float(camera.K[0, 0]), float(camera.K[1, 1]), cx, cy), 1
+
+
+def add_camera(database: Connection, facts: CameraFacts) -> int:
+    """Insert a camera with a rig of its own; return its id."""
+    model, width, height, params, prior = facts
+    sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
+    row = (model_number(model), width, height, params_blob(params), prior)
+    camera_id = _inserted(database, sql, row)
+    rig_of(database, camera_id)
+    return camera_id
+
+
+def rig_of(database: Connection, camera_id: int) -> int:
+    """Id of the rig that a camera belongs to; one is made where there is none."""
+    sensor = (camera_id, CAMERA_SENSOR)
+    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
+        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
+        row = database.execute(sql, sensor).fetchone()
+        if row is not None:
+            return int(row[0])
+    return _inserted(database, "INSERT INTO rigs(ref_sensor_id, ref_sensor_type) VALUES (?, ?)", sensor)
+
+
+def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bool) -> int:
+    """Insert an image, and a frame of its own unless the project has none; return its id."""
+    image_id = _inserted(database, "INSERT INTO images(name, camera_id) VALUES (?, ?)", (name, camera_id))
+    if with_frame:
+        rig = rig_of(database, camera_id)
+        frame = _inserted(database, "INSERT INTO frames(rig_id) VALUES (?)", (rig,))
+        row = (frame, image_id, camera_id, CAMERA_SENSOR)
+        sql = "INSERT INTO frame_data(frame_id, data_id, sensor_id, sensor_type) VALUES (?, ?, ?, ?)"
+        database.execute(sql, row)
+    return image_id
+
+
+def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
+    """Write our pixels (N, 2) as the keypoints of an image of ours, with ``replace`` for those it had."""
+    if replace:
+        database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
+    row = (image_id, len(points), 2, keypoints_blob(to_colmap(points)))
+    database.execute("INSERT INTO keypoints(image_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
+
+
+def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, replace: bool = False) -> None:
+    """Write both match tables' rows of a pair of which at least one image is ours.
+
+    Parameters
+    ----------
+    database : Connection
+    image1, image2 : int
+        Ids, image1 < image2.
+    pair : Pair
+    replace : bool
+        Whether a row there may be overwritten; otherwise it raises sqlite3.IntegrityError.
+    """
+    key, geometry = pair_id(image1, image2), pair.geometry
+    if replace:
+        for table in ("matches", "two_view_geometries"):
+            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
+    row = (key, len(pair.matched), 2, matches_blob(pair.matched))
+    database.execute("INSERT INTO matches(pair_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
+    pose = geometry.cam2_from_cam1
+    columns = {
+        "pair_id": key,
+        "rows": len(pair.inliers),
+        "cols": 2,
+        "data": matches_blob(pair.inliers),
+        "config": CONFIGURATIONS[geometry.config.name],
+        "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
+        "E": matrix_blob(geometry.E),
+        "H": matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
+        "qvec": matrix_blob(None if pose is None else quaternion(pose.rotation)),
+        "tvec": matrix_blob(None if pose is None else pose.translation),
+    }
+    names, marks = ", ".join(columns), ", ".join("?" * len(columns))
+    database.execute(f"INSERT INTO two_view_geometries({names}) VALUES ({marks})", tuple(columns.values()))
+
+
+def _inserted(database: Connection, sql: str, row: tuple[object, ...]) -> int:
+    """Insert a row and return its id."""
+    number = database.execute(sql, row).lastrowid
+    if number is None:
+        raise RuntimeError(f"SQLite gave no id to the row of {sql!r}")
+    return number

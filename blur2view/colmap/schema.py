@@ -1,0 +1,173 @@
+"""What a COLMAP database is made of: tables, versions, numbers and blobs, as SQLite sees them.
+
+The facts are those of pycolmap 4.2 (4.2.1, whose files say ``user_version`` 4020100), and
+tests/test_colmap_schema.py compares every one of them with a file that pycolmap writes. SQLite writes our
+rows and not pycolmap, because ``pycolmap.Database.open`` changes a file before anything is asked of it: it
+adds tables and columns, turns on write-ahead logging, and stamps its own version even on a newer file, none
+of it in a transaction with what comes after.
+
+Facts that the rows rely on
+---------------------------
+- Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32
+  (N, 2); F, E, H float64, row-major; qvec is (w, x, y, z) of cam2_from_cam1.
+- A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match
+  tables are oriented from image 1 to image 2. ``rows`` 0 with no data says: looked at, nothing found.
+- If the table of frames has any row, every image needs a frame (the mapper throws otherwise); if it has
+  none (databases from before rigs, COLMAP 3.11 and older), the mapper makes a frame of every image itself.
+- A camera is sensor type 0 and belongs to exactly one rig.
+- The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCHEMA_VERSION = 4020100  # user_version of pycolmap 4.2.1
+NEWEST_KNOWN = 4029999  # any 4.2
+MAX_IMAGES = 2147483647
+CAMERA_SENSOR = 0
+CONFIGURATIONS = {
+    "UNDEFINED": 0,
+    "DEGENERATE": 1,
+    "CALIBRATED": 2,
+    "UNCALIBRATED": 3,
+    "PLANAR": 4,
+    "PANORAMIC": 5,
+    "PLANAR_OR_PANORAMIC": 6,
+    "WATERMARK": 7,
+    "MULTIPLE": 8,
+}
+MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2}  # what needs no pycolmap to be named
+TABLES = """
+CREATE TABLE rigs (rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, ref_sensor_id INTEGER NOT NULL,
+  ref_sensor_type INTEGER NOT NULL);
+CREATE UNIQUE INDEX rig_ref_sensor_assignment ON rigs(ref_sensor_id, ref_sensor_type);
+CREATE TABLE rig_sensors (rig_id INTEGER NOT NULL, sensor_id INTEGER NOT NULL, sensor_type INTEGER NOT NULL,
+  sensor_from_rig BLOB, FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
+CREATE UNIQUE INDEX rig_sensor_assignment ON rig_sensors(sensor_id, sensor_type);
+CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
+  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
+CREATE TABLE frames (frame_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, rig_id INTEGER NOT NULL,
+  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
+CREATE TABLE frame_data (frame_id INTEGER NOT NULL, data_id INTEGER NOT NULL, sensor_id INTEGER NOT NULL,
+  sensor_type INTEGER NOT NULL, FOREIGN KEY(frame_id) REFERENCES frames(frame_id) ON DELETE CASCADE);
+CREATE UNIQUE INDEX frame_sensor_assignment ON frame_data(data_id, sensor_type);
+CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
+  camera_id INTEGER NOT NULL,
+  CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
+  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
+CREATE UNIQUE INDEX index_name ON images(name);
+CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER NOT NULL,
+  corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER NOT NULL, position BLOB,
+  position_covariance BLOB, gravity BLOB, coordinate_system INTEGER NOT NULL);
+CREATE UNIQUE INDEX pose_prior_data_assignment
+  ON pose_priors(corr_data_id, corr_sensor_id, corr_sensor_type);
+CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
+  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, type INTEGER NOT NULL, rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL, data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
+  data BLOB);
+CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
+  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB,
+  camera1 BLOB, camera2 BLOB);
+"""
+# Which images are ours. COLMAP reads and writes its tables by name and leaves others alone.
+VIEWS_TABLE = """
+CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
+  photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
+  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
+  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+"""
+# What our rows fill, by table; a project may have more columns as long as they may stay empty.
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "cameras": ("camera_id", "model", "width", "height", "params", "prior_focal_length"),
+    "images": ("image_id", "name", "camera_id"),
+    "keypoints": ("image_id", "rows", "cols", "data"),
+    "matches": ("pair_id", "rows", "cols", "data"),
+    "two_view_geometries": (*("pair_id", "rows", "cols", "data", "config", "F", "E", "H", "qvec", "tvec"),),
+}
+RIG_COLUMNS: dict[str, tuple[str, ...]] = {
+    "rigs": ("rig_id", "ref_sensor_id", "ref_sensor_type"),
+    "rig_sensors": ("rig_id", "sensor_id", "sensor_type", "sensor_from_rig"),
+    "frames": ("frame_id", "rig_id"),
+    "frame_data": ("frame_id", "data_id", "sensor_id", "sensor_type"),
+}
+
+
+def model_number(name: str) -> int:
+    """COLMAP's number of a camera model."""
+    if name in MODELS:
+        return MODELS[name]
+    import pycolmap  # imported already by whoever has such a camera
+
+    return int(pycolmap.CameraModelId.__members__[name])
+
+
+def pair_id(image1: int, image2: int) -> int:
+    """Key of a pair of images in both match tables; image1 < image2.
+
+    Raises
+    ------
+    ValueError
+        If they are not in order: the row would have to be turned round.
+    """
+    if not 0 <= image1 < image2 < MAX_IMAGES:
+        raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
+    return MAX_IMAGES * image1 + image2
+
+
+def images_of_pair(pair: int) -> tuple[int, int]:
+    """Both image ids of a pair's key."""
+    image2 = pair % MAX_IMAGES
+    return (pair - image2) // MAX_IMAGES, image2
+
+
+def keypoints_blob(points: NDArray[np.floating]) -> bytes:
+    """Pack COLMAP's pixels (N, 2)."""
+    return np.ascontiguousarray(points, "<f4").tobytes()
+
+
+def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
+    """COLMAP's pixels (N, 2) of a row of keypoints.
+
+    Raises
+    ------
+    ValueError
+        If the row contradicts itself.
+    """
+    blob = b"" if data is None else data
+    if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
+        raise ValueError("keypoints of another type")
+    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{len(blob)} bytes of keypoints for {rows} rows of {cols}")
+    return np.frombuffer(blob, "<f4").reshape(rows, cols)[:, :2].astype(np.float64)
+
+
+def matches_blob(indices: NDArray[np.integer]) -> bytes | None:
+    """Pack index-aligned matches (i, i); no data of none, as COLMAP has it."""
+    if len(indices) == 0:
+        return None
+    return np.ascontiguousarray(np.stack([indices, indices], axis=1), "<u4").tobytes()
+
+
+def matrix_blob(matrix: NDArray[np.floating] | None) -> bytes | None:
+    """Pack a matrix or vector, None as None."""
+    return None if matrix is None else np.ascontiguousarray(matrix, "<f8").tobytes()
+
+
+def params_blob(params: tuple[float, ...]) -> bytes:
+    """Pack camera parameters."""
+    return struct.pack(f"<{len(params)}d", *params)
+
+
+def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(w, x, y, z) of a rotation matrix, w not negative."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    q = np.array([w, x, y, z])
+    return -q if w < 0 else q

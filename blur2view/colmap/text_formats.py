@@ -1,0 +1,122 @@
+"""COLMAP's text formats: keypoints for ``feature_importer``, matches for ``matches_importer``.
+
+    colmap feature_importer --database_path new.db --image_path DIR/images --import_path DIR/keypoints
+    colmap matches_importer --database_path new.db --match_list_path DIR/matches.txt --match_type inliers
+
+(with ``--ImageReader.single_camera 1`` if one camera took all photographs). Both read names up to a blank.
+Keypoints have a scale, an orientation and a SIFT descriptor, which views do not: 1, 0 and zeros stand for
+them, so only these matches are of use. With ``--match_type inliers`` COLMAP takes the matches as they are;
+F, E and the pose have no place in the text (COLMAP 3.8, with which this was checked, writes UNCALIBRATED and
+a zero F). With ``raw`` it would verify them at 4 px, at which most exposures are a plane to it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.errors import OutputError
+from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.output_files import write_atomically
+
+DESCRIPTOR = " 0" * 128
+
+
+def keypoints_text(points: Array) -> str:
+    """Give the text of keypoints (N, 2), our pixels: a line of counts, then x y scale orientation zeros."""
+    rows = (f"{x:.6f} {y:.6f} 1 0{DESCRIPTOR}\n" for x, y in to_colmap(points))
+    return f"{len(points)} 128\n" + "".join(rows)
+
+
+def matches_text(views: ExposureViews) -> str:
+    """Give the block of one photograph: both names, a line for each inlier, a blank line."""
+    inliers = np.flatnonzero(views.geometry.inlier_mask)
+    return " ".join(views.names) + "\n" + "".join(f"{index} {index}\n" for index in inliers) + "\n"
+
+
+def write_matches_text(
+    folder: Path, sequence: Sequence[ExposureViews], photographs: Sequence[Path]
+) -> list[Path]:
+    """Write ``matches.txt``, ``keypoints/<view>.txt`` and ``images/<view>`` for all photographs.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if needed; what an earlier call wrote there is replaced.
+    sequence : sequence of ExposureViews
+    photographs : sequence of Path
+        Of the same length. COLMAP reads the size and EXIF of every image it imports, so each view gets a
+        symbolic link to its photograph.
+
+    Returns
+    -------
+    list of Path
+        ``matches.txt`` and the two folders.
+
+    Raises
+    ------
+    ValueError
+        If the lengths differ.
+    OutputError
+        If a name holds a blank or is there twice, or a file cannot be written.
+    """
+    if len(sequence) != len(photographs):
+        raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
+    refuse_names(sequence, "COLMAP's text formats")
+    paths = [folder / "matches.txt", folder / "keypoints", folder / "images"]
+    try:
+        for views, photograph in zip(sequence, photographs, strict=True):
+            for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
+                _write(paths[1] / f"{name}.txt", keypoints_text(points))
+                _link(paths[2] / name, photograph)
+        _forget(paths[1:], {name for views in sequence for name in views.names})
+        _write(paths[0], "".join(map(matches_text, sequence)))  # last: it vouches for the others
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+    return paths
+
+
+def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
+    """Refuse names that a format would cut or mix up.
+
+    Raises
+    ------
+    OutputError
+        If one holds a blank or is there twice.
+    """
+    names = [views.name for views in sequence]
+    for name in names:
+        if any(character.isspace() for character in name):
+            raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
+        if names.count(name) > 1:
+            raise OutputError(f"{name}: is there twice; name each photograph once")
+
+
+def _forget(folders: Sequence[Path], names: set[str]) -> None:
+    """Remove the views of an earlier call; what is not called like a view is not ours."""
+    for folder in folders:
+        for path in folder.glob("**/*#*"):
+            name = path.relative_to(folder).as_posix().removesuffix(".txt")
+            if name.endswith((OPEN, CLOSE)) and name not in names:
+                path.unlink()
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def _link(path: Path, photograph: Path) -> None:
+    """Show a photograph under another name; copied where the file system has no links."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    try:
+        path.symlink_to(photograph.resolve())
+    except OSError:
+        shutil.copyfile(photograph, path)

@@ -1,0 +1,1 @@
+"""The views at shutter-open and shutter-close, and which came first."""

@@ -1,0 +1,114 @@
+"""Which end of a smear is the open one, under a motion that was found.
+
+F alone leaves the order of most smears open where the camera hardly turned (a pure translation decides
+nothing). That a point lies before the camera decides it, for which a roughly right focal length is enough:
+on 8 scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from
+0.58 to 0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
+(tests/test_end_order.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.pose import RigidTransform, order_before_both, oriented_pose
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
+
+GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses; before the camera or behind it needs no better
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionOrder:
+    """A motion that tells the order of any smear of its photograph.
+
+    Parameters
+    ----------
+    geometry : TwoViewGeometry
+    camera : Camera
+        Known, hinted at or guessed.
+    pose : RigidTransform or None
+        Of that camera; None leaves the order to F or H alone.
+    """
+
+    geometry: TwoViewGeometry
+    camera: Camera
+    pose: RigidTransform | None
+
+    def swapped(self, ends: Array, sigma_px: Array) -> NDArray[np.bool_]:
+        """Mark smears whose ends[:, 1] is the open end.
+
+        Parameters
+        ----------
+        ends : ndarray of shape (N, 2, 2)
+            Pixels of the photograph, finite.
+        sigma_px : ndarray of shape (N,)
+            Standard deviation of ends[:, 1] - ends[:, 0].
+
+        Returns
+        -------
+        ndarray of bool, shape (N,)
+            All False where neither F nor H is known.
+        """
+        forward = forward_share(self.geometry, self.camera.undistorted(ends), sigma_px)
+        if self.pose is None or self.geometry.F is None:
+            return forward < 0.5
+        return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
+
+
+def motion_order(
+    geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
+) -> MotionOrder:
+    """Prepare to order smears: where no pose is known, find one with a hinted or guessed camera.
+
+    Parameters
+    ----------
+    geometry : TwoViewGeometry
+        Of ``matches``; its F, or its H, is kept as it is, so that orders agree with it and not its transpose.
+    matches : SmearMatches
+    camera : Camera or None
+        None guesses an ordinary one.
+    size : (int, int)
+        Width and height of the photograph, pixels.
+    """
+    camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
+    if geometry.cam2_from_cam1 is not None or geometry.F is None or len(matches) == 0:
+        return MotionOrder(geometry=geometry, camera=camera, pose=geometry.cam2_from_cam1)
+    E = camera.K.T @ geometry.F @ camera.K
+    forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sigma_px)
+    inliers = geometry.inlier_mask.astype(float)
+    found = oriented_pose(E, camera.rays(matches.ends), forward, inliers)
+    return MotionOrder(geometry=geometry, camera=camera, pose=found.pose)
+
+
+def forward_share(geometry: TwoViewGeometry, ends: Array, sigma_px: Array) -> Array:
+    """Probability (N,) that ends[:, 0] is the open end, from the residuals to F or H alone.
+
+    One half where neither is known. Residuals err by half of sigma: each end takes half of the error of the
+    displacement.
+    """
+    sides = ends, ends[:, ::-1]
+    if geometry.F is not None:
+        ahead, behind = (sampson(geometry.F, side[:, 0], side[:, 1]) for side in sides)
+    elif geometry.H is not None:
+        ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
+    else:
+        return np.full(len(ends), 0.5)
+    share: Array = 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
+    return share
+
+
+def _transfer(H: Array, points1: Array, points2: Array) -> Array:
+    """Squared distance (N,) of points2 from H points1, shared by both ends as Sampson's is."""
+    mapped = homogeneous(points1) @ H.T
+    depth = mapped[:, 2:]
+    mapped = mapped[:, :2] / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+    squared: Array = 0.5 * ((mapped - points2) ** 2).sum(axis=1)
+    return squared

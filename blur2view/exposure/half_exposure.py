@@ -1,0 +1,92 @@
+"""The geometry from mid-exposure to shutter-close: half of the motion from open to close.
+
+A feature that was found in the photograph itself lies in the middle of its smear. The camera is taken to
+move evenly, as one screw: the pose of half the exposure, done twice, is the pose of the whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import sqrtm
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import fundamental_from_pose, join_symmetric_skew, symmetric_skew, unit_norm
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+
+
+def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
+    """Geometry from the middle of the exposure (1) to its close (2).
+
+    That from the middle to the open end is the same of ``geometry.reversed()``.
+
+    Parameters
+    ----------
+    geometry : TwoViewGeometry
+        From open to close.
+    camera : Camera or None
+        Intrinsics; where they are known F is exactly that of the halved pose.
+    size : (int, int)
+        Width and height of the photograph, pixels.
+    """
+    whole = geometry.cam2_from_cam1
+    pose = None if whole is None else half_pose(whole)
+    F, E = None if geometry.F is None else half_fundamental(geometry.F, size), None
+    if pose is not None and pose.translation.any():
+        E = pose.essential
+        if camera is not None and geometry.F is not None:
+            F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
+    H = None if geometry.H is None else half_homography(geometry.H)
+    return replace(geometry, F=F, E=E, H=H, cam2_from_cam1=pose, covariance=None)
+
+
+def half_pose(pose: RigidTransform) -> RigidTransform:
+    """Pose that done twice is this one, its translation of unit length again.
+
+    With X -> R X + t done twice: R^2 is the whole rotation and (R + I) t the whole translation.
+    """
+    R = rotation_matrix(0.5 * pose.rotation_vector)
+    t = np.asarray(np.linalg.solve(R + np.eye(3), pose.translation), np.float64)
+    return RigidTransform(rotation=R, translation=t / max(float(np.linalg.norm(t)), 1e-30))
+
+
+def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
+    """F of half the motion, to first order in the motion.
+
+    A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
+    with d/2 in place of d that is S / 2 + [a]x. The nearest matrix of rank 2, in coordinates in which
+    the picture is of unit size.
+
+    Parameters
+    ----------
+    F : ndarray of shape (3, 3)
+    size : (int, int)
+        Width and height, pixels.
+
+    Returns
+    -------
+    ndarray of shape (3, 3)
+        Unit norm, rank 2.
+    """
+    scale = 2.0 / max(size)
+    T = np.diag([scale, scale, 1.0])
+    T[:2, 2] = -scale * (np.array(size, float) - 1) / 2
+    back = np.linalg.inv(T)
+    S, a = symmetric_skew(back.T @ F @ back)
+    U, singular, Vt = np.linalg.svd(join_symmetric_skew(0.5 * S, a))
+    return unit_norm(T.T @ (U * [singular[0], singular[1], 0.0]) @ Vt @ T)
+
+
+def half_homography(H: Array) -> Array | None:
+    """H that done twice is this one, unit norm; None where there is no real one (not a small motion)."""
+    determinant = float(np.linalg.det(H))
+    if abs(determinant) < 1e-300:
+        return None
+    root = np.asarray(sqrtm(H / np.cbrt(determinant)))
+    if not np.isfinite(root).all() or np.abs(root.imag).max() > 1e-6 * np.abs(root.real).max():
+        return None
+    return unit_norm(root.real.astype(np.float64))

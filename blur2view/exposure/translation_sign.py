@@ -1,0 +1,53 @@
+"""The sign of the translation, which F and E leave open: the same photograph's views with either sign."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from blur2view.exposure.end_order import MotionOrder, motion_order
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.pose import RigidTransform, before_both
+from blur2view.smears.matches import SmearMatches
+
+
+def share_before(views: ExposureViews) -> float:
+    """Share of the inliers that lie before both ends of the pose; 0 without a pose."""
+    geometry, camera = views.geometry, views.camera
+    if geometry.cam2_from_cam1 is None or camera is None or not geometry.inlier_mask.any():
+        return 0.0
+    rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
+    return float(before_both(geometry.cam2_from_cam1, *rays).mean())
+
+
+def other_translation(views: ExposureViews) -> ExposureViews | None:
+    """Give the views with the translation reversed and the rotation kept: smears are ordered anew.
+
+    None without F. Both have the same F and E, which fix the translation but for its sign.
+    """
+    geometry = views.geometry
+    if geometry.F is None:
+        return None
+    ends = np.stack([views.points_open, views.points_close], axis=1)
+    matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
+    order = motion_order(geometry, matches, views.camera, views.size)
+    if order.pose is None:
+        return None
+    pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
+    swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sigma_px)
+    known, covariance = geometry.cam2_from_cam1 is not None, geometry.covariance
+    if covariance is not None:
+        covariance = replace(covariance, tangents=-covariance.tangents)
+    return replace(
+        views,
+        points_open=np.where(swapped[:, None], ends[:, 1], ends[:, 0]),
+        points_close=np.where(swapped[:, None], ends[:, 0], ends[:, 1]),
+        geometry=replace(
+            geometry,
+            E=None if geometry.E is None else -geometry.E,
+            cam2_from_cam1=pose if known else None,
+            covariance=covariance,
+            swapped=geometry.swapped ^ swapped,
+        ),
+    )

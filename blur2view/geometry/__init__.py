@@ -1,0 +1,1 @@
+"""Formulas of two views, without any search."""

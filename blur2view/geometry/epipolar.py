@@ -1,0 +1,158 @@
+"""Formulas of two views: F, its symmetric and skew parts, Sampson distances, ambiguous residuals.
+
+Conventions, as in the whole package: points are (x, y) in pixels; ``points2^T F points1 = 0``; the ends of a
+smear are ``ends[:, 0]`` and ``ends[:, 1]`` and their order means nothing.
+
+With midpoint p and half displacement s (ends p - s and p + s) and F = S + [a]x, S symmetric,
+
+    points2^T F points1 = q + l,   q = p^T S p - s^T S s,   l = 2 a . (p x s).
+
+Swapping the two ends of a smear flips l alone, transposing F flips a alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from blur2view.arrays import TINY, Array
+
+
+def cross_matrix(vectors: Array) -> Array:
+    """Give the matrices [v]x with ``[v]x w = v x w``.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (..., 3)
+
+    Returns
+    -------
+    ndarray of shape (..., 3, 3)
+    """
+    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
+
+
+def homogeneous(points: Array) -> Array:
+    """Append a one: (..., 2) pixels to (..., 3)."""
+    points = np.asarray(points, float)
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+
+
+def unit_norm(F: Array) -> Array:
+    """Scale matrices (..., 3, 3) to Frobenius norm 1; a zero matrix stays zero."""
+    norm = np.linalg.norm(F, axis=(-2, -1), keepdims=True)
+    scaled: Array = F / np.maximum(norm, TINY)
+    return scaled
+
+
+def symmetric_skew(F: Array) -> tuple[Array, Array]:
+    """Split F = S + [a]x.
+
+    Parameters
+    ----------
+    F : ndarray of shape (..., 3, 3)
+
+    Returns
+    -------
+    S : ndarray of shape (..., 3, 3)
+        The symmetric part; zero for a pure translation.
+    a : ndarray of shape (..., 3)
+        The axis of the skew part; the transpose of F has -a.
+    """
+    transposed = np.swapaxes(F, -2, -1)
+    skew = 0.5 * (F - transposed)
+    a = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    return 0.5 * (F + transposed), a
+
+
+def join_symmetric_skew(S: Array, a: Array) -> Array:
+    """Build F = S + [a]x, the inverse of `symmetric_skew`."""
+    joined: Array = S + cross_matrix(a)
+    return joined
+
+
+def quadratic_features(ends: Array) -> tuple[Array, Array]:
+    """Give the coefficients of q in S and of l in a, so that points2^T F points1 = q + l.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (..., 2, 2)
+        The two ends of every smear.
+
+    Returns
+    -------
+    q_features : ndarray of shape (..., 6)
+        Coefficients of (S11, S12, S13, S22, S23, S33) in q.
+    l_features : ndarray of shape (..., 3)
+        Coefficients of a in l; swapping the ends negates them.
+    """
+    u, v = np.moveaxis(0.5 * (ends[..., 0, :] + ends[..., 1, :]), -1, 0)
+    su, sv = np.moveaxis(0.5 * (ends[..., 1, :] - ends[..., 0, :]), -1, 0)
+    one = np.ones_like(u)
+    q = [u * u - su * su, 2 * (u * v - su * sv), 2 * u, v * v - sv * sv, 2 * v, one]
+    skew = [-2 * sv, 2 * su, 2 * (u * sv - v * su)]
+    return np.stack(q, axis=-1), np.stack(skew, axis=-1)
+
+
+def symmetric_from_vector(vector: Array) -> Array:
+    """Unpack (S11, S12, S13, S22, S23, S33) of shape (..., 6) into symmetric (..., 3, 3)."""
+    full: Array = vector[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]]
+    return full.reshape(*vector.shape[:-1], 3, 3)
+
+
+def epipoles(F: Array) -> tuple[Array, Array]:
+    """Give the unit homogeneous epipoles e1 (F e1 = 0) and e2 (F^T e2 = 0) of F (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(F)
+    return Vt[..., 2, :], U[..., :, 2]
+
+
+def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
+    """F of unit norm from K and cam2_from_cam1 = (R, t), both views sharing K.
+
+    Raises
+    ------
+    ValueError
+        If t is zero: a pure rotation has no F.
+    """
+    if not np.linalg.norm(t) > 0:
+        raise ValueError("t is zero: a pure rotation has no fundamental matrix")
+    inverse = np.linalg.inv(K)
+    return unit_norm(inverse.T @ cross_matrix(np.asarray(t, float)) @ R @ inverse)
+
+
+def shared_normalisation(ends: Array) -> Array:
+    """One similarity T for both ends: centroid to 0, mean distance to sqrt(2).
+
+    Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (..., N, 2, 2)
+
+    Returns
+    -------
+    ndarray of shape (..., 3, 3)
+        ``x_normalised = T x``; coincident points give a pure shift.
+    """
+    points = ends.reshape(*ends.shape[:-3], -1, 2)
+    centre = points.mean(axis=-2)
+    spread = np.linalg.norm(points - centre[..., None, :], axis=-1).mean(axis=-1)
+    scale = np.where(spread > TINY, np.sqrt(2.0) / np.maximum(spread, TINY), 1.0)
+    T = np.zeros((*centre.shape[:-1], 3, 3))
+    T[..., 0, 0] = T[..., 1, 1] = scale
+    T[..., :2, 2] = -scale[..., None] * centre
+    T[..., 2, 2] = 1.0
+    return T
+
+
+def apply_similarity(T: Array, points: Array) -> Array:
+    """Map pixels (..., K, 2) by scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
+    mapped: Array = points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
+    return mapped
+
+
+def denormalise(F: Array, T: Array) -> Array:
+    """Carry F (..., 3, 3) of points T x back to points x: T^T F T, unit norm."""
+    return unit_norm(np.swapaxes(T, -2, -1) @ F @ T)

@@ -1,0 +1,271 @@
+"""Poses: E and its four decompositions, points before both cameras, and how sure a pose is.
+
+A pose is ``cam2_from_cam1``: a point X of camera 1 is R X + t in camera 2. Coordinates are those of a camera
+with K = identity (rays). Of the translation only the direction can be known, and reversing time (swapping
+the ends of every smear) inverts the pose: both are one answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.rotation import rotation_vector
+
+QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+DOUBT = 0.2  # probability with which noise puts a point behind a camera that is before it
+CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigidTransform:
+    """``cam2_from_cam1``: X2 = R X1 + t.
+
+    Parameters
+    ----------
+    rotation : ndarray of shape (3, 3)
+        Rotation matrix.
+    translation : ndarray of shape (3,)
+        Unit direction; zero where there is no translation or none can be told.
+
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
+    """
+
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        """Convert to float64 and check shapes and values."""
+        R, t = np.array(self.rotation, np.float64), np.array(self.translation, np.float64)
+        if R.shape != (3, 3) or t.shape != (3,):
+            raise ValueError(f"expected shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or not np.linalg.det(R) > 0:
+            raise ValueError(f"rotation must be a rotation matrix, got {R.tolist()}")
+        norm = float(np.linalg.norm(t))
+        if not (norm == 0 or abs(norm - 1) < 1e-6):
+            raise ValueError(f"translation must be of unit length or zero, got {t.tolist()}")
+        object.__setattr__(self, "rotation", R)
+        object.__setattr__(self, "translation", t)
+
+    def inverse(self) -> RigidTransform:
+        """Give ``cam1_from_cam2``: the same motion with time reversed."""
+        return RigidTransform(rotation=self.rotation.T, translation=-self.rotation.T @ self.translation)
+
+    @property
+    def rotation_vector(self) -> Array:
+        """Axis times angle, (3,), radians."""
+        return rotation_vector(self.rotation)
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the rotation in degrees."""
+        return float(np.degrees(np.linalg.norm(self.rotation_vector)))
+
+    @property
+    def essential(self) -> Array:
+        """E = [t]x R, (3, 3): ``rays2^T E rays1 = 0``."""
+        E: Array = cross_matrix(self.translation) @ self.rotation
+        return E
+
+
+def decompose_essential(E: Array) -> list[RigidTransform]:
+    """Give the four poses of an essential matrix (3, 3), those of the smaller rotation first.
+
+    A matrix that is none is brought to the nearest one.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., result 9.19.
+    """
+    U, _, Vt = np.linalg.svd(E)
+    U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
+    rotations = sorted((U @ W @ Vt for W in (QUARTER_TURN, QUARTER_TURN.T)), key=lambda R: -np.trace(R))
+    return [RigidTransform(rotation=R, translation=sign * U[:, 2]) for R in rotations for sign in (1.0, -1.0)]
+
+
+def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
+    """Mark matches whose rays meet, or nearly meet, before both cameras.
+
+    Parameters
+    ----------
+    pose : RigidTransform
+    rays1, rays2 : ndarray of shape (N, 2)
+        Coordinates x/z, y/z in view 1 and view 2. Parallel rays meet nowhere.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+        Where depth2 y = depth1 R x + t has both depths positive, each solved across the other ray.
+    """
+    x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
+    normal = np.cross(y, x)
+    scale = np.maximum((normal**2).sum(axis=1), TINY)
+    depth1 = (np.cross(pose.translation, y) * normal).sum(axis=1) / scale
+    depth2 = (np.cross(pose.translation, x) * normal).sum(axis=1) / scale
+    return np.asarray((depth1 > 0) & (depth2 > 0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OrientedPose:
+    """A pose with the order that it gives every match.
+
+    ``swapped`` (N,) marks matches whose ends[:, 1] is the open end; ``in_front`` is the share of the
+    matches, by weight, that lie before both cameras in that order.
+    """
+
+    pose: RigidTransform
+    swapped: NDArray[np.bool_]
+    in_front: float
+
+
+def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None = None) -> OrientedPose:
+    """Choose the pose of E, and every match's order, by positive depth.
+
+    An order counts by its probability under E's residuals and by whether the point then lies before both
+    cameras; where E leaves the order open (a pure translation), depth decides it. Of the four poses that
+    with the most matches before both cameras is taken, among equals the smaller rotation. Reversing time
+    inverts the pose and swaps every order without changing any count, so one of both flips is given.
+
+    Parameters
+    ----------
+    E : ndarray of shape (3, 3)
+    ends : ndarray of shape (N, 2, 2)
+        Rays x/z, y/z of both ends, order unknown.
+    forward : ndarray of shape (N,)
+        Probability that ends[:, 0] is the open end, from the residuals alone.
+    weights : ndarray of shape (N,), optional
+        Probability of being an inlier; default 1.
+    """
+    weights = np.ones(len(ends)) if weights is None else weights
+    found: list[OrientedPose] = []
+    for pose in decompose_essential(E):
+        swapped, front = order_before_both(pose, ends, forward)
+        share = float(weights @ front / max(float(weights.sum()), TINY))
+        found.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
+    return max(found, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
+
+
+def order_before_both(
+    pose: RigidTransform, ends: Array, forward: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Order the rays (N, 2, 2) of matches by probability and positive depth under a pose.
+
+    Returns
+    -------
+    swapped, in_front : ndarray of bool, shape (N,)
+        Where ends[:, 1] is the open end; where the match, in the order chosen, lies before both cameras.
+    """
+    front, back = before_both(pose, ends[:, 0], ends[:, 1]), before_both(pose, ends[:, 1], ends[:, 0])
+    swapped = (1 - forward) * np.where(back, 1.0, DOUBT) > forward * np.where(front, 1.0, DOUBT)
+    return swapped, np.where(swapped, back, front)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseCovariance:
+    """How sure a pose is.
+
+    Parameters
+    ----------
+    matrix : ndarray of shape (5, 5)
+        Covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true translation is along
+        t + u @ tangents, u in radians to first order.
+    tangents : ndarray of shape (2, 3)
+        Unit vectors across t and each other.
+
+    Raises
+    ------
+    ValueError
+        If shapes are not as above.
+    """
+
+    matrix: Array
+    tangents: Array
+
+    def __post_init__(self) -> None:
+        """Check shapes."""
+        if self.matrix.shape != (5, 5) or self.tangents.shape != (2, 3):
+            raise ValueError(
+                f"expected shapes (5, 5) and (2, 3), got {self.matrix.shape}, {self.tangents.shape}"
+            )
+
+    @property
+    def rotation_sigma_deg(self) -> Array:
+        """Standard deviations (3,) of the rotation about x, y and z of camera 2, degrees."""
+        sigma: Array = np.degrees(np.sqrt(np.maximum(np.diag(self.matrix)[:3], 0)))
+        return sigma
+
+    @property
+    def translation_sigma_deg(self) -> float:
+        """Standard deviation of the translation's direction along the worse of its two axes, degrees."""
+        return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.matrix[3:, 3:])[-1], 0.0))))
+
+    def error(self, pose: RigidTransform, true: RigidTransform) -> Array:
+        """Give (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
+        w = rotation_vector(true.rotation @ pose.rotation.T)
+        across = self.tangents @ true.translation
+        length = float(np.linalg.norm(across))
+        angle = np.arctan2(length, pose.translation @ true.translation)
+        return np.concatenate([w, angle * across / max(length, TINY)])
+
+    def inverse(self, pose: RigidTransform) -> PoseCovariance:
+        """Carry the covariance of a pose over to its inverse.
+
+        To first order exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w, and the translation
+        t' = -R^T t moves by -R^T (dt - w x t): along the tangents -T R, u' = u + T [t]x w.
+        """
+        step = np.eye(5)
+        step[:3, :3] = -pose.rotation.T
+        step[3:, :3] = self.tangents @ cross_matrix(pose.translation)
+        return PoseCovariance(matrix=step @ self.matrix @ step.T, tangents=-self.tangents @ pose.rotation)
+
+    def squared_distance(
+        self, pose: RigidTransform, true: RigidTransform, part: slice | None = None
+    ) -> float:
+        """Squared Mahalanobis distance between a pose and the true one; the smaller of both flips of time.
+
+        ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
+        translation's direction. Compare with `CHI_SQUARED_90`.
+        """
+        part = part or slice(0, 5)
+        inverse = np.linalg.pinv(self.matrix[part, part], hermitian=True)
+        errors = (self.error(pose, flip)[part] for flip in (true, true.inverse()))
+        return min(float(error @ inverse @ error) for error in errors)
+
+
+def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovariance:
+    """Sandwich covariance of a pose fitted in the parameters (t along two tangents, R turned from the left).
+
+    Parameters
+    ----------
+    normal : ndarray of shape (5, 5)
+        Second derivative of half the cost at the optimum, prior included.
+    scatter : ndarray of shape (5, 5)
+        Covariance of the gradient, prior included; equal to ``normal`` where residuals are as large as stated
+        and independent.
+    tangents : ndarray of shape (2, 3)
+        Of the translation.
+
+    References
+    ----------
+    Huber, The behavior of maximum likelihood estimates under nonstandard conditions, 1967.
+    """
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    covariance = inverse @ scatter @ inverse
+    order = [2, 3, 4, 0, 1]  # rotation first
+    return PoseCovariance(matrix=covariance[np.ix_(order, order)], tangents=tangents)
+
+
+def nearest_motion(F: Array) -> tuple[Array, Array]:
+    """R (3, 3) and unit t (3,) of the essential matrix nearest to F; the smaller rotation, t up to sign."""
+    U, _, Vt = np.linalg.svd(unit_norm(F))
+    U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
+    W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    R = max((U @ W @ Vt, U @ W.T @ Vt), key=np.trace)
+    return R, U[:, 2] / max(float(np.linalg.norm(U[:, 2])), TINY)

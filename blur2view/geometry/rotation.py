@@ -1,0 +1,76 @@
+"""Rotations, directions on the sphere, and how points move under a small rotation."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import cross_matrix
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+GENERATORS: Array = cross_matrix(np.eye(3))  # (3, 3, 3): [e_k]x
+
+
+def plane_basis(normal: Array) -> Array:
+    """Two orthonormal vectors perpendicular to each (unnormalised) vector, shape (..., 3) to (2, ..., 3).
+
+    References
+    ----------
+    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
+    """
+    first, second = perpendicular(*np.moveaxis(np.asarray(normal, float), -1, 0))
+    return np.stack([np.stack(first, axis=-1), np.stack(second, axis=-1)])
+
+
+def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """`plane_basis` by coordinates."""
+    norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
+    x, y, z = x / norm, y / norm, z / norm
+    sign = np.copysign(1.0, z)
+    scale = -1.0 / (sign + z)
+    product = x * y * scale
+    first = 1.0 + sign * x * x * scale, sign * product, -sign * x
+    return first, (product, sign + y * y * scale, -y)
+
+
+def half_sphere(count: int) -> Array:
+    """Give unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
+    index = np.arange(count)
+    z = (index + 0.5) / count
+    radius, angle = np.sqrt(1 - z * z), GOLDEN_ANGLE * index
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """Rotation matrix of a rotation vector in radians."""
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, float))[0], float)
+
+
+def rotation_vector(R: Array) -> Array:
+    """Rotation vector (3,) in radians of a rotation matrix."""
+    return np.asarray(cv2.Rodrigues(R)[0], float).ravel()
+
+
+def step_on_sphere(unit: Array, delta: Array) -> Array:
+    """Move a unit vector (3,) by delta (2,) in its tangent plane (`plane_basis`) and renormalise."""
+    moved = unit + delta @ plane_basis(unit)
+    scaled: Array = moved / np.linalg.norm(moved)
+    return scaled
+
+
+def turn_flow(middle: Array) -> Array:
+    """Motion (2, 3, N) of points per radian of rotation about x, y and z, to first order.
+
+    Parameters
+    ----------
+    middle : ndarray of shape (N, 2)
+        Coordinates of a camera with K = identity.
+
+    Returns
+    -------
+    ndarray of shape (2, 3, N)
+        A rotation w moves the point p by w x p - p (w x p)_z.
+    """
+    x, y = middle.T
+    return np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]])

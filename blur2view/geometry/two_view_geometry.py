@@ -1,0 +1,123 @@
+"""The answer: the two-view geometry of one exposure, its configuration and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_geometry import colmap_two_view_geometry
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+
+
+class Configuration(StrEnum):
+    """What was found; the names are those of COLMAP's TwoViewGeometryConfiguration, the values lower case."""
+
+    UNDEFINED = "undefined"
+    DEGENERATE = "degenerate"
+    CALIBRATED = "calibrated"
+    UNCALIBRATED = "uncalibrated"
+    PLANAR = "planar"
+    PANORAMIC = "panoramic"
+    PLANAR_OR_PANORAMIC = "planar_or_panoramic"
+    WATERMARK = "watermark"
+    MULTIPLE = "multiple"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoViewGeometry:
+    """Two-view geometry of the exposure: open (1) and close (2).
+
+    Parameters
+    ----------
+    F : ndarray of shape (3, 3) or None
+        ``points2^T F points1 = 0``, pixels, unit norm; F or its transpose, which is which cannot be known.
+        None where no F can be trusted.
+    config : Configuration
+    reason : str
+        One sentence with the figures that decided.
+    inlier_mask : ndarray of bool, shape (N,)
+    swapped : ndarray of bool, shape (N,)
+        Where ``ends[:, 1]`` is the open end under F.
+    iterations : int
+        Samples drawn.
+    model : str
+        The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
+        a prior), "general" (7), "paper" (7, by the paper's estimator), "calibrated" (5, known intrinsics,
+        started from one of ``scores``). Without F what H is: "rotation" (3
+        parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
+    scores : tuple of (str, float)
+        Name and penalised cost of every family that was fitted, homographies too, best first.
+    H : ndarray of shape (3, 3) or None
+        ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
+        where a homography explains the smears; beside an F it says that parallax is not proven.
+    E : ndarray of shape (3, 3) or None
+        Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
+        pixels.
+    cam2_from_cam1 : RigidTransform or None
+        Pose of known intrinsics, or its inverse with all of ``swapped`` turned: time has no arrow. The
+        translation is zero for a pure rotation.
+    covariance : PoseCovariance or None
+        Of the pose.
+    """
+
+    F: Array | None
+    config: Configuration
+    reason: str
+    inlier_mask: NDArray[np.bool_]
+    swapped: NDArray[np.bool_]
+    iterations: int = 0
+    model: str = "none"
+    scores: tuple[tuple[str, float], ...] = ()
+    H: Array | None = None
+    E: Array | None = None
+    cam2_from_cam1: RigidTransform | None = None
+    covariance: PoseCovariance | None = None
+
+    @property
+    def support(self) -> float:
+        """Share of the smears that agree with F, or without F with H."""
+        return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
+
+    @property
+    def runner_up(self) -> tuple[str, float] | None:
+        """Name and penalised cost of the cheapest family that was not chosen, None if there is none."""
+        return next((score for score in self.scores if score[0] != self.model), None)
+
+    def reversed(self) -> TwoViewGeometry:
+        """Give the same motion with time reversed: the other of two equal answers."""
+        pose, covariance = self.cam2_from_cam1, self.covariance
+        H = None if self.H is None else np.linalg.inv(self.H)
+        return replace(
+            self,
+            F=None if self.F is None else self.F.T.copy(),
+            E=None if self.E is None else self.E.T.copy(),
+            H=None if H is None else H / np.linalg.norm(H),
+            cam2_from_cam1=None if pose is None else pose.inverse(),
+            covariance=None if pose is None or covariance is None else covariance.inverse(pose),
+            swapped=~self.swapped,
+        )
+
+    def to_pycolmap(self) -> Any:
+        """Give the same as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
+
+        Returns
+        -------
+        pycolmap.TwoViewGeometry
+            Of an open and a close image whose keypoints are both ends of the smears in their order
+            (`views.ExposureViews`): match (i, i) is smear i. Its configuration is ours by name; of
+            a distorted camera F and H are those of undistorted pixels, as everywhere here.
+        """
+        pose = self.cam2_from_cam1
+        return colmap_two_view_geometry(
+            self.config.name,
+            np.flatnonzero(self.inlier_mask),
+            F=self.F,
+            E=self.E,
+            H=self.H,
+            pose=None if pose is None else (pose.rotation, pose.translation),
+        )

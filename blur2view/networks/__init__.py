@@ -1,0 +1,1 @@
+"""Network files, and the network that measures smears."""

@@ -1,0 +1,202 @@
+"""The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
+
+import os
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import ModelError
+from blur2view.networks.model_file import (
+    REMEDY,
+    model_path,
+    open_session,
+    read_info,
+    session_errors,
+    usable_cores,
+)
+from blur2view.networks.pyramid import PyramidOptions, blended, halved
+from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
+from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
+
+# Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
+# only dreams: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
+_FLAT_WINDOW_PX = 33
+UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
+# Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
+_STRIP_CELLS = 64
+
+
+class SmearNetwork:
+    """A loaded smear network; load once, predict many times.
+
+    Parameters
+    ----------
+    path : path-like, optional
+        An ONNX file written by ``tools/export_onnx.py``; the shipped one, in 8-bit integers, by default;
+        "float": the shipped one in floating point, in twice the time.
+    threads : int, optional
+        Threads of one inference; all cores this process may use by default. The result is
+        reproducible for a given number of threads.
+
+    Raises
+    ------
+    ModelError
+        If the file is missing, not ONNX, or not a network of this format.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+        self.path = model_path(path)
+        self._session = open_session(self.path, threads or usable_cores())
+        self.info = read_info(self.path, self._session)
+
+    def predict(
+        self,
+        image: NDArray[np.float32],
+        options: TileOptions | None = None,
+        pyramid: PyramidOptions | None = None,
+    ) -> SmearField:
+        """Return the smear and its sigma at every pixel.
+
+        Parameters
+        ----------
+        image : ndarray of shape (H, W, 3), float32
+            sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
+        options : TileOptions, optional
+            Tiling.
+        pyramid : PyramidOptions, optional
+            Smaller copies of the image, for long smears and as another opinion on directions.
+
+        Returns
+        -------
+        SmearField
+            Of the image's height and width, in its pixels. Where the image shows no texture at all the
+            smear is zero and the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``.
+
+        Raises
+        ------
+        ValueError
+            If the image has another shape or type, or values that are not in [0, 1].
+        ModelError
+            If the network cannot be run or its output is not what its format promises.
+        """
+        check_image(image)
+        grid = self._predict_levels(image, options or TileOptions(), pyramid or PyramidOptions(), 0)
+        if not np.isfinite(grid).all():
+            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
+        grid[_flat(image, self.info.stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
+        return _decode_grid(grid, self.info.stride, image.shape[:2])
+
+    def _predict_levels(
+        self, image: NDArray[np.float32], tiling: TileOptions, pyramid: PyramidOptions, level: int
+    ) -> NDArray[np.float32]:
+        """Return double angle and sigmas on the grid, (h, w, C), smaller copies blended in."""
+        grid, longest_px = self._predict_grid(image, tiling), self.info.longest_px
+        if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
+            return grid
+        coarse = self._predict_levels(halved(image), tiling, pyramid, level + 1)
+        return blended(grid, coarse, longest_px)
+
+    def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
+        """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""
+        height, width = image.shape[:2]
+        step, stride = self.info.multiple_of, self.info.stride
+        tiling = options if height * width > options.max_pixels else None
+        rows, columns = (spans(side, step, tiling) for side in (height, width))
+        total = np.zeros(
+            (rows[-1].stop // stride, columns[-1].stop // stride, self.info.channels), np.float32
+        )
+        weight = np.zeros((*total.shape[:2], 1), np.float32)
+        for row, row_weight in ramps(rows, stride):
+            for column, column_weight in ramps(columns, stride):
+                window = cells(row, stride), cells(column, stride)
+                tile_weight = np.outer(row_weight, column_weight)[..., None]
+                total[window] += self._run(reflected(image, row, column)) * tile_weight
+                weight[window] += tile_weight
+        total /= weight
+        # a cell that the border cuts is kept; what lies wholly beyond it is padding
+        return total[: -(-height // stride), : -(-width // stride)]
+
+    def _run(self, tile: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, C)."""
+        planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
+        try:
+            output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
+        except session_errors():
+            size = f"{tile.shape[1]}x{tile.shape[0]} pixels"
+            raise ModelError(f"{self.path}: cannot be run on {size}; {REMEDY}") from None
+        cells_of_tile = (side // self.info.stride for side in tile.shape[:2])
+        expected = (1, self.info.channels, *cells_of_tile)
+        if output.shape != expected:
+            raise ModelError(
+                f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
+                "export it again with tools/export_onnx.py"
+            )
+        grid: NDArray[np.float32] = output[0].transpose(1, 2, 0)
+        return grid
+
+
+def predict(
+    image: NDArray[np.float32],
+    model: SmearNetwork | str | os.PathLike[str] | None = None,
+    options: TileOptions | None = None,
+) -> SmearField:
+    """Return the smear and its sigma at every pixel of one photograph.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+        sRGB-coded RGB in [0, 1].
+    model : SmearNetwork or path-like, optional
+        The shipped network by default. For many photographs load a :class:`SmearNetwork` once.
+    options : TileOptions, optional
+        Tiling.
+
+    Returns
+    -------
+    SmearField
+
+    Raises
+    ------
+    ValueError, ModelError
+        As :class:`SmearNetwork` and its ``predict``.
+    """
+    network = model if isinstance(model, SmearNetwork) else SmearNetwork(model)
+    return network.predict(image, options)
+
+
+def check_image(image: NDArray[np.float32]) -> None:
+    """Raise ValueError unless the image is float32 of shape (H, W, 3) in [0, 1]."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
+        raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
+    low, high = image.min(), image.max()  # NaN if any value is
+    if not (low >= 0 and high <= 1):
+        raise ValueError(f"expected finite values in [0, 1], got {low:.4g} to {high:.4g}")
+
+
+def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:
+    """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
+    levels = cv2.convertScaleAbs(image, alpha=255)  # rounded, saturated, no float copy
+    window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
+    contrast = cv2.subtract(cv2.dilate(levels, window), cv2.erode(levels, window)).reshape(image.shape)
+    rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in image.shape[:2])
+    flat: NDArray[np.bool_] = contrast[np.ix_(rows, columns)].max(axis=-1) <= 1
+    return flat
+
+
+def _decode_grid(grid: NDArray[np.float32], stride: int, shape: tuple[int, ...]) -> SmearField:
+    """Resample the grid to pixels in double angle and decode, a strip of rows at a time."""
+    height, width = shape[:2]
+    displacement = np.empty((height, width, 2), np.float32)
+    sigmas = [np.empty((height, width), np.float32) for _ in range(grid.shape[2] - 2)]
+    for first in range(0, grid.shape[0], _STRIP_CELLS):
+        above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
+        pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
+        rows = slice(first * stride, min((first + _STRIP_CELLS) * stride, height))
+        strip = pixels[: rows.stop - rows.start, :width]
+        displacement[rows] = from_double_angle(strip[..., :2])
+        for k, sigma in enumerate(sigmas):
+            np.maximum(strip[..., 2 + k], 0, out=sigma[rows])
+    return SmearField(
+        displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1] if sigmas[1:] else None
+    )

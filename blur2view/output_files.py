@@ -1,0 +1,110 @@
+"""Files of results: planned before any work, each written whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import BinaryIO, Protocol, TypeVar
+
+from blur2view.errors import OutputError
+
+
+def prepare_folder(folder: Path) -> None:
+    """Create the folder if needed and prove that files can be written there.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be created or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
+            pass
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
+Files = TypeVar("Files", bound="ResultFiles", covariant=True)
+
+
+class ResultFiles(Protocol):
+    """The files of one photograph."""
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All of them, in the order of writing."""
+
+
+class ResultKind(Protocol[Files]):
+    """Names the files of one photograph, as the class :class:`OutputFiles` does."""
+
+    def __call__(self, *, folder: Path, stem: str) -> Files:
+        """Give those of a photograph's name without its suffix."""
+
+
+def plan_outputs(
+    images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
+) -> list[Files | OutputError]:
+    """Name the files of each photograph, or say why they must not be written.
+
+    Parameters
+    ----------
+    images : sequence of Path
+        The photographs of one call.
+    folder : Path
+        Where the files go.
+    overwrite : bool
+        Whether files of an earlier call may be replaced. Photographs of this call never are.
+    kind : ResultKind
+        What a photograph's files are, such as :class:`OutputFiles`.
+
+    Returns
+    -------
+    list of Files or OutputError
+        One per photograph. A second photograph of the same stem is refused, so that no result is lost.
+    """
+    inputs = {os.path.realpath(image) for image in images}
+    first_of: dict[str, Path] = {}
+    plan: list[Files | OutputError] = []
+    for image in images:
+        files = kind(folder=folder, stem=image.stem)
+        taken = [path for path in files.paths if os.path.lexists(path)]
+        hit = [path for path in files.paths if os.path.realpath(path) in inputs]
+        if image.stem in first_of:
+            other = first_of[image.stem]
+            plan.append(OutputError(f"{image}: its results would replace those of {other}; use another -o"))
+            continue
+        first_of[image.stem] = image
+        if hit:
+            plan.append(
+                OutputError(f"{image}: a result would replace the photograph {hit[0]}; use another -o")
+            )
+        elif taken and not overwrite:
+            plan.append(OutputError(f"{image}: {taken[0]} exists; use another -o or add --overwrite"))
+        else:
+            plan.append(files)
+    return plan
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write beside the path and rename, so that a reader never meets half a file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; nothing is left behind then.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            write(file)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def unwritable(folder: Path, error: OSError) -> OutputError:
+    """Return the one line about a folder that takes no files."""
+    reason = error.strerror or type(error).__name__
+    return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")

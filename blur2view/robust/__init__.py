@@ -1,0 +1,1 @@
+"""Robust estimation: the loop, minimal solvers, parametrizations, refinement."""

@@ -1,0 +1,148 @@
+"""What the robust loop asks of F: samples, models, scores, local optimisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.rotation import half_sphere
+from blur2view.geometry.sampson import BatchSampson
+from blur2view.robust.minimal_solvers import (
+    SAMPLE_SIZE,
+    meeting_points,
+    solve_seven_smears,
+    turning_hypotheses,
+)
+from blur2view.robust.parametrization import GeneralF, TranslationF
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.ransac import weighted_samples
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import RefineOptions
+from blur2view.smears.sign_components import SignComponents, sample_patterns
+
+COMPANY = 6  # smears in a component of this size are sampled fully, single ones a sixth as often
+WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
+DIRECTIONS = 60  # of translation tried with every sample of three
+PART = 5  # samples come from the fifth of the smears nearest to one of them
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearEstimator:
+    """F from seven smears, or from three and a grid of directions (`ransac.Estimator`).
+
+    Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard
+    deviations, cut at ``cutoff``. ``fit_error_px`` is the paper's threshold on the root of SErrMin for the
+    stop on fit.
+    """
+
+    problem: SmearProblem
+    cutoff: float
+    fit_error_px: float
+    components: SignComponents
+    directions: int = 150
+
+    @property
+    def sample_size(self) -> int:
+        """Three: with a camera guessed from the points, if need be, three smears and a direction do."""
+        return 3
+
+    @property
+    def count(self) -> int:
+        """Number of smears."""
+        return len(self.problem.ends)
+
+    @cached_property
+    def sampson(self) -> BatchSampson:
+        """SErrMin of many models at once, squared pixels."""
+        return BatchSampson(self.problem.ends, self.problem.unit_px)
+
+    @cached_property
+    def quality(self) -> Array:
+        """Sampling weights (N,): length over standard deviation, squared; less where no neighbour agrees."""
+        company = np.minimum(self.components.sizes, COMPANY)[self.components.label] / COMPANY
+        weights: Array = company * (self.problem.length_px / self.problem.sigma_px) ** 2
+        return weights
+
+    @cached_property
+    def precision(self) -> NDArray[np.float32]:
+        """1 / sigma^2 (N,)."""
+        return np.asarray(1 / self.problem.sigma_px**2, np.float32)
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
+        """Candidates (M, 3, 3) of ``samples`` samples of three and, where no camera is known, of seven."""
+        ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
+        directions, doubted = half_sphere(self.directions), np.arange(samples) % DOUBT == 0
+        three = weighted_samples(self.quality, 3, samples, rng)
+        models = [
+            turning_hypotheses(ends[three[group.index]], directions, limit, group.signs)
+            for group in sample_patterns(self.components, three, doubted)
+        ]
+        if not self.problem.camera_known:
+            seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
+            for group in sample_patterns(self.components, seven, doubted):
+                models.append(solve_seven_smears(ends[seven[group.index]], group.signs)[0])
+        return np.concatenate(models)
+
+    def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
+        """SErrMin in squared standard deviations, (M, n)."""
+        squared: NDArray[Any] = self.sampson(models, block) * self.precision[block]
+        return squared
+
+    def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
+        """MSAC cost (M,)."""
+        total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
+        return total
+
+    def refine(self, model: Array) -> Array:
+        """Few steps on the seven-parameter manifold, wider standard deviations first: models are coarse."""
+        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
+        point = GeneralF.from_matrix(model)
+        for width in (WIDE, 1.0):
+            matches = replace(self.problem.weighted, sigma=width * self.problem.weighted.sigma)
+            point, _ = refine(point, matches, options)
+        return point.matrix()
+
+    def shares(self, model: Array) -> tuple[float, float]:
+        """Share under the paper's threshold; share of inliers beyond those that fit by chance.
+
+        A smear of length L turned at random passes a bound on its Sampson distance with probability
+        2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
+        """
+        squared = self.sampson(model[None])[0]
+        bound = 2**0.5 * self.cutoff * self.problem.sigma_px / np.maximum(self.problem.length_px, TINY)
+        chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
+        inside = float((squared * self.precision < self.cutoff**2).mean())
+        return float((squared < self.fit_error_px**2).mean()), (inside - chance) / max(1 - chance, TINY)
+
+
+def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:
+    """Best meeting point of pairs of smears: the start of the two-parameter F."""
+    drawn = weighted_samples(estimator.quality, 2, samples, rng)
+    points = meeting_points(estimator.problem.ends[drawn])
+    points = points[np.linalg.norm(points, axis=1) > 0.5]
+    if not len(points):
+        return TranslationF(epipole=np.array([0.0, 0.0, 1.0]))
+    order = rng.permutation(estimator.count)[:500]
+    cost = estimator.score(cross_matrix(points), order)
+    return TranslationF(epipole=points[int(np.argmin(cost))])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalEstimator(SmearEstimator):
+    """`SmearEstimator` whose samples come from one compact part of the image a batch."""
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
+        """Candidates (M, 3, 3) of ``samples`` samples of three."""
+        middle = self.problem.ends.mean(axis=1)
+        distance = ((middle - middle[rng.integers(len(middle))]) ** 2).sum(axis=1)
+        near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]
+        three = near[weighted_samples(np.ones(len(near)), 3, samples, rng)]
+        limit = 3 * np.array(self.problem.prior.rotation)
+        return turning_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS), limit)

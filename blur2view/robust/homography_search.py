@@ -1,0 +1,162 @@
+"""Starts for homographies: from four unordered smears, from two for a rotation, in the robust loop."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.robust.homography import PlanarEnds, PlaneH, refine_homography, velocity_basis
+from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
+from blur2view.robust.residuals import RefineOptions, robust_weight
+
+FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
+TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
+ROTATIONS: Array = np.zeros((8, 3))  # entries of A = [w]x are ROTATIONS @ w
+ROTATIONS[[7, 5, 2, 6, 3, 1], [0, 0, 1, 1, 2, 2]] = [1, -1, 1, -1, 1, -1]
+SEARCH_STEPS = 6  # rounds of reweighted least squares inside the loop
+SEARCH = RansacOptions(max_iterations=96, min_iterations=32, batch=32, confidence=0.99)
+FINAL_STEPS = 3  # Levenberg-Marquardt steps; the search ends within noise of the optimum
+
+
+def four_smears(basis: Array, displacement: Array) -> Array:
+    """Entries of A for every sample of four smears and sign pattern, to first order.
+
+    Parameters
+    ----------
+    basis : ndarray of shape (B, 4, 2, 8)
+        `velocity_basis` at the midpoints.
+    displacement : ndarray of shape (B, 4, 2)
+
+    Returns
+    -------
+    ndarray of shape (8 B, 8)
+        A smear's order reversed is another pattern; -A, the order of time, is left out. Degenerate samples
+        (three midpoints on a line) give meaningless entries.
+    """
+    return _solve_signed(basis, displacement, FOUR_SIGNS)
+
+
+def two_smears(basis: Array, displacement: Array) -> Array:
+    """Entries of A = [w]x, (2 B, 8), from samples of two: (B, 2, 2, 8) and (B, 2, 2); least squares."""
+    return _solve_signed(basis @ ROTATIONS, displacement, TWO_SIGNS) @ ROTATIONS.T
+
+
+def _solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
+    """Least-squares solutions (B P, k) of basis (B, m, 2, k) @ a = +-displacement for P sign patterns."""
+    rows = basis.reshape(len(basis), -1, basis.shape[-1])  # (B, 2m, k)
+    right = (signs[:, :, None] * displacement[:, None]).reshape(len(basis), len(signs), -1)  # (B, P, 2m)
+    gram = np.swapaxes(rows, 1, 2) @ rows
+    gram += (1e-13 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + TINY) * np.eye(rows.shape[2])
+    solved = np.linalg.solve(gram, np.swapaxes(right @ rows, 1, 2))
+    return np.swapaxes(solved, 1, 2).reshape(-1, rows.shape[2])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HomographyEstimator:
+    """One homography from four unordered smears, or from two if a rotation (`ransac.Estimator`).
+
+    Models are the entries (8,) of A. The score is MSAC's with the first-order displacement v: the squared
+    residual |d -+ v|^2 of the better sign is |d|^2 + |v|^2 - 2 |d . v|.
+    """
+
+    matches: PlanarEnds
+    quality: Array  # (N,) sampling weights
+    cutoff: float
+    camera_known: bool
+
+    @property
+    def sample_size(self) -> int:
+        """Four: enough for every homography."""
+        return 4
+
+    @property
+    def count(self) -> int:
+        """Number of smears."""
+        return len(self.matches.ends)
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Displacements (N, 2)."""
+        difference: Array = self.matches.ends[:, 1] - self.matches.ends[:, 0]
+        return difference
+
+    @cached_property
+    def basis(self) -> Array:
+        """First-order displacements (N, 2, 8) for unit entries."""
+        return velocity_basis(self.matches.ends.mean(axis=1))
+
+    @cached_property
+    def scaled(self) -> tuple[NDArray[np.float32], ...]:
+        """Basis (2, N, 8), displacement (2, N) and squared length (N,) in standard deviations, float32."""
+        scale = 1 / (np.sqrt(2.0) * self.matches.sigma)
+        basis = np.ascontiguousarray(np.moveaxis(self.basis * scale[:, None, None], 1, 0), np.float32)
+        d = np.ascontiguousarray((self.displacement * scale[:, None]).T, np.float32)
+        return basis, d, (d * d).sum(axis=0)
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
+        """Candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
+        four = weighted_samples(self.quality, 4, samples, rng)
+        models = four_smears(self.basis[four], self.displacement[four])
+        if self.camera_known:
+            two = weighted_samples(self.quality, 2, samples, rng)
+            models = np.concatenate([models, two_smears(self.basis[two], self.displacement[two])])
+        return models[np.isfinite(models).all(axis=1)]
+
+    def residuals(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
+        """Squared residuals (M, n) of the better order in standard deviations."""
+        (bx, by), (dx, dy), squared = self.scaled
+        entries = np.asarray(models, np.float32).T
+        vx, vy = bx[block] @ entries, by[block] @ entries  # (n, M)
+        along = vx * dx[block, None] + vy * dy[block, None]
+        value: NDArray[Any] = vx * vx + vy * vy + squared[block, None] - 2 * np.abs(along)
+        return value.T
+
+    def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
+        """MSAC cost (M,)."""
+        total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
+        return total
+
+    def refine(self, model: Array) -> Array:
+        """Few rounds of reweighted least squares, every smear in its better order."""
+        basis, d, squared = self.scaled
+        for _ in range(SEARCH_STEPS):
+            velocity = basis @ model.astype(np.float32)  # (2, N)
+            along = (velocity * d).sum(axis=0)
+            residual = (velocity * velocity).sum(axis=0) + squared - 2 * np.abs(along)
+            weight = robust_weight(residual, self.cutoff)
+            weighted = (basis * weight[:, None]).reshape(-1, 8)
+            normal = weighted.T @ basis.reshape(-1, 8) + TINY * np.eye(8)
+            model = np.linalg.solve(normal, weighted.T @ (d * np.sign(along)).ravel())
+        return model
+
+    def shares(self, model: Array) -> tuple[float, float]:
+        """Share of inliers, twice."""
+        inlier = self.residuals(model[None], np.arange(self.count))[0] < self.cutoff**2
+        return float(inlier.mean()), float(inlier.mean())
+
+
+def find_plane(
+    matches: PlanarEnds, cutoff: float, camera_known: bool, rng: np.random.Generator
+) -> PlaneH | None:
+    """Search the homography that explains most smears, and refine it; None if no sample gave any.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than four smears.
+    """
+    weights = np.ones(len(matches.ends))
+    estimator = HomographyEstimator(
+        matches=matches, quality=weights, cutoff=cutoff, camera_known=camera_known
+    )
+    found = ransac(estimator, SEARCH, rng).model
+    if found is None:
+        return None
+    options = RefineOptions(max_iterations=FINAL_STEPS, cutoff=cutoff)
+    return refine_homography(PlaneH(entries=found), matches, options)[0]

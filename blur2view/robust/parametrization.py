@@ -1,0 +1,240 @@
+"""Families of F as manifolds: a point, its tangents, a step, and a prior.
+
+Three nested families describe a blurred photograph: `TranslationF` (2 parameters: all smears meet in the
+epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends,
+square pixels, principal point near the centre, turning little) and `GeneralF` (all 7). Coordinates are
+normalised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.pose import nearest_motion
+from blur2view.geometry.rotation import (
+    GENERATORS,
+    plane_basis,
+    rotation_matrix,
+    rotation_vector,
+    step_on_sphere,
+)
+
+
+class Manifold(Protocol):
+    """What `refinement.refine` needs to know of a family of F."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of free parameters."""
+
+    def matrix(self) -> Array:
+        """F of shape (3, 3), any scale."""
+
+    def tangent(self) -> Array:
+        """dF/dparameters, shape (dimension, 3, 3), at the present point."""
+
+    def step(self, delta: Array) -> Self:
+        """Give the point reached by moving delta (dimension,) along the tangents."""
+
+    def prior(self) -> tuple[Array, Array]:
+        """Residuals (m,) in standard deviations and their Jacobian (m, dimension); m may be 0."""
+
+    def motion(self) -> tuple[Array, Array]:
+        """Rotation vector and translation (3,) of a camera with K near the identity, for `depth`."""
+
+
+def no_prior(dimension: int) -> tuple[Array, Array]:
+    """Give the prior of a family that has none."""
+    return np.zeros(0), np.zeros((0, dimension))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TranslationF:
+    """F = [epipole]x, two parameters; blind to the order of every smear."""
+
+    epipole: Array  # (3,) unit
+
+    @property
+    def dimension(self) -> int:
+        """Two."""
+        return 2
+
+    def matrix(self) -> Array:
+        """F of shape (3, 3)."""
+        return cross_matrix(self.epipole)
+
+    def tangent(self) -> Array:
+        """Give dF of shape (2, 3, 3)."""
+        return cross_matrix(plane_basis(self.epipole))
+
+    def step(self, delta: Array) -> TranslationF:
+        """Move the epipole on the sphere."""
+        return TranslationF(epipole=step_on_sphere(self.epipole, delta))
+
+    def prior(self) -> tuple[Array, Array]:
+        """Give no prior."""
+        return no_prior(2)
+
+    def motion(self) -> tuple[Array, Array]:
+        """No rotation, and the epipole."""
+        return np.zeros(3), self.epipole
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneralF:
+    """F = U diag(cos w, sin w, 0) V^T, seven parameters: every matrix of rank 2.
+
+    References
+    ----------
+    Bartoli and Sturm, Nonlinear estimation of the fundamental matrix with minimal parameters, PAMI 2004.
+    """
+
+    U: Array  # (3, 3) orthogonal
+    V: Array  # (3, 3) orthogonal
+    angle: float  # w
+
+    @classmethod
+    def from_matrix(cls, F: Array) -> GeneralF:
+        """Start at the rank-2 matrix nearest to F."""
+        U, singular, Vt = np.linalg.svd(F)
+        return cls(U=U, V=Vt.T, angle=float(np.arctan2(singular[1], singular[0])))
+
+    @property
+    def dimension(self) -> int:
+        """Seven."""
+        return 7
+
+    def _diagonal(self) -> Array:
+        return np.diag([np.cos(self.angle), np.sin(self.angle), 0.0])
+
+    def matrix(self) -> Array:
+        """F of shape (3, 3), unit norm."""
+        return self.U @ self._diagonal() @ self.V.T
+
+    def tangent(self) -> Array:
+        """Give dF of shape (7, 3, 3): three turns of U, three of V, the angle."""
+        middle = self._diagonal()
+        turn = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, turn[None]])
+        moved: Array = self.U @ inner @ self.V.T
+        return moved
+
+    def step(self, delta: Array) -> GeneralF:
+        """Turn U and V, change the angle."""
+        U, V = self.U @ rotation_matrix(delta[:3]), self.V @ rotation_matrix(delta[3:6])
+        return GeneralF(U=U, V=V, angle=self.angle + float(delta[6]))
+
+    def prior(self) -> tuple[Array, Array]:
+        """Give no prior."""
+        return no_prior(7)
+
+    def motion(self) -> tuple[Array, Array]:
+        """Motion of the nearest essential matrix, of its two rotations the smaller."""
+        R, t = nearest_motion(self.matrix())
+        return rotation_vector(R), t
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPrior:
+    """Standard deviations that hold `CameraF` near what photographs are like.
+
+    ``rotation`` in radians about x, y, z, around the rotation vector ``centre``; ``log_focal`` natural log of
+    the focal length over the assumed one; ``principal`` the principal point's offset in units of the assumed
+    focal length. Zero fixes a parameter of the camera.
+    """
+
+    rotation: tuple[float, float, float]
+    log_focal: float = 0.3
+    principal: float = 0.03
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no standard deviation."""
+        if not (min(self.rotation) > 0 and self.log_focal >= 0 and self.principal >= 0):
+            raise ValueError(f"standard deviations must be positive, got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraF:
+    """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] for both ends.
+
+    Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal
+    length), so K is near the identity. Eight parameters (t two, R three, log g, cx, cy) of which seven show
+    in F.
+    """
+
+    t: Array  # (3,) unit
+    R: Array  # (3, 3)
+    log_focal: float = 0.0
+    principal: Array = field(default_factory=lambda: np.zeros(2))
+    spread: CameraPrior
+
+    @property
+    def dimension(self) -> int:
+        """Eight."""
+        return 8
+
+    def _inverse(self) -> Array:
+        g = np.exp(self.log_focal)
+        cx, cy = self.principal
+        return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
+
+    def _inverse_tangent(self) -> Array:
+        """d(K^-1) of shape (3, 3, 3) in log g, cx, cy."""
+        g = np.exp(self.log_focal)
+        cx, cy = self.principal
+        tangent = np.zeros((3, 3, 3))
+        tangent[0, :2] = [[-1 / g, 0, cx / g], [0, -1 / g, cy / g]]
+        tangent[1, 0, 2] = tangent[2, 1, 2] = -1 / g
+        return tangent
+
+    def matrix(self) -> Array:
+        """F of shape (3, 3), not of unit norm."""
+        inverse = self._inverse()
+        return inverse.T @ cross_matrix(self.t) @ self.R @ inverse
+
+    def tangent(self) -> Array:
+        """Give dF of shape (8, 3, 3)."""
+        inverse, cross = self._inverse(), cross_matrix(self.t)
+        E = cross @ self.R
+        moved = inverse.T @ cross_matrix(plane_basis(self.t)) @ self.R @ inverse
+        turned = inverse.T @ cross @ GENERATORS @ self.R @ inverse
+        changed = self._inverse_tangent()
+        lens = np.swapaxes(changed, 1, 2) @ E @ inverse + inverse.T @ E @ changed
+        return np.concatenate([moved, turned, lens])
+
+    def step(self, delta: Array) -> CameraF:
+        """Move t on the sphere, turn R from the left, change the camera."""
+        return replace(
+            self,
+            t=step_on_sphere(self.t, delta[:2]),
+            R=rotation_matrix(delta[2:5]) @ self.R,
+            log_focal=self.log_focal + float(delta[5]),
+            principal=self.principal + delta[6:],
+        )
+
+    def prior(self) -> tuple[Array, Array]:
+        """Residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
+        lens = self.spread.log_focal, self.spread.principal, self.spread.principal
+        weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
+        turn = rotation_vector(self.R) - self.spread.centre
+        value = np.concatenate([turn, [self.log_focal], self.principal])
+        return value * weight, np.eye(6, 8, 2) * weight[:, None]
+
+    def motion(self) -> tuple[Array, Array]:
+        """Its rotation vector and translation; the offset of K from the identity is left out."""
+        return rotation_vector(self.R), self.t
+
+
+def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
+    """Start at the pose of least rotation that F has for the assumed camera (K = identity).
+
+    F need not be an essential matrix: it is brought to the nearest one.
+    """
+    R, t = nearest_motion(F)
+    return CameraF(t=t, R=R, spread=spread)

@@ -1,0 +1,197 @@
+"""The robust loop: sample, score preemptively, refine the best, stop. It knows no geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from operator import itemgetter
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+
+Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
+
+
+class Stop(StrEnum):
+    """Why the loop ended."""
+
+    FIT = "fit"  # enough of the data fits
+    CONFIDENCE = "confidence"  # a better sample has become unlikely
+    ITERATIONS = "iterations"  # the budget is spent
+
+
+class Estimator(Protocol):
+    """What the loop asks of a problem."""
+
+    @property
+    def sample_size(self) -> int:
+        """Size of a minimal sample."""
+
+    @property
+    def count(self) -> int:
+        """Number of data."""
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Models:
+        """Draw minimal samples and give all models of all of them, possibly none."""
+
+    def score(self, models: Models, block: NDArray[np.int_]) -> NDArray[Any]:
+        """Cost (M,) of every model summed over the data of a block; less is better."""
+
+    def refine(self, model: Models) -> Models:
+        """Give a locally better model, or the same one."""
+
+    def shares(self, model: Models) -> tuple[float, float]:
+        """Share of data that fits (for the stop on fit) and share of inliers (for the confidence)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacOptions:
+    """When the loop stops and how it scores.
+
+    ``max_iterations`` samples at most (the paper: 1000) and ``min_iterations`` before any other stop;
+    ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the
+    probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
+    ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
+    models left; ``survivors`` the models of a batch that are scored on all data, of which the best may be
+    refined; ``contenders`` the sampled models that are given back.
+    """
+
+    max_iterations: int = 1000
+    min_iterations: int = 16
+    stop_share: float = 0.9
+    confidence: float = 0.999
+    batch: int = 16
+    first_block: int = 48
+    growth: int = 4
+    survivors: int = 4
+    contenders: int = 8
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        counts = self.max_iterations, self.batch, self.first_block, self.survivors
+        if min(counts) < 1 or self.growth < 2 or self.min_iterations < 0:
+            raise ValueError(f"counts must be positive and growth at least 2, got {self}")
+        if not (0 < self.stop_share <= 1 and 0 < self.confidence < 1):
+            raise ValueError(f"stop_share must be in (0, 1], confidence in (0, 1), got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RansacResult:
+    """The best model (None if no sample gave any), its cost over all data, and how the loop ended.
+
+    ``contenders`` are the best models as sampled, best first: starts for an optimisation that knows more.
+    """
+
+    model: Models | None
+    cost: float
+    iterations: int
+    stop: Stop
+    contenders: list[Models]
+
+
+def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
+    """Search the model of least cost; deterministic given the state of rng.
+
+    A model is refined when, as sampled, it beats every sampled model before it on all data; refined models
+    compete by their cost on all data.
+
+    References
+    ----------
+    Chum, Matas and Kittler, Locally optimized RANSAC, DAGM 2003.
+    """
+    order = rng.permutation(estimator.count)
+    best: Models | None = None
+    sampled: list[tuple[float, Models]] = []
+    cost, raw_cost, iterations, stop = np.inf, np.inf, 0, Stop.ITERATIONS
+    while iterations < options.max_iterations:
+        draw = min(options.batch, options.max_iterations - iterations)
+        models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
+        iterations += draw
+        sampled = sorted(
+            [*sampled, *zip(estimator.score(models, order).tolist(), models, strict=True)], key=itemgetter(0)
+        )[: options.contenders]
+        if sampled and sampled[0][0] < raw_cost:
+            raw_cost = sampled[0][0]
+            candidate, candidate_cost = _improve(estimator, sampled[0][1], raw_cost, order)
+            if candidate_cost < cost:
+                best, cost = candidate, candidate_cost
+        reason = None if best is None else stop_reason(estimator.shares(best), iterations, estimator, options)
+        if reason is not None:
+            stop = reason
+            break
+    contenders = [model for _, model in sampled]
+    return RansacResult(model=best, cost=float(cost), iterations=iterations, stop=stop, contenders=contenders)
+
+
+def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
+    """Thin out models on growing blocks of the data until ``options.survivors`` are left, best first.
+
+    References
+    ----------
+    Nister, Preemptive RANSAC for live structure and motion estimation, ICCV 2003.
+    """
+    start, size = 0, options.first_block
+    total = np.zeros(len(models))
+    while len(models) > options.survivors and start < len(order):
+        total = total + estimator.score(models, order[start : start + size])
+        keep = max(options.survivors, len(models) // options.growth)
+        kept = np.argsort(total, kind="stable")[:keep]
+        models, total = models[kept], total[kept]
+        start, size = start + size, size * options.growth
+    return models[: options.survivors]
+
+
+def _improve(
+    estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]
+) -> tuple[Models, float]:
+    """Refine a model; give the cheaper of both with its cost."""
+    refined = estimator.refine(model)
+    refined_cost = float(estimator.score(refined[None], order)[0])
+    return (refined, refined_cost) if refined_cost < cost else (model, cost)
+
+
+def stop_reason(
+    shares: tuple[float, float], iterations: int, estimator: Estimator, options: RansacOptions
+) -> Stop | None:
+    """Say whether to stop, and why."""
+    if iterations < options.min_iterations:
+        return None
+    fitting, inliers = shares
+    if fitting >= options.stop_share:
+        return Stop.FIT
+    if iterations >= needed_iterations(inliers, estimator.sample_size, options.confidence):
+        return Stop.CONFIDENCE
+    return None
+
+
+def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
+    """Give log(1 - confidence) / log(1 - w^m): samples needed so that one is surely all inliers."""
+    good = min(max(inlier_share, 0.0), 1.0) ** sample_size
+    if good <= 0:
+        return float("inf")
+    return 0.0 if good >= 1 else float(np.log1p(-confidence) / np.log1p(-good))
+
+
+def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Generator) -> NDArray[np.int_]:
+    """Draw index sets (samples, size) without repetition inside a set, by weight.
+
+    Sets are drawn with repetition; the few that have one are drawn anew without (Gumbel top-k).
+
+    Raises
+    ------
+    ValueError
+        If there are fewer data than ``size``.
+    """
+    if len(weights) < size:
+        raise ValueError(f"need at least {size} data to sample from, got {len(weights)}")
+    cumulative = np.cumsum(np.maximum(weights, TINY))
+    drawn: NDArray[np.int_] = np.searchsorted(
+        cumulative[:-1], rng.random((samples, size)) * cumulative[-1], side="right"
+    )
+    repeated = (np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1)
+    keys = np.log(np.maximum(weights, TINY)) + rng.gumbel(size=(int(repeated.sum()), len(weights)))
+    drawn[repeated] = np.argpartition(-keys, size - 1, axis=1)[:, :size]
+    return drawn

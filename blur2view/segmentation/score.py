@@ -1,0 +1,177 @@
+"""How much each smear contradicts the camera's motion, on the network's grid.
+
+The score is a squared residual over its variance. The network's errors are alike over much of an image and
+in proportion to the smear's length, so their scale is taken from the photograph: that of the residuals of
+most smears, which are static ones. Against F the residual is the Sampson distance of the better order, whose
+error is that of the smear's direction; against a homography the end-point error; of a still camera the
+length of the smear itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.sampson import serrmin
+from blur2view.pipeline import Estimate
+from blur2view.smears.field import smear_ends
+from blur2view.smears.sampling import GridSmears, grid_pixels
+
+HALF_NORMAL_60 = 0.8416  # its quantile 0.6: the scale holds while at most 40 % of the smears move
+# Error of Sampson distances that no sigma tells: of 0.3, 0.6 and 1 px the best on rendered scenes. One that
+# falls with most residuals, down to 0.3 px, is better for exact smears and calls more still things moving.
+FLOOR_PX = 1.0
+STILL_FLOOR_PX = 0.75  # of lengths before a still camera: on sharp photographs their median is 0.3 to 0.6 px
+LEAST_SCALE = 0.2  # errors over stated ones, at least
+SIGHT_PX = 6.0  # length of a smear that must be told from none where nothing else moves
+STILL_SHARE = 0.5  # of the measurable image without smears from which the camera stands still
+MEDIAN_RAYLEIGH = 1.1774
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionScore:
+    """Scores on the network's grid.
+
+    Parameters
+    ----------
+    score : ndarray of shape (h, w)
+        Squared residual over its variance.
+    reach : ndarray of shape (h, w)
+        The score that a smear of this length and certainty would have if it ran across what the camera's
+        motion predicts: where that is small nothing can be told.
+    reason : str
+        What the score was measured against.
+    still : bool
+        Whether it was a camera that stands still.
+    """
+
+    score: Array
+    reach: Array
+    reason: str
+    still: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Grid:
+    """The smears that are judged: ends (N, 2, 2), lengths and standard deviations (N,), pixels.
+
+    Ends are NaN where a distorted camera has no rays; then so are residuals against F and H.
+    """
+
+    ends: Array
+    length_px: Array
+    across_px: Array
+    whole_px: Array
+
+    @classmethod
+    def of(cls, found: Estimate) -> _Grid:
+        smears = GridSmears.of(found.field)
+        ends = measured_ends(smears, found.camera)
+        across = smears.sigma_px if smears.across_px is None else smears.across_px
+        return cls(ends=ends, length_px=smears.length_px, across_px=across, whole_px=smears.sigma_px)
+
+
+def motion_score(found: Estimate) -> MotionScore:
+    """Score the smears of an estimate against the motion of the camera that it holds.
+
+    Parameters
+    ----------
+    found : Estimate
+
+    Returns
+    -------
+    MotionScore
+        Without F, homography or a still camera there is nothing to measure against, and reach is zero.
+    """
+    grid, geometry, still = _Grid.of(found), found.geometry, False
+    if geometry.F is not None:
+        residual, reach = _against_F(grid, geometry.F)
+        reason = "measured by the distance from the epipolar lines of the camera's F"
+    elif geometry.H is not None:
+        residual, reach = _against_H(grid, geometry.H)
+        reason = "measured by the error against the camera's homography"
+    elif found.matches.still_share >= STILL_SHARE:
+        (residual, reach), still = _against_stillness(grid), True
+        share = f"{found.matches.still_share:.0%} of what can be measured shows no smear"
+        reason = f"the camera stands still ({share}): measured by the smears' length"
+    else:
+        residual = reach = np.zeros(len(grid.ends))
+        reason = f"nothing to measure against: {geometry.reason}"
+    reach = np.maximum(residual, reach)  # what is seen to move can be seen
+    residual, reach = (np.where(np.isnan(value), 0.0, value) for value in (residual, reach))  # without rays
+    score, reach = (np.reshape(value**2, grid_shape(found.field.shape)) for value in (residual, reach))
+    return MotionScore(score=score, reach=reach, reason=reason, still=still)
+
+
+def _against_F(grid: _Grid, F: Array) -> tuple[Array, Array]:
+    """Sampson distances, and those of smears turned by 90 degrees, in standard deviations."""
+    residual, turned = np.sqrt(serrmin(F, grid.ends)), np.sqrt(serrmin(F, turned_ends(grid.ends)))
+    sigma = 0.5**0.5 * grid.across_px  # each end has half of the smear's error, and F meets both
+    sigma = _met(residual, sigma)
+    return residual / sigma, turned / sigma
+
+
+def _against_H(grid: _Grid, H: Array) -> tuple[Array, Array]:
+    """Differences from a homography's displacements, and the largest there could be, in sigmas."""
+    predicted = displacement_of(H, grid.ends.mean(axis=1))
+    seen = grid.ends[:, 1] - grid.ends[:, 0]
+    error = np.minimum(*(np.linalg.norm(seen - sign * predicted, axis=1) for sign in (1, -1)))
+    sigma = _met(error, grid.whole_px)
+    return error / sigma, np.maximum(2**0.5 * np.linalg.norm(predicted, axis=1), SIGHT_PX) / sigma
+
+
+def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
+    """Lengths, and the length that must be seen, in standard deviations."""
+    sigma = max(float(np.median(grid.length_px)) / MEDIAN_RAYLEIGH, STILL_FLOOR_PX)
+    blind = grid.whole_px > np.maximum(grid.length_px, SIGHT_PX)
+    return grid.length_px / sigma, np.where(blind, 0.0, SIGHT_PX / sigma)
+
+
+def _met(residual: Array, stated: Array) -> Array:
+    """Scale stated standard deviations (N,) to what most residuals show, never below a floor."""
+    ratios = residual / np.hypot(stated, FLOOR_PX)
+    known = ratios[np.isfinite(ratios)]
+    ratio = float(np.quantile(known, 0.6)) / HALF_NORMAL_60 if len(known) else 1.0
+    own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, FLOOR_PX)
+    return np.asarray(max(ratio, 1.0) * own)
+
+
+def turned_ends(ends: Array) -> Array:
+    """Turn smears (N, 2, 2) by 90 degrees about their midpoints."""
+    middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
+    turned = np.stack([-half[:, 1], half[:, 0]], axis=1)
+    return np.stack([middle - turned, middle + turned], axis=1)
+
+
+def displacement_of(H: Array, middle: Array) -> Array:
+    """Displacements (N, 2) of the scene points that a homography H (3, 3) has at ``middle`` at mid exposure.
+
+    Half of the motion before, half after: ends that H maps on each other about the given midpoints, to
+    second order.
+    """
+    forward, backward = (_mapped(M, middle) for M in (H, np.asarray(np.linalg.inv(H), float)))
+    return 0.5 * (forward - backward)
+
+
+def _mapped(H: Array, points: Array) -> Array:
+    """Points (N, 2) under a homography."""
+    mapped = homogeneous(points) @ H.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+def measured_ends(smears: GridSmears, camera: Camera | None) -> Array:
+    """Give the ends (N, 2, 2) as the camera's undistorted picture shows them, which F and H are of."""
+    ends = smear_ends(smears.points, smears.displacement)
+    if camera is None or not camera.distorted:
+        return ends
+    return camera.undistorted(ends)
+
+
+def grid_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Count the rows and columns of `GridSmears` for a field (H, W)."""
+    rows, columns = grid_pixels(shape)
+    return len(np.unique(rows)), len(np.unique(columns))

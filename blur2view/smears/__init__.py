@@ -1,0 +1,1 @@
+"""The smear field, and matches whose order is unknown."""

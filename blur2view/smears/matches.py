@@ -1,0 +1,130 @@
+"""Ambiguous matches: the two ends of every smear, without their order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+
+LEAST_ACROSS_PX = 0.1
+STRIDE = 4  # the network's grid: cell (i, j) has its centre at pixel (4j + 1.5, 4i + 1.5)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearMatches:
+    """Smears as matches whose order is unknown.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (N, 2, 2), float64
+        The two ends of every smear, pixels; which of them is the start means nothing.
+    sigma_px : ndarray of shape (N,), float64
+        Standard deviation of the end-point error |d - d*| of every smear; positive.
+    image_size : (int, int), optional
+        Width and height of the image. With it the estimator may assume an ordinary camera.
+    still_share : float
+        Share of the measurable image that shows no motion, in [0, 1].
+    sure_share : float
+        Share of the image in which the direction of blur can be told, in [0, 1].
+    across_px : ndarray of shape (N,), float64, optional
+        Standard deviation of the part of the error across every smear, where the network tells; positive.
+
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
+    """
+
+    ends: Array
+    sigma_px: Array
+    image_size: tuple[int, int] | None = None
+    still_share: float = 0.0
+    sure_share: float = 1.0
+    across_px: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Convert to float64 and check shapes and values."""
+        ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)
+        if ends.ndim != 3 or ends.shape[1:] != (2, 2) or sigma.shape != ends.shape[:1]:
+            raise ValueError(f"expected ends (N, 2, 2) and sigma_px (N,), got {ends.shape} and {sigma.shape}")
+        if not (np.isfinite(ends).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
+            raise ValueError("ends must be finite, sigma_px finite and positive")
+        if self.image_size is not None and min(self.image_size) < 1:
+            raise ValueError(f"image_size must be positive, got {self.image_size}")
+        for name in ("still_share", "sure_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+        if self.across_px is not None:
+            across = np.array(self.across_px, np.float64)
+            if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
+                raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
+            object.__setattr__(self, "across_px", across)
+        object.__setattr__(self, "ends", ends)
+        object.__setattr__(self, "sigma_px", sigma)
+
+    @classmethod
+    def from_points(
+        cls,
+        points1: Array,
+        points2: Array,
+        sigma_px: float | Array = 1.0,
+        image_size: tuple[int, int] | None = None,
+    ) -> SmearMatches:
+        """Build from two arrays (N, 2) of matched pixels; what their order was is forgotten.
+
+        ``sigma_px`` is that of the displacement, a number or (N,): twice the standard deviation of one
+        coordinate of one point, if both points err alike.
+        """
+        points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
+        if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:
+            raise ValueError(f"expected two arrays of shape (N, 2), got {points1.shape} and {points2.shape}")
+        sigma = np.broadcast_to(np.asarray(sigma_px, float), points1.shape[:1])
+        return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
+
+    def __len__(self) -> int:
+        """Give the number of matches."""
+        return len(self.ends)
+
+    def subset(self, index: NDArray[Any]) -> SmearMatches:
+        """Only the matches of an index or mask."""
+        across_px = None if self.across_px is None else self.across_px[index]
+        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
+
+    @property
+    def across_scale(self) -> float:
+        """Median of the whole error's sigma over that across the smear; 1 where the latter is not known."""
+        if self.across_px is None or not len(self):
+            return 1.0
+        return float(np.median(self.sigma_px / self.across_px))
+
+    def weighed_across(self) -> SmearMatches:
+        """Return the matches with sigmas in proportion to the errors across the smears, if these are known.
+
+        Their size stays that of the whole error in the median, so that what is believed of smears does not
+        depend on whether the network tells directions.
+        """
+        if self.across_px is None or not len(self):
+            return self
+        return replace(self, sigma_px=self.across_px * self.across_scale)
+
+    @property
+    def midpoint(self) -> Array:
+        """Mid-exposure pixels, (N, 2)."""
+        middle: Array = self.ends.mean(axis=1)
+        return middle
+
+    @property
+    def displacement(self) -> Array:
+        """Displacements d, (N, 2), pixels, sign arbitrary."""
+        displacement: Array = self.ends[:, 1] - self.ends[:, 0]
+        return displacement
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths |d|, (N,), pixels."""
+        length: Array = np.hypot(*self.displacement.T)
+        return length

@@ -1,0 +1,278 @@
+"""Sign components: groups of smears whose relative order is certain, so that each has one unknown sign.
+
+Smears of one surface that are near each other have nearly the same displacement, up to the sign nobody
+knows. An edge joins two near smears whose displacements agree up to sign; it is certain where the smears
+around both agree with both, which chance agreements (outliers) and the borders of layers lack. Components of
+certain edges then merge where they touch and most pairs across agree. A component in which the signs
+contradict each other (around a cycle) falls back to fewer edges. Near and far layers may move oppositely, so
+components are only as large as the field is smooth.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sign_graph import Edges, Labels, balanced, connected, near_pairs, support
+
+BLOCK = 4  # side, in distances that count as near, of the blocks that a contradictory component falls into
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentOptions:
+    """When the relative order of two smears counts as certain.
+
+    ``neighbours`` the mean number of smears within the distance that counts as near; ``max_difference`` the
+    greatest |d_i -+ d_j| over the root mean square length that agrees, tightened to ``usual`` times the
+    median of the certain edges but not below ``floor``; ``min_common`` near smears that must agree with both
+    ends of a certain edge, and ``min_common_share`` their least share of those that agree with one;
+    ``min_merge`` the least number of agreeing pairs across that merge two components, and
+    ``min_merge_share`` their least share of all pairs across, near ones and those near among every
+    ``sparse``-th smear: fields of a network have gaps; ``valley`` and ``min_part`` see `_parted`.
+    """
+
+    neighbours: int = 16
+    max_difference: float = 0.4
+    usual: float = 3.0
+    floor: float = 0.2
+    min_common: int = 2
+    min_common_share: float = 0.5
+    min_merge: int = 2
+    min_merge_share: float = 0.5
+    sparse: int = 4
+    valley: float = 0.6
+    min_part: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        if min(self.neighbours, self.min_merge, self.sparse) < 1 or self.min_common < 0:
+            raise ValueError(f"need neighbours, min_merge, sparse >= 1, min_common >= 0, got {self}")
+        if not 0 <= self.floor <= self.max_difference < 2 or not self.usual > 0:
+            raise ValueError(f"need 0 <= floor <= max_difference < 2 and usual > 0, got {self}")
+        if not 0 <= self.min_common_share <= 1:
+            raise ValueError(f"min_common_share must be in [0, 1], got {self.min_common_share}")
+        if not 0 < self.min_merge_share <= 1:
+            raise ValueError(f"min_merge_share must be in (0, 1], got {self.min_merge_share}")
+        if not (0 <= self.valley <= 1 and 0 <= self.min_part <= 1):
+            raise ValueError(f"valley and min_part must be in [0, 1], got {self}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SignComponents:
+    """Smears grouped so that each group has one unknown sign.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (N,)
+        The component of every smear, 0 to count - 1, largest first.
+    sign : ndarray of shape (N,)
+        +1 or -1: displacements times sign are alike oriented inside a component.
+    """
+
+    label: Labels
+    sign: Array
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        if self.label.ndim != 1 or self.label.shape != self.sign.shape:
+            raise ValueError(f"expected label and sign (N,), got {self.label.shape} and {self.sign.shape}")
+        if not (np.abs(self.sign) == 1).all() or (len(self.label) and self.label.min() < 0):
+            raise ValueError("labels must not be negative, signs must be +1 or -1")
+
+    def __len__(self) -> int:
+        """Give the number of smears."""
+        return len(self.label)
+
+    @property
+    def count(self) -> int:
+        """Number of components, singletons included."""
+        return int(self.label.max()) + 1 if len(self.label) else 0
+
+    @property
+    def sizes(self) -> Labels:
+        """Smears of every component, (count,)."""
+        return np.bincount(self.label)
+
+    def touched(self, samples: NDArray[np.int_]) -> Labels:
+        """Count the components (B,) that index sets (B, m) touch."""
+        ordered = np.sort(self.label[samples], axis=1)
+        touched: Labels = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1)
+        return touched
+
+    def subset(self, index: NDArray[np.int_] | NDArray[np.bool_] | slice) -> SignComponents:
+        """Only the smears of an index or mask, relabelled."""
+        return _relabelled(self.label[index], self.sign[index])
+
+
+def no_components(count: int) -> SignComponents:
+    """Give every smear a component of its own: no order is known of any other."""
+    return SignComponents(label=np.arange(count), sign=np.ones(count))
+
+
+def sign_components(matches: SmearMatches, options: ComponentOptions | None = None) -> SignComponents:
+    """Group smears whose relative order is certain.
+
+    Parameters
+    ----------
+    matches : SmearMatches
+        Scattered anywhere; their sigma is not used.
+    options : ComponentOptions, optional
+
+    Returns
+    -------
+    SignComponents
+        Outliers and smears without like neighbours are mostly singletons. Deterministic.
+    """
+    options = options or ComponentOptions()
+    count, points = len(matches), matches.midpoint
+    if count < 2:
+        return no_components(count)
+    near, radius = near_pairs(points, options.neighbours)
+    edges = Edges.between(matches.displacement, near, options.max_difference)
+    both, either = support(points, radius, near, edges)
+    certain = edges.only((both >= options.min_common) & (both >= options.min_common_share * either))
+    limit = _limit(certain, options)
+    certain = certain.only(certain.difference < limit)
+    label, sign = balanced(_rungs(certain, points, radius, limit), count)
+    touching = np.concatenate([near, _far_pairs(points, radius, options)], axis=1)
+    edges = Edges.between(matches.displacement, touching, limit)
+    joined, flip = balanced([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
+    parted = _parted(joined[label], edges, matches.length_px, options)
+    return _relabelled(parted, sign * flip[label])
+
+
+def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Labels:
+    """Give the pairs (2, E) that are near among every ``sparse``-th point alone."""
+    sparse = np.arange(0, len(points), options.sparse)
+    if len(sparse) < 2:
+        return np.zeros((2, 0), int)
+    pairs = sparse[near_pairs(points[sparse], options.neighbours)[0]]
+    apart = points[pairs[0]] - points[pairs[1]]
+    far: Labels = pairs[:, np.hypot(*apart.T) > radius]
+    return far
+
+
+def _limit(certain: Edges, options: ComponentOptions) -> float:
+    """Tighten the difference that agrees to what is usual on surfaces."""
+    if not len(certain.i):
+        return options.max_difference
+    usual = options.usual * float(np.median(certain.difference))
+    return float(np.clip(usual, options.floor, options.max_difference))
+
+
+def _rungs(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
+    """Yield fewer and fewer edges, for components that contradict themselves; at last only inside blocks."""
+    yield certain
+    halved = certain.only(certain.difference < 0.5 * limit)
+    yield halved
+    block = np.floor(points / max(BLOCK * radius, 1e-9)).astype(int)
+    yield halved.only((block[halved.i] == block[halved.j]).all(axis=1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SamplePatterns:
+    """Sign patterns of samples that touch equally many components.
+
+    ``index`` (b,) says which samples these are; ``signs`` (b, P, m) are their patterns as
+    `minimal_solvers.solve_seven_smears` takes them, P = 2^(touched - 1), the first sign of each +1.
+    """
+
+    index: Labels
+    signs: Array
+
+
+def sample_patterns(
+    components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
+) -> list[SamplePatterns]:
+    """Give the sign patterns that components leave for every sample, grouped by their number.
+
+    Parameters
+    ----------
+    components : SignComponents
+        `no_components` leaves all 2^(m - 1) patterns.
+    drawn : ndarray of int, shape (B, m)
+        Index sets.
+    doubted : ndarray of bool, shape (B,), optional
+        Samples that get all patterns, so that a search survives a wrong grouping; default none.
+
+    Returns
+    -------
+    list of SamplePatterns
+        By growing number of patterns; every sample is in exactly one.
+
+    Examples
+    --------
+    >>> for group in sample_patterns(components, drawn):
+    ...     F, sample = solve_seven_smears(ends[drawn[group.index]], group.signs)
+    ...     sample = group.index[sample]
+    """
+    label = components.label[drawn]  # (B, m)
+    if doubted is not None:
+        label[doubted] = np.arange(label.shape[1])
+    order = np.argsort(label, axis=1, kind="stable")
+    ordered = np.take_along_axis(label, order, axis=1)
+    step = np.concatenate([np.zeros((len(drawn), 1), int), np.diff(ordered, axis=1) != 0], axis=1)
+    place = np.empty_like(label)  # which of the touched components, 0, 1, ...
+    np.put_along_axis(place, order, np.cumsum(step, axis=1), axis=1)
+    touched = place.max(axis=1, initial=0) + 1
+    groups = []
+    for number in np.unique(touched):
+        index = np.flatnonzero(touched == number)
+        free = np.array(list(itertools.product([1.0, -1.0], repeat=int(number) - 1)))  # (P, number - 1)
+        table = np.concatenate([np.ones((len(free), 1)), free], axis=1)
+        signs = np.swapaxes(table[:, place[index]], 0, 1) * components.sign[drawn[index]][:, None]
+        groups.append(SamplePatterns(index=index, signs=signs * signs[:, :, :1]))
+    return groups
+
+
+def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: ComponentOptions) -> Edges:
+    """Edges between components that, where they touch, mostly agree in one relative sign."""
+    count = int(label.max()) + 1
+    across = np.flatnonzero(label[edges.i] != label[edges.j])
+    i, j = edges.i[across], edges.j[across]
+    key, index = np.unique(_pair_key(label[i], label[j], count), return_inverse=True)
+    net = np.bincount(index, weights=edges.sign[across] * sign[i] * sign[j], minlength=len(key))
+    touching = np.sort(_pair_key(label[near[0]], label[near[1]], count))
+    total = np.searchsorted(touching, key, side="right") - np.searchsorted(touching, key)
+    join = (np.abs(net) >= options.min_merge) & (np.abs(net) >= options.min_merge_share * total)
+    one, other = np.divmod(key[join], count)
+    return Edges(i=one, j=other, sign=np.sign(net[join]), difference=np.zeros(len(one)))
+
+
+def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
+    """Part components whose long smears hang together by short ones alone.
+
+    Where the motion passes through zero it turns round, but smears on both sides look alike. Long is a smear
+    of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
+    component do not count.
+    """
+    count = int(label.max()) + 1
+    order, sizes = np.lexsort((length_px, label)), np.bincount(label, minlength=count)
+    quartile = length_px[order][np.cumsum(sizes) - 1 - sizes // 4]
+    long = length_px >= options.valley * quartile[label]
+    alike = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
+    part = connected(edges.i[alike], edges.j[alike], len(label))
+    size = np.bincount(part, weights=long)
+    whole = np.zeros(len(size), int)
+    whole[part] = label
+    counts = np.bincount(whole[size >= np.maximum(options.min_part * sizes[whole], 1)], minlength=count)
+    return np.where(counts[label] > 1, count + part, label)
+
+
+def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
+    key: Labels = np.minimum(one, other) * count + np.maximum(one, other)
+    return key
+
+
+def _relabelled(label: Labels, sign: Array) -> SignComponents:
+    """Name components 0, 1, ... by falling size."""
+    _, index, sizes = np.unique(label, return_inverse=True, return_counts=True)
+    rank = np.empty(len(sizes), int)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
+    return SignComponents(label=rank[index], sign=sign)

@@ -1,0 +1,1 @@
+"""Policy: which model the smears support, and whether to believe it."""

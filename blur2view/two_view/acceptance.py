@@ -1,0 +1,132 @@
+"""When no F can be trusted: nothing to see, or no consensus beyond chance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.geometry.sampson import serrmin
+from blur2view.robust.problem import SmearProblem, occupied_blocks
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import RefineOptions
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.model_selection import Fit
+from blur2view.two_view.options import EstimatorOptions
+
+CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
+SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
+HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
+HELD_OUT_MATCHES = 300
+
+
+def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+    """Reason to look for no F at all, or None."""
+    if matches.still_share > options.max_still_share:
+        return (
+            f"no motion of the camera: {matches.still_share:.0%} of the measurable image shows no smear "
+            f"(limit {options.max_still_share:.0%})"
+        )
+    if matches.sure_share < options.min_sure_share:
+        return (
+            f"no motion: the direction of blur can be told in {matches.sure_share:.1%} of the image "
+            f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
+        )
+    if len(matches) < options.min_matches:
+        return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"
+    median = float(np.median(matches.length_px))
+    if median < options.min_length_px:
+        return f"no motion: the median smear is {median:.2f} px long, below {options.min_length_px:.2f} px"
+    if constant_field(matches):
+        return f"constant field: all smears are alike ({median:.1f} px), which fits any rotation or plane"
+    return _uncovered(matches, options)
+
+
+def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+    """Reason if the smears cover so little of the image that they may be one moving object."""
+    if matches.image_size is None:
+        return None
+    block_px = max(matches.image_size) / options.coverage_blocks
+    blocks = min(np.ceil(np.array(matches.image_size) / block_px).prod(), len(matches))
+    coverage = occupied_blocks(matches.midpoint, block_px) / blocks
+    if coverage >= options.min_coverage:
+        return None
+    return (
+        f"the smears cover {coverage:.0%} of the image (at least {options.min_coverage:.0%} needed): "
+        "perhaps one moving object before a still camera"
+    )
+
+
+def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
+    """Whether all displacements agree, up to sign, within a share of their length (95 % of them)."""
+    d = matches.displacement
+    reference = d[np.argsort(matches.length_px)[len(d) // 2]]
+    difference = np.minimum(np.linalg.norm(d - reference, axis=1), np.linalg.norm(d + reference, axis=1))
+    return bool(np.quantile(difference, 0.95) <= tolerance * np.linalg.norm(reference))
+
+
+def consensus(
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+) -> tuple[bool, str]:
+    """Whether to doubt the F of a fit, and the figures that say so.
+
+    F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
+    the image must also predict the other: seven parameters fit a smooth field without any geometry. They
+    do not fit SURE_COUNT smears that err independently.
+    """
+    beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng, problem.sigma_px)
+    figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
+    if beyond < options.min_agreement:
+        return True, figures
+    if beyond >= options.sure_agreement or beyond * problem.independent >= SURE_COUNT:
+        return False, figures
+    held_out = halves_agreement(fit, problem, matches, options, rng)
+    figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
+    return held_out < options.min_held_out, figures
+
+
+def halves_agreement(
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+) -> float:
+    """Refine a fit to each half of the image and test it on the other: mean agreement beyond chance."""
+    middle = matches.midpoint
+    axis = int(np.argmax(np.ptp(middle, axis=0)))
+    side = middle[:, axis] > np.median(middle[:, axis])
+    refinement = RefineOptions(
+        cutoff=options.cutoff, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS
+    )
+    beyond = []
+    for fitted in (side, ~side):
+        train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]
+        if len(train) < options.min_matches:
+            return 0.0
+        point, _ = refine(fit.point, problem.subset(train).weighted, refinement)
+        F = problem.pixels(point.matrix())
+        held_out = np.flatnonzero(~fitted)
+        beyond.append(agreement(F, matches.subset(held_out), rng, problem.sigma_px[held_out])[0])
+    return float(np.mean(beyond))
+
+
+def agreement(
+    F: Array, matches: SmearMatches, rng: np.random.Generator, sigma_px: Array | float = 0.0
+) -> tuple[float, float, float]:
+    """Agreement beyond chance, share of smears that agree with F, share that would by chance.
+
+    A smear agrees when its residual is within CHANCE_RHO of its length, or within a standard deviation
+    ``sigma_px``; chance is measured on the same smears, each turned at random. Beyond chance:
+    (share - chance) / (1 - chance).
+    """
+    length = np.maximum(matches.length_px, 1e-9)
+    tolerance = np.maximum(CHANCE_RHO * length, sigma_px)
+    angle = rng.uniform(0, np.pi, len(matches))
+    half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    turned = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
+    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, turned))
+    return (share - chance) / max(1 - chance, 1e-9), share, chance

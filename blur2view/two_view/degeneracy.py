@@ -1,0 +1,189 @@
+"""Which model the smears pay for: no parallax (rotation or plane), parallax and so an F, or several motions.
+
+A homography alone and a homography with parallax are nested, and compared by a penalised likelihood on one
+noise scale (`parallax`). Where a homography leaves errors that are independent of each other, nothing is
+left to explain: the smears show a rotation or a plane, and there is no F. Where it leaves errors that
+neighbours share, they may be parallax or errors of the smears: then lengths may err by more than directions,
+and smears count for as many as are independent. If parallax is not proven so, F is given with the homography
+beside it: open, where errors are of the size that the smears' standard deviations state; assumed, where they
+are far smaller, as with a network whose sigma is several times its error, for then the noise is not known,
+and photographs mostly show parallax.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.robust.homography import PlaneH
+from blur2view.robust.homography_search import find_plane
+from blur2view.robust.problem import SmearProblem
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
+from blur2view.two_view.multiple_motions import (
+    TwoMotions,
+    find_two_motions,
+    followers,
+    independent_share,
+    suspicious,
+)
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
+from blur2view.two_view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
+from blur2view.two_view.verdict import Structure, Verdict
+
+SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
+NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; network-like ones have 0.25
+STATED = 0.3  # errors over standard deviations from which these are believed; 0.10 to 0.25 on RedKitchen
+PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears counted as independent
+LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
+LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
+ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
+MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
+ATTEMPTS = 3  # of finding two motions
+LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
+
+
+def assess(
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+    doubt: bool = False,
+) -> Verdict:
+    """Say what the smears show, given every family of F that was fitted.
+
+    Parameters
+    ----------
+    matches : SmearMatches
+    problem : SmearProblem
+        The same smears, with standard deviations rescaled to what is met.
+    fits : list of Fit
+    options : EstimatorOptions
+    rng : numpy.random.Generator
+    doubt : bool
+        Whether the cheapest F explains hardly more than chance: then only a homography is considered.
+    """
+    cutoff, fit = options.cutoff, min(fits, key=lambda fit: fit.score)
+    if doubt and within_errors(matches):
+        sentence = "no motion, the smears are no longer than their errors"
+        return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
+    sample = rng.permutation(len(matches))[:SAMPLE]
+    part = planar_ends(problem, sample)
+    plane = find_plane(part, cutoff, problem.camera_known, rng)
+    if plane is None and not doubt:
+        return Verdict(structure=Structure.PARALLAX, sentence="no homography fits", fit=fit)
+    if plane is not None and whiteness(part, plane.generator(), cutoff) >= WHITE:
+        verdict = without_parallax(problem, fit, plane, cutoff, rng)
+        if verdict is not None and (verdict.F is None or not doubt):
+            return verdict
+    if doubt or plane is None:
+        return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
+    stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
+    evidence = tolerant_evidence(matches, problem, fit, plane, sample)
+    backward = swapped_by(problem, plane)
+    motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
+    if motions is not None:
+        if several(motions, evidence):
+            return several_motions(problem, motions, cutoff)
+        fit = cheaper(problem, fit, motions.F[0], cutoff)  # one motion, but perhaps a better F of it
+        evidence = tolerant_evidence(matches, problem, fit, plane, sample)
+    verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
+    if verdict.structure is Structure.PARALLAX:
+        return verdict
+    simplest = [f for f in fits if f.name == "translation"]
+    for family in (fit, *simplest):
+        if independent_share(problem, family.point.matrix(), backward, cutoff) >= NEARLY_WHITE:
+            return among_independent(problem, fit, family, plane)
+    believed = float(np.median(problem.sigma_px / stated_px)) >= STATED
+    return verdict if believed else replace(verdict, structure=Structure.ASSUMED)
+
+
+def within_errors(matches: SmearMatches) -> bool:
+    """Whether the shorter smears are as short as errors alone make them, up to half of the smears astray.
+
+    Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
+    distributed exponentially with mean 1.
+    """
+    ratio = (matches.length_px / matches.sigma_px) ** 2
+    return bool(np.quantile(ratio, 0.35) < -np.log(1 - 0.35 / 0.5))
+
+
+def collinear(matches: SmearMatches) -> str | None:
+    """Reason if the midpoints lie along one line, which leaves F and H undetermined, or None."""
+    middle = matches.midpoint - matches.midpoint.mean(axis=0)
+    long, short = np.linalg.svd(middle, compute_uv=False) if len(middle) > 1 else (0.0, 0.0)
+    if short > LEAST_WIDTH * long:
+        return None
+    return (
+        f"all smears lie along one line: their midpoints are spread {short / max(long, TINY):.1%} across it"
+    )
+
+
+def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:
+    """Where ends[:, 1] is the open end under a homography, (N,)."""
+    ordered = planar_ends(problem).ordered(plane.generator())
+    return np.abs(ordered.backward) < np.abs(ordered.forward)
+
+
+def motions_of(
+    problem: SmearProblem,
+    fit: Fit,
+    stated_px: Array,
+    backward: NDArray[np.bool_],
+    cutoff: float,
+    rng: np.random.Generator,
+) -> TwoMotions | None:
+    """Give two motions that explain much more than one, or one F that does; None if neither does."""
+    F = fit.point.matrix()
+    if not suspicious(problem, F, stated_px, backward, cutoff):
+        return None
+    for _ in range(ATTEMPTS):
+        motions = find_two_motions(problem, F, stated_px, backward, cutoff, rng)
+        if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
+            break
+    return motions if motions is not None and motions.gain >= LEAST_GAIN else None
+
+
+def several(motions: TwoMotions, evidence: Evidence) -> bool:
+    """Whether two motions are more than an object, than one F explains, and than one homography does."""
+    together = motions.first + motions.second
+    one_homography = evidence.on_plane > MOSTLY * together
+    return motions.balance >= LEAST_BALANCE and motions.single < ENOUGH and not one_homography
+
+
+def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
+    """Name several motions; F is fitted to the smears around which the first fits better."""
+    sentence = (
+        f"{motions.first:.0%} and {motions.second:.0%} of {len(problem.ends)} smears follow two motions, "
+        f"{motions.single:.0%} the best single one"
+    )
+    own = problem.subset(followers(problem, motions, cutoff))
+    name, points = richer_starts(own, [motions.F[0]])
+    fit = fit_best(name, points, replace(own, independent=float(len(own.ends))), cutoff)
+    return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
+
+
+def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
+    """Give the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
+    name, points = richer_starts(problem, [F])
+    other = fit_best(name, points, problem, cutoff)
+    return other if other.score < fit.score else fit
+
+
+def tolerant_evidence(
+    matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
+) -> Evidence:
+    """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
+    found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem, sample), problem.unit_px)
+    return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
+
+
+def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
+    """Judge parallax by a family of F that leaves independent errors: then every smear counts."""
+    found = deviations(plane.generator(), white.point.matrix(), planar_ends(problem), problem.unit_px)
+    return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)

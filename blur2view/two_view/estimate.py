@@ -1,0 +1,235 @@
+"""Policy: from unordered smears to the two-view geometry that is reported, or why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.robust.homography import pixel_homography
+from blur2view.robust.parametrization import CameraF, TranslationF
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.residuals import RefineOptions
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import consensus, refuse
+from blur2view.two_view.calibrated import fit_calibrated
+from blur2view.two_view.degeneracy import assess, collinear
+from blur2view.two_view.model_selection import Fit
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.paper import PaperOptions, paper_fundamental
+from blur2view.two_view.planarity import planar_ends
+from blur2view.two_view.search import search_and_fit
+from blur2view.two_view.verdict import Structure, Verdict
+
+# An F goes with PARALLAX, ASSUMED and OPEN, and with SEVERAL that of the motion which most smears follow.
+CONFIGURATIONS = {
+    Structure.NOTHING: Configuration.UNDEFINED,
+    Structure.STILL: Configuration.DEGENERATE,
+    Structure.ROTATION: Configuration.PANORAMIC,
+    Structure.PLANE: Configuration.PLANAR,
+    Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.ASSUMED: Configuration.UNCALIBRATED,
+    Structure.PARALLAX: Configuration.UNCALIBRATED,
+    Structure.SEVERAL: Configuration.MULTIPLE,
+}
+
+
+def estimate_two_view(
+    matches: SmearMatches,
+    options: EstimatorOptions | None = None,
+    rng: np.random.Generator | None = None,
+    camera: Camera | None = None,
+) -> TwoViewGeometry:
+    """Estimate F from unordered smears, or say why none can be trusted.
+
+    Parameters
+    ----------
+    matches : SmearMatches
+    options : EstimatorOptions, optional
+    rng : numpy.random.Generator, optional
+        Default: seed 0. The same state gives the same answer.
+    camera : Camera, optional
+        Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
+
+    Returns
+    -------
+    TwoViewGeometry
+        UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
+        (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
+        there is parallax, with H alone where rotation and plane cannot be told apart; MULTIPLE with the F of
+        the motion that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
+        constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
+    """
+    options = options or EstimatorOptions()
+    rng = np.random.default_rng(0) if rng is None else rng
+    refusal = refuse(matches, options) or collinear(matches)
+    if refusal is not None:
+        return without_F(matches, Configuration.DEGENERATE, refusal)
+    if camera is not None:
+        matches = undistorted(matches, camera)
+    if options.solver == "scipy":
+        return paper_two_view(matches, options, rng)
+    matches = matches.weighed_across()
+    problem, fits, iterations = search_and_fit(matches, options, rng, camera)
+    geometry = judge(matches, problem, fits, iterations, options, rng)
+    return with_pose(geometry, matches, problem, fits, options) if problem.calibrated else geometry
+
+
+def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
+    """Give the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
+
+    Raises
+    ------
+    ValueError
+        If the camera is for pictures of another size; see `Camera.for_image`.
+    """
+    if matches.image_size not in (None, (camera.width, camera.height)):
+        raise ValueError(f"camera is for {camera.width}x{camera.height}, matches for {matches.image_size}")
+    ends = camera.undistorted(matches.ends)
+    seen = np.isfinite(ends).all(axis=(1, 2), keepdims=True)
+    return replace(matches, ends=np.where(seen, ends, matches.ends))
+
+
+def with_pose(
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Add E, the pose and its covariance to what was found with known intrinsics."""
+    if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
+        return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
+    found = {fit.name: fit.point for fit in fits}
+    start, simple = found.get("camera"), found["translation"]
+    if geometry.F is None or geometry.config is Configuration.MULTIPLE:
+        return geometry
+    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(found)}")
+    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
+    fit = fit_calibrated(problem, start, simple, refinement)
+    oriented = fit.oriented()
+    F = problem.pixels(oriented.pose.essential)
+    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    proven = geometry.config is Configuration.UNCALIBRATED
+    return replace(
+        geometry,
+        F=F,
+        E=oriented.pose.essential,
+        cam2_from_cam1=oriented.pose,
+        covariance=fit.covariance(),
+        reason=f"{geometry.reason}; E and the pose were then fitted to the known intrinsics",
+        config=Configuration.CALIBRATED if proven else geometry.config,
+        model="calibrated",
+        inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
+        swapped=oriented.swapped,
+    )
+
+
+def rotation_of(H: Array, T: Array) -> RigidTransform:
+    """Give the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
+    normalised = T @ H @ np.linalg.inv(T)
+    U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
+    return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
+
+
+def paper_two_view(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
+) -> TwoViewGeometry:
+    """Estimate F as the paper does; believed as it is, or UNDEFINED where no sample gave any."""
+    settings = PaperOptions(
+        max_iterations=options.max_iterations,
+        stop_share=options.stop_inlier_share,
+        fit_error_px=options.fit_error_px,
+    )
+    F, iterations = paper_fundamental(matches.ends, settings, rng)
+    if F is None:
+        return without_F(matches, Configuration.UNDEFINED, "the optimiser found no F", iterations)
+    inlier_mask = serrmin(F, matches.ends) < options.max_error_px**2
+    return TwoViewGeometry(
+        F=F,
+        config=Configuration.UNCALIBRATED,
+        reason=f"the paper's estimator, not tested: {inlier_mask.mean():.0%} of the smears are inliers",
+        inlier_mask=inlier_mask,
+        swapped=swapped_order(F, matches.ends),
+        iterations=iterations,
+        model="paper",
+    )
+
+
+def judge(
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    iterations: int,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+) -> TwoViewGeometry:
+    """Choose the cheapest family, test it against chance, and against no parallax and several motions."""
+    best = min(fits, key=lambda fit: fit.score)
+    doubt, figures = consensus(best, problem, matches, options, rng)
+    verdict = assess(matches, problem, fits, options, rng, doubt)
+    costs = {fit.name: fit.score for fit in fits}
+    if verdict.structure is not Structure.SEVERAL:  # whose fit is of some smears only
+        costs[verdict.fit.name] = verdict.fit.score
+    scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
+    config, F = CONFIGURATIONS[verdict.structure], verdict.F
+    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    if F is not None:
+        F = problem.pixels(F)
+        inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
+        reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
+    elif verdict.A is not None:
+        ordered = planar_ends(problem).ordered(verdict.A)
+        inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
+        swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
+        reason = f"{verdict.structure}: {verdict.sentence}"
+    else:
+        reason = f"{verdict.sentence}: {figures}"
+        return without_F(matches, config, reason, iterations, scores)
+    return TwoViewGeometry(
+        F=F,
+        H=None if verdict.A is None else pixel_homography(verdict.A, problem.T),
+        config=config,
+        reason=reason,
+        inlier_mask=inlier_mask,
+        swapped=swapped,
+        iterations=iterations,
+        model=verdict.model,
+        scores=scores,
+    )
+
+
+def chosen(verdict: Verdict, scores: tuple[tuple[str, float], ...]) -> str:
+    """Say which family F is from, with the others' costs above its own."""
+    if verdict.structure is Structure.SEVERAL:
+        return "F is that of the first"
+    own = verdict.fit
+    others = ", ".join(f"{name} {cost - own.score:+.1f}" for name, cost in scores if name != own.name)
+    return f"F is of the {own.name} family (penalised cost of the others: {others})"
+
+
+def without_F(
+    matches: SmearMatches,
+    config: Configuration,
+    reason: str,
+    iterations: int = 0,
+    scores: tuple[tuple[str, float], ...] = (),
+) -> TwoViewGeometry:
+    """Give the answer that there is no F, with its reason."""
+    none = np.zeros(len(matches), bool)
+    return TwoViewGeometry(
+        F=None,
+        config=config,
+        reason=reason,
+        inlier_mask=none,
+        swapped=none.copy(),
+        iterations=iterations,
+        scores=scores,
+    )

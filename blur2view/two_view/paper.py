@@ -1,0 +1,180 @@
+"""The paper's own estimator, as a reference: a local optimiser on seven smears inside Preemptive RANSAC.
+
+Tran, Forssen and Viksten minimise sum min(|m f|, |m f^T|)^2 over seven smears (m a smear's row of the
+epipolar constraint, f and f^T the entries of F and of its transpose) with SciPy, under det F = 0 and
+|F| = 1; here by SLSQP from one random start, with the derivatives given. In symmetric and skew parts the
+cost is sum (|q| - |l|)^2 (see `epipolar`). It has many local minima, and zeros that are not the true F.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import (
+    apply_similarity,
+    cross_matrix,
+    denormalise,
+    quadratic_features,
+    shared_normalisation,
+    symmetric_from_vector,
+    unit_norm,
+)
+from blur2view.geometry.sampson import serrmin
+from blur2view.robust.minimal_solvers import SAMPLE_SIZE
+from blur2view.robust.ransac import weighted_samples
+
+# Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
+SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)
+SKEW: Array = 0.5 * cross_matrix(np.eye(3)).reshape(3, 9)  # (3, 9)
+STEPS = 100  # of SLSQP, SciPy's default
+PRECISION = 1e-12  # of SLSQP on the cost; at SciPy's 1e-6 it stops beside the zeros
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperOptions:
+    """When the search stops and how it scores.
+
+    ``max_iterations`` samples of seven; fewer once ``stop_share`` of the matches have an SErrMin below
+    ``fit_error_px`` squared (the paper: 1000, 0.9, 1); ``block`` matches scored between two preemptions
+    (Nister: 100).
+    """
+
+    max_iterations: int = 1000
+    stop_share: float = 0.9
+    fit_error_px: float = 1.0
+    block: int = 100
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        if self.max_iterations < 1 or self.block < 1:
+            raise ValueError(f"max_iterations and block must be positive, got {self}")
+        if not (0 < self.stop_share <= 1 and 0 < self.fit_error_px < np.inf):
+            raise ValueError(f"need 0 < stop_share <= 1 and a positive fit_error_px, got {self}")
+
+
+def paper_fundamental(
+    ends: Array, options: PaperOptions, rng: np.random.Generator
+) -> tuple[Array | None, int]:
+    """Estimate F from unordered smears as the paper does.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (N, 2, 2)
+        Pixels, N at least 7.
+    options : PaperOptions
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    F : ndarray of shape (3, 3) or None
+        Unit norm and rank 2, not refined; None where no sample gave any.
+    iterations : int
+        Samples drawn.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than seven smears.
+
+    References
+    ----------
+    Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
+    arXiv 2605.01552.
+    """
+    found: list[Array] = []
+    iterations = 0
+    while iterations < options.max_iterations:
+        drawn = weighted_samples(np.ones(len(ends)), SAMPLE_SIZE, 1, rng)[0]
+        F = minimise_seven(ends[drawn], rng)
+        iterations += 1
+        if F is None:
+            continue
+        found.append(F)
+        if (serrmin(F, ends) < options.fit_error_px**2).mean() >= options.stop_share:
+            break
+    if not found:
+        return None, iterations
+    return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))], options), iterations
+
+
+def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
+    """Give the model with most inliers as Preemptive RANSAC sees it: half are dropped after every block.
+
+    References
+    ----------
+    Nister, Preemptive RANSAC for live structure and motion estimation, ICCV 2003.
+    """
+    inliers = np.zeros(len(models), int)
+    for start in range(0, len(ends), options.block):
+        block = ends[start : start + options.block]
+        inliers = inliers + (serrmin(models, block) < options.fit_error_px**2).sum(axis=1)
+        if len(models) == 1:
+            break
+        kept = np.argsort(-inliers, kind="stable")[: max(len(models) // 2, 1)]
+        models, inliers = models[kept], inliers[kept]
+    best: Array = models[int(np.argmax(inliers))]
+    return best
+
+
+def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
+    """Minimise the paper's cost on seven smears (7, 2, 2) from a random start.
+
+    Returns
+    -------
+    ndarray of shape (3, 3) or None
+        Unit norm, rank 2, pixels; a local minimum. None where the optimiser ends without finite numbers.
+    """
+    from scipy.optimize import minimize
+
+    T = shared_normalisation(ends)
+    rows = constraint_rows(apply_similarity(T, ends.reshape(-1, 2)).reshape(ends.shape))
+    constraints = [
+        {"type": "eq", "fun": lambda f: f @ f - 1, "jac": lambda f: 2 * f},
+        {"type": "eq", "fun": determinant, "jac": cofactors},
+    ]
+    start = rng.normal(size=9)
+    found = minimize(
+        lambda f: ambiguous_cost(f, *rows),
+        start / np.linalg.norm(start),
+        jac=True,
+        method="SLSQP",
+        constraints=constraints,
+        options={"maxiter": STEPS, "ftol": PRECISION},
+    )
+    if not (np.isfinite(found.x).all() and found.x.any()):
+        return None
+    return denormalise(nearest_rank_two(found.x.reshape(3, 3)), T)
+
+
+def constraint_rows(ends: Array) -> tuple[Array, Array]:
+    """Rows (n, 9) that give q and l of smears (n, 2, 2) as products with the entries of F."""
+    q, skew = quadratic_features(ends)
+    return q @ SYMMETRIC, skew @ SKEW
+
+
+def ambiguous_cost(f: Array, q_rows: Array, l_rows: Array) -> tuple[float, Array]:
+    """Give sum (|q| - |l|)^2 and its gradient (9,) at the entries f (9,) of F."""
+    q, skew = q_rows @ f, l_rows @ f
+    gap = np.abs(q) - np.abs(skew)
+    gradient: Array = 2 * ((gap * np.sign(q)) @ q_rows - (gap * np.sign(skew)) @ l_rows)
+    return float(gap @ gap), gradient
+
+
+def determinant(f: Array) -> float:
+    """Give the determinant of the matrix with entries f (9,), row by row."""
+    return float(f[:3] @ np.cross(f[3:6], f[6:]))
+
+
+def cofactors(f: Array) -> Array:
+    """Give the gradient (9,) of `determinant`."""
+    one, two, three = f.reshape(3, 3)
+    return np.concatenate([np.cross(two, three), np.cross(three, one), np.cross(one, two)])
+
+
+def nearest_rank_two(F: Array) -> Array:
+    """Set the least singular value of F (3, 3) to zero; unit norm."""
+    U, singular, Vt = np.linalg.svd(F)
+    return unit_norm((U[:, :2] * singular[:2]) @ Vt[:2])

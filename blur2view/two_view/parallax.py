@@ -1,0 +1,172 @@
+"""How likely smears are under one homography, and under a homography with parallax along epipolar lines.
+
+A displacement, order unknown, is compared with what a homography predicts. Under the homography alone its
+error is as large along the epipolar line as across it; under an F some smears lie farther along the line,
+by parallax. Both are mixtures of Gaussians of fixed widths, with chance, whose weights are fitted by
+expectation-maximisation: a convex problem, the first nested in the second, so that twice the difference of
+the log-likelihoods measures how far the smears prove parallax. Lengths and deviations are in pixels of a
+Sampson distance: displacements over sqrt(2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.sampson import signed_sampson
+from blur2view.robust.homography import PlanarEnds
+
+SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations: nobody vouches for sigma
+FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
+LARGEST = 1.4  # scale at which a smear off the homography may still count as on its epipolar line
+WIDTHS = (1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations
+REACHES = (0.25, 0.5, 1.0, 1.5)  # chance spreads displacements over discs of these times the longest
+LENGTH_ERRORS = (0.0, 0.1, 0.2)  # a network's lengths err by more than its directions
+ROUNDS = 25  # of expectation-maximisation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Deviations:
+    """Deviations of N smears from a homography and from an F, in both orders; pixels of a Sampson distance.
+
+    ``along`` and ``across`` (2, N) are the components of the deviation from the homography in the directions
+    of F's epipolar lines, ``off_line`` (2, N) the distance from the lines themselves; ``cosine`` and
+    ``sine`` (N,) give the direction of the predicted displacement against the line, ``predicted`` (N,) its
+    length; ``measured`` (N,) the length of the smear and ``sigma`` (N,) the standard deviation of its
+    Sampson distance.
+    """
+
+    along: Array
+    across: Array
+    off_line: Array
+    cosine: Array
+    sine: Array
+    predicted: Array
+    measured: Array
+    sigma: Array
+
+    @property
+    def disagreement(self) -> float:
+        """How far F and the homography disagree on the smears' orders: summed squares, cut."""
+        squared = (self.along**2 + self.across**2 + self.off_line**2) / self.sigma**2
+        return float(np.minimum(squared.min(axis=0), 25.0).sum())
+
+
+def deviations(A: Array, F: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
+    """Deviations from the homography of generator A and from F (3, 3), normalised coordinates.
+
+    Of F and its transpose, which fit alike, the one is taken whose orders agree better with A's.
+    """
+    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda found: found.disagreement)
+
+
+def _against(F: Array, A: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
+    middle = homogeneous(matches.ends.mean(axis=1))
+    one, other = matches.ends[:, 0], matches.ends[:, 1]
+    normal, _ = _unit((middle @ F.T)[:, :2])
+    line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+    moved = middle @ A.T
+    heading, speed = _unit(moved[:, :2] - middle[:, :2] * moved[:, 2:])
+    deviation = np.moveaxis(matches.residuals(A), 1, 2) * unit_px  # (2, N, 2)
+    return Deviations(
+        along=(deviation * line).sum(-1),
+        across=(deviation * normal).sum(-1),
+        off_line=np.stack([signed_sampson(F, one, other), signed_sampson(F, other, one)]) * unit_px,
+        cosine=(heading * line).sum(-1),
+        sine=(heading * normal).sum(-1),
+        predicted=speed * unit_px * np.sqrt(0.5),
+        measured=np.linalg.norm(other - one, axis=1) * unit_px * np.sqrt(0.5),
+        sigma=matches.sigma * unit_px,
+    )
+
+
+def _unit(vectors: Array) -> tuple[Array, Array]:
+    """Give unit vectors (N, 2) and lengths (N,)."""
+    length = np.linalg.norm(vectors, axis=1)
+    return vectors / np.maximum(length, TINY)[:, None], length
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What smears say of a homography: shares of them, and a gain in log-likelihood.
+
+    ``gain`` is twice the log-likelihood with parallax minus that without; ``on_plane`` the share of smears
+    that the homography alone explains, ``parallax`` the share that F explains off it.
+    """
+
+    gain: float
+    on_plane: float
+    parallax: float
+
+
+def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Evidence:
+    """Compare the homography alone with the homography and parallax.
+
+    Parameters
+    ----------
+    d : Deviations
+    length_error_px : ndarray of shape (N,), optional
+        The greatest error of the smears' lengths that their source admits, in pixels of a Sampson distance.
+        With it errors along the smear may be larger than across, up to this and to 20 % of its length;
+        without, errors are as large in all directions.
+    """
+    scales, ratios = (SCALES, (0.0,)) if length_error_px is None else (FEW_SCALES, LENGTH_ERRORS)
+    alone, on_line, beside = [], [], []
+    for ratio in ratios:
+        excess = (ratio * d.predicted) ** 2
+        if length_error_px is not None:
+            excess = np.minimum(excess, length_error_px**2)
+        cov = excess * d.cosine * d.sine
+        for scale in scales:
+            white = (scale * d.sigma) ** 2
+            along, across = white + excess * d.cosine**2, white + excess * d.sine**2
+            alone.append(_gaussian(d.along, d.across, along, across, cov))
+            on_line.append(_gaussian(d.along, d.off_line, along, across, cov))
+            wider = [along + (width * d.sigma) ** 2 for width in WIDTHS if scale <= LARGEST]
+            beside += [_gaussian(d.along, d.off_line, var, across, cov) for var in wider]
+    chance = chance_densities(d.measured)
+    simple = np.stack([*alone, *chance], axis=1)
+    weights, _ = mixture(simple)
+    _, without = mixture(simple, weights)  # as many rounds for the one as for the other
+    on_plane = float(weights[: len(alone)].sum())
+    start = np.insert(weights, len(alone), np.full(len(beside), 0.3 * on_plane / len(beside)))
+    start[: len(alone)] *= 0.7
+    found, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
+    parallax = float(found[len(alone) : len(alone) + len(beside)].sum())
+    return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
+
+
+def planar_log_likelihood(A: Array, matches: PlanarEnds, unit_px: float) -> float:
+    """Log-likelihood of smears under a homography alone, errors alike in all directions."""
+    deviation, sigma = matches.residuals(A) * unit_px, matches.sigma * unit_px
+    measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
+    along, across = deviation[:, 0], deviation[:, 1]
+    variances = [(scale * sigma) ** 2 for scale in SCALES]
+    alone = [_gaussian(along, across, var, var, 0.0) for var in variances]
+    return float(mixture(np.stack([*alone, *chance_densities(measured)], axis=1))[1].sum())
+
+
+def chance_densities(measured: Array) -> list[Array]:
+    """Densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
+    radii = np.array(REACHES) * max(float(np.quantile(measured, 0.95)), TINY)
+    floor = 1e-3 / (np.pi * radii[-1] ** 2)  # a smear longer than all discs must not have no density at all
+    return [np.where(measured <= radius, 1 / (np.pi * radius**2), floor) for radius in radii]
+
+
+def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, cov: Array | float) -> Array:
+    """Density (N,) of deviations (2, N), both orders equally likely."""
+    determinant = var_along * var_across - cov * cov
+    squared = (var_across * along**2 - 2 * cov * along * across + var_along * across**2) / determinant
+    density: Array = (0.25 / np.pi) * np.exp(-0.5 * squared).sum(axis=0) / np.sqrt(determinant)
+    return density
+
+
+def mixture(density: Array, start: Array | None = None) -> tuple[Array, Array]:
+    """Weights (J,) of greatest likelihood for fixed components, density (N, J), and log-densities (N,)."""
+    weights = np.full(density.shape[1], 1 / density.shape[1]) if start is None else start
+    for _ in range(ROUNDS):
+        weights = weights * ((1 / (density @ weights)) @ density) / len(density)
+    return weights, np.log(density @ weights)

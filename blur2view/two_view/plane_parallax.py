@@ -1,0 +1,75 @@
+"""F from a dominant plane and the parallax of the smears that lie off it.
+
+A sample of smears of one plane is degenerate for F, and most samples are of that kind where a plane
+dominates; but the plane's homography is then well known, and two smears off the plane fix the epipole. With
+the generator A both ends of a smear are carried to mid exposure; the line through them passes the epipole e
+there, and F = (I - A/2)^T [e]x (I + A/2).
+
+References
+----------
+Chum, Werner and Matas, Two-view geometry estimation unaffected by a dominant plane, CVPR 2005.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous
+from blur2view.geometry.sampson import BatchSampson
+from blur2view.robust.homography import IDENTITY
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.ransac import weighted_samples
+
+PAIRS = 100  # pairs of smears tried; with four orders each 400 epipoles
+SCORED = 500  # smears that judge them
+
+
+def parallax_lines(A: Array, ends: Array) -> Array:
+    """Lines (N, 2, 3) of parallax at mid exposure, for the orders ends[:, 0] and ends[:, 1] first."""
+    one, other = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
+    open_side, close_side = (IDENTITY + 0.5 * A).T, (IDENTITY - 0.5 * A).T
+    orders = [np.cross(x @ open_side, y @ close_side) for x, y in ((one, other), (other, one))]
+    return np.stack(orders, axis=1)
+
+
+def fundamentals_through(A: Array, epipoles: Array) -> Array:
+    """F (M, 3, 3) compatible with the homography of generator A, by the epipoles (M, 3) at mid exposure."""
+    compatible: Array = (IDENTITY - 0.5 * A).T @ cross_matrix(epipoles) @ (IDENTITY + 0.5 * A)
+    return compatible
+
+
+def plane_and_parallax(
+    A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], cutoff: float, rng: np.random.Generator
+) -> Array | None:
+    """Best F that is compatible with a homography and fixed by two smears off it.
+
+    Parameters
+    ----------
+    A : ndarray of shape (3, 3)
+        Generator of the homography, normalised coordinates.
+    problem : SmearProblem
+    off_plane : ndarray of int, shape (M,)
+        Smears that the homography does not explain.
+    cutoff : float
+        Residual in standard deviations at which a smear counts as not explained.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of shape (3, 3) or None
+        Normalised coordinates; None if there are fewer than two such smears.
+    """
+    if len(off_plane) < 2:
+        return None
+    lines = parallax_lines(A, problem.ends[off_plane])
+    first, second = weighted_samples(np.ones(len(off_plane)), 2, PAIRS, rng).T
+    epipoles = np.cross(lines[first][:, :, None], lines[second][:, None, :]).reshape(-1, 3)
+    length = np.linalg.norm(epipoles, axis=1, keepdims=True)
+    models = fundamentals_through(A, epipoles / np.maximum(length, TINY))
+    scored = rng.permutation(len(problem.ends))[:SCORED]
+    squared = BatchSampson(problem.ends[scored], problem.unit_px)(models) / problem.sigma_px[scored] ** 2
+    cost = np.minimum(squared, cutoff**2).sum(axis=1) + np.where(length[:, 0] > TINY, 0.0, np.inf)
+    best = int(np.argmin(cost))
+    return models[best] if np.isfinite(cost[best]) else None

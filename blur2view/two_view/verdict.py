@@ -1,0 +1,62 @@
+"""What the smears show, as data: the structures there are, and a verdict with its models and reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from blur2view.arrays import Array
+from blur2view.two_view.model_selection import Fit
+
+
+class Structure(StrEnum):
+    """What the smears show."""
+
+    STILL = "no motion"
+    PARALLAX = "parallax"
+    OPEN = "parallax or none"
+    ASSUMED = "parallax, not proven"
+    ROTATION = "rotation"
+    PLANE = "plane"
+    ROTATION_OR_PLANE = "rotation or plane"
+    SEVERAL = "several motions"
+    NOTHING = "nothing"
+
+
+WITHOUT_F = {
+    Structure.NOTHING,
+    Structure.STILL,
+    Structure.ROTATION,
+    Structure.PLANE,
+    Structure.ROTATION_OR_PLANE,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """What the smears show, why, and the models that say so.
+
+    ``fit`` is the F (of normalised coordinates) to report where there is one, ``A`` the generator of the
+    homography; ``scores`` names and penalised costs of the homographies, comparable to those of the
+    families of F.
+    """
+
+    structure: Structure
+    sentence: str
+    fit: Fit
+    A: Array | None = None
+    scores: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def F(self) -> Array | None:
+        """F of normalised coordinates, None where there is none."""
+        if self.structure in WITHOUT_F:
+            return None
+        return self.fit.point.matrix()
+
+    @property
+    def model(self) -> str:
+        """Name of the family that F is from, or of the homography."""
+        if self.structure in WITHOUT_F:
+            return str(self.structure)
+        return self.fit.name

@@ -1,0 +1,84 @@
+"""The panel below the overlay: the answer in words, the key of the colours, a map of sigma."""
+
+import cv2
+import numpy as np
+
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from blur2view.visualization.drawing import (
+    FAINT,
+    INK,
+    LEADING_PX,
+    PAPER,
+    TEXT_SIZE,
+    Picture,
+    draw_line,
+    heat_colours,
+    orientation_colours,
+    wrap,
+    write,
+)
+
+_AIDS_HEIGHT_PX = 132
+
+
+def draw_panel(width: int, field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
+    """Draw the caption on the left, the orientation key and the sigma map on the right."""
+    aids = np.hstack([_orientation_key(), _sigma_inset(field)])
+    room = width - aids.shape[1] - 24
+    reason = wrap(geometry.reason, room, TEXT_SIZE)
+    counts = wrap(_counts(matches, geometry), room, TEXT_SIZE)
+    height = max(aids.shape[0], 38 + LEADING_PX * (len(reason) + len(counts)))
+    panel = np.full((height, width, 3), PAPER, np.uint8)
+    panel[: aids.shape[0], width - aids.shape[1] :] = aids
+    write(panel, geometry.config.name.replace("_", " "), (10, 24), size=0.6, thickness=2)
+    for index, line in enumerate(reason + counts):
+        colour = INK if index < len(reason) else FAINT
+        write(panel, line, (10, 46 + LEADING_PX * index), colour=colour)
+    return panel
+
+
+def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
+    """Say how many smears were used and how long they are."""
+    if len(matches) == 0:
+        return "no smears used"
+    length = f"median length {np.median(matches.length_px):.1f} px"
+    if geometry.F is None:
+        return f"{len(matches)} smears used, {length}"
+    return f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears are inliers, {length}"
+
+
+def _orientation_key() -> Picture:
+    """Draw a wheel whose spokes have the colour of their orientation."""
+    key = np.full((_AIDS_HEIGHT_PX, 96, 3), PAPER, np.uint8)
+    angles = np.radians(np.arange(0, 180, 3))
+    spokes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    centre = np.array([47.5, 70.0])
+    for spoke, colour in zip(spokes, orientation_colours(spokes), strict=True):
+        for side in (-1, 1):
+            draw_line(key, centre + side * np.outer([16, 42], spoke), colour, thickness=2)
+    write(key, "orientation", (12, 16), colour=FAINT)
+    return key
+
+
+def _sigma_inset(field: SmearField) -> Picture:
+    """Draw a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
+    height, width = field.shape
+    scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    small = cv2.resize(field.sigma_px, size, interpolation=cv2.INTER_AREA)
+    logs = np.log10(np.maximum(small, 1e-3))
+    low, high = np.percentile(logs, [2, 98])
+    high = max(high, low + 0.1)  # a constant map has one colour
+    inset = np.full((_AIDS_HEIGHT_PX, 150 + 62, 3), PAPER, np.uint8)
+    left = 150 - size[0]
+    inset[24 : 24 + size[1], left:150] = heat_colours((logs - low) / (high - low))
+    bar_height = _AIDS_HEIGHT_PX - 34
+    inset[24 : 24 + bar_height, 158:168] = heat_colours(
+        np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
+    )
+    write(inset, "sigma, px of the photo", (0, 16), colour=FAINT)
+    write(inset, f"{10**high:.2g}", (174, 35))
+    write(inset, f"{10**low:.2g}", (174, 24 + bar_height))
+    return inset

@@ -1,0 +1,186 @@
+"""The report: one HTML file with everything in it, to look at what was found in many photographs."""
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import PurePath
+from string import Template
+from typing import Any
+
+from blur2view.documents import FileEstimate
+from blur2view.segmentation.mask import MotionMask
+from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
+from blur2view.visualization.report_photograph import VERDICT_ORDER, photograph
+
+SCRIPTS = (
+    "unpack",
+    "geometry",
+    "lens",
+    "colours",
+    "smears",
+    "layers",
+    "view",
+    "facts",
+    "viewer",
+    "gestures",
+    "gallery",
+    "main",
+)
+STYLES = ("page", "stage")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One photograph of a report, as text that goes into the page.
+
+    Parameters
+    ----------
+    name : str
+        As the user named it.
+    kind, verdict : str
+        Kind of verdict, see `report_photograph.VERDICTS`, or "failed"; the configuration, or "FAILED".
+    text : str
+        The reason, or the error.
+    median_px : float or None
+        Median length of the smears that were used.
+    thumbnail : str
+        Data URI, empty for a failed photograph.
+    content : str
+        JSON of `report_photograph.photograph`, empty for a failed photograph.
+    """
+
+    name: str
+    kind: str
+    verdict: str
+    text: str
+    median_px: float | None = None
+    thumbnail: str = ""
+    content: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        one: FileEstimate,
+        mask: MotionMask | None = None,
+        mask_s: float | None = None,
+        *,
+        timings: bool = True,
+    ) -> "Entry":
+        """Pack a photograph that was estimated; see `report_photograph.photograph`."""
+        told = photograph(one, mask, mask_s, timings=timings)
+        return cls(
+            name=told["name"],
+            kind=told["kind"],
+            verdict=one.found.geometry.config.name,
+            text=one.found.geometry.reason,
+            median_px=told["median_px"],
+            thumbnail=picture(one.image, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            content=json.dumps(told, allow_nan=False),
+        )
+
+    @classmethod
+    def failed(cls, name: str, error: str) -> "Entry":
+        """Tell of a photograph that could not be estimated."""
+        return cls(name=name, kind="failed", verdict="FAILED", text=error)
+
+
+def report(entries: Sequence[Entry], version: str) -> bytes:
+    """Return the page, UTF-8; equal entries give equal bytes.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        In the order of the call.
+    version : str
+        Of blur2view.
+
+    Returns
+    -------
+    bytes
+        HTML that loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
+    """
+    style = "\n".join(_part(f"{name}.css") for name in STYLES)
+    script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
+    page = Template(_part("page.html")).substitute(
+        title=_plain(_title(entries)),
+        summary=_plain(_count(entries)),
+        version=_plain(version),
+        style=style,
+        style_hash=_hash(style),
+        script=script,
+        script_hash=_hash(script),
+        cards="\n".join(_card(index, entry) for index, entry in enumerate(entries)),
+        contents="\n".join(_content(index, entry) for index, entry in enumerate(entries)),
+        failures=_data("failures", [{"image": e.name, "error": e.text} for e in entries if not e.content]),
+    )
+    return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
+
+
+def _part(name: str) -> str:
+    """Read a file of the page."""
+    return (files("blur2view.visualization") / "report_page" / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return the source expression by which a Content-Security-Policy allows exactly this text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _plain(text: str) -> str:
+    """Escape text for HTML, also within quotes."""
+    return escape(text, quote=True)
+
+
+def _title(entries: Sequence[Entry]) -> str:
+    """Name the report."""
+    return entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"
+
+
+def _count(entries: Sequence[Entry]) -> str:
+    """Say how many photographs there are and how many gave an F."""
+    failed = sum(not entry.content for entry in entries)
+    with_F = sum(entry.kind == "found" for entry in entries)
+    said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{with_F} with F"]
+    return ", ".join(said + [f"{failed} failed"] * bool(failed))
+
+
+def _card(index: int, entry: Entry) -> str:
+    """Return the photograph's card in the gallery, readable without any script."""
+    length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
+    order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
+    picture_html = f'<img src="{entry.thumbnail}" alt="" decoding="async">' if entry.content else ""
+    facts = f"median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
+    body = (
+        f'<span class="card-picture">{picture_html}</span>'
+        f'<span class="card-name">{_plain(PurePath(entry.name).name)}</span>'
+        f'<span class="card-verdict"><span class="chip chip-{entry.kind}">{_plain(entry.verdict)}</span>'
+        f'<span class="card-length">{facts if entry.content else ""}</span></span>'
+        f'<span class="card-text">{_plain(entry.text)}</span>'
+    )
+    link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
+    return (
+        f'<li class="card card-{entry.kind}" data-index="{index}" data-name="{_plain(entry.name)}" '
+        f'data-verdict="{order}" data-length="{length}">'
+        + (link if entry.content else f'<div class="card-body">{body}</div>')
+        + "</li>"
+    )
+
+
+def _content(index: int, entry: Entry) -> str:
+    """Return the block of data of a photograph, none for a failed one."""
+    return _block(f"photo-data-{index}", entry.content) if entry.content else ""
+
+
+def _data(name: str, value: Any) -> str:
+    """Return a block of data."""
+    return _block(name, json.dumps(value, allow_nan=False))
+
+
+def _block(name: str, text: str) -> str:
+    """Return JSON as a block of data that nothing in it can end: angle brackets are written as escapes."""
+    safe = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return f'<script type="application/json" id="{name}">{safe}</script>'

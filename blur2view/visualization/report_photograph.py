@@ -1,0 +1,156 @@
+"""What the report's page is told of one photograph: its picture, its smears and what was found, as JSON."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from blur2view.camera.camera import Camera
+from blur2view.documents import FileEstimate
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.segmentation.mask import MotionMask
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import STRIDE, SmearMatches
+from blur2view.visualization.report_pack import packed, picture
+
+MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
+SMEAR_STEP_PX = 1 / 64
+DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
+LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ordinary lenses
+LENS_STEP_PX = 2**-10
+# Configuration -> kind of verdict (its colour and place in the order) and what it means, in plain words.
+VERDICTS = {
+    Configuration.CALIBRATED: (
+        "found",
+        "The camera moved past things at different depths: F, E and the pose are given.",
+    ),
+    Configuration.UNCALIBRATED: ("found", "The camera moved past things at different depths: F is given."),
+    Configuration.MULTIPLE: (
+        "open",
+        "Two motions share the picture: F is that of the one most smears follow.",
+    ),
+    Configuration.PLANAR_OR_PANORAMIC: ("open", "It is open whether there is parallax."),
+    Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
+    Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
+    Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
+    Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
+}
+UNPROVEN = "The camera moved: F is given, but that things lie at different depths is not proven."
+VERDICT_ORDER = [config.name for config in VERDICTS]
+
+
+def photograph(
+    one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None, *, timings: bool = True
+) -> dict[str, Any]:
+    """Return everything the page shows of one photograph, in JSON's types.
+
+    Parameters
+    ----------
+    one : FileEstimate
+    mask : MotionMask, optional
+        Its layers are left out without.
+    mask_s : float, optional
+        Seconds that it took.
+    timings : bool
+        Without them the same photograph gives the same text again.
+
+    Returns
+    -------
+    dict
+        ``document`` is the text of the JSON that ``blur2view estimate`` gives (``timings_s`` null without
+        timings).
+    """
+    found, geometry = one.found, one.found.geometry
+    facts = one.facts if timings else one.facts | {"timings_s": None}
+    seconds = one.facts["timings_s"] | ({} if mask_s is None else {"mask": mask_s})
+    kind, meaning = VERDICTS[geometry.config]
+    if kind == "found" and geometry.H is not None:
+        meaning = UNPROVEN
+    height, width = found.field.shape
+    return {
+        "name": str(one.path),
+        "width": width,
+        "height": height,
+        "picture": picture(one.image),
+        "kind": kind,
+        "meaning": meaning,
+        "median_px": median_length(found.matches),
+        "document": json.dumps(facts, indent=2, allow_nan=False),
+        "grid": grid(found.field),
+        "matches": matches(found.matches, geometry.inlier_mask, geometry.swapped),
+        "lens": lens(found.camera),
+        "mask": None if mask is None else motion(mask),
+        "seconds": seconds if timings else None,
+    }
+
+
+def median_length(used: SmearMatches) -> float | None:
+    """Return the median length of the smears that were used, pixels; None without any."""
+    return float(np.median(used.length_px)) if len(used) else None
+
+
+def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
+    """Return rows and columns of the pixels that are told: those of `sampling.grid_pixels`, or every k-th.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Height and width of the photograph.
+    """
+    height, width = shape
+    nodes = -(-height // STRIDE) * -(-width // STRIDE)
+    step = STRIDE * int(np.ceil(np.sqrt(nodes / MAX_NODES)))
+    return slice(min(1, height - 1), None, step), slice(min(1, width - 1), None, step)
+
+
+def grid(field: SmearField) -> dict[str, Any]:
+    """Pack the smears at the nodes of a grid, and their sigmas."""
+    rows, columns = node_pixels(field.shape)
+    displacement = field.displacement[rows, columns].transpose(2, 0, 1)
+    told = field.sigma_rad
+    return {
+        "x0": columns.start,
+        "y0": rows.start,
+        "step_px": rows.step,
+        "displacement": packed(displacement, "int16", SMEAR_STEP_PX),
+        "sigma_px": packed(field.sigma_px[rows, columns], "uint16", SMEAR_STEP_PX),
+        "sigma_rad": None if told is None else packed(told[rows, columns], "uint16", DIRECTION_STEP_RAD),
+    }
+
+
+def matches(used: SmearMatches, inlier_mask: Any, swapped: Any) -> dict[str, Any]:
+    """Pack the smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
+    flags = np.asarray(inlier_mask).astype(np.uint8) + 2 * np.asarray(swapped).astype(np.uint8)
+    return {
+        "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),
+        "flags": packed(flags, "uint8"),
+    }
+
+
+def lens(camera: Camera | None) -> dict[str, Any] | None:
+    """Pack where a distorting camera's pixels would lie without distortion, on a grid; None without.
+
+    F and H hold for undistorted pixels, so that epipolar lines are curves in the photograph.
+    """
+    if camera is None or not camera.distorted:
+        return None
+    columns, rows = (
+        np.arange(0, side + LENS_NODE_PX, LENS_NODE_PX) for side in (camera.width, camera.height)
+    )
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).astype(np.float64)
+    straight = camera.undistorted(pixels)
+    moved = np.where(np.isfinite(straight), straight, pixels) - pixels
+    return {"step_px": LENS_NODE_PX, "shift": packed(moved.transpose(2, 0, 1), "int32", LENS_STEP_PX)}
+
+
+def motion(mask: MotionMask) -> dict[str, Any]:
+    """Pack the labels of a motion mask at every k-th pixel, its probability at the nodes of the grid."""
+    rows, columns = node_pixels(mask.labels.shape)
+    every = max(rows.step // STRIDE, 1)
+    return {
+        "labels": packed(mask.labels[::every, ::every], "uint8"),
+        "every_px": every,
+        "probability": packed(np.clip(mask.probability[rows, columns], 0, 1), "uint8", 1 / 255),
+        "reason": mask.reason,
+        "regions": len(mask.regions),
+    }
