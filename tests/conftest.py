@@ -101,7 +101,7 @@ def browser() -> Iterator["Browser"]:
     """Headless Chromium; where there is none the test is skipped."""
     from playwright.sync_api import sync_playwright
 
-    from tools.report_screenshot import find_chromium
+    from tools.reports.report_screenshot import find_chromium
 
     chromium = find_chromium()
     if chromium is None:

@@ -11,8 +11,8 @@ from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from tools.degenerate_scenes import smooth_noise
-from tools.synthetic_matches import (
+from tools.datasets.degenerate_scenes import smooth_noise
+from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     camera,
     layered_depth,

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.rotation import rotation_matrix
-from tools.alignment import Motion, MotionErrors, align, centres, common_scale, rotation_errors_deg
+from tools.reconstruction.alignment import (
+    Motion,
+    MotionErrors,
+    align,
+    centres,
+    common_scale,
+    rotation_errors_deg,
+)
 
 
 def random_poses(rng: np.random.Generator, count: int, line: bool = False) -> np.ndarray:

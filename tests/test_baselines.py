@@ -6,7 +6,7 @@ from scenes import disturb, make_scene
 
 from blur2view.arrays import Array
 from blur2view.metrics import rho
-from tools import baselines
+from tools.estimators import baselines
 
 SOLVERS = [
     baselines.opencv_magsac,

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tools import benchmark
+from tools.evaluation import benchmark
 
 
 def test_first_call_is_extra() -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tools import benchmark_estimators as benchmark
-from tools import estimator_methods, estimator_report
-from tools.estimator_cells import CELLS, FULL, HARD, QUICK, Instance, Plan, synthetic_problem
-from tools.estimator_log import Log, Measured, Record
-from tools.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
+from tools.benchmarks import benchmark_estimators as benchmark
+from tools.benchmarks import estimator_methods, estimator_report
+from tools.benchmarks.estimator_cells import CELLS, FULL, HARD, QUICK, Instance, Plan, synthetic_problem
+from tools.benchmarks.estimator_log import Log, Measured, Record
+from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
 
 EASY = Instance(seed=0, cell="noise 0.25 px", kind="scattered")
 PERFECT = Measured(

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tools import canvas
-from tools.exposure import pixel_grid
-from tools.scene import Layer, Plane
+from tools.rendering import canvas
+from tools.rendering.exposure import pixel_grid
+from tools.rendering.scene import Layer, Plane
 
 SIZE = (160, 128)
 K = np.array([[200.0, 0, 0], [0, 200, 0], [0, 0, 1]])

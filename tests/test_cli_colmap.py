@@ -17,7 +17,7 @@ from blur2view.cli import commands as cli
 from blur2view.cli.to_colmap import fresh_names
 from blur2view.colmap.check import check_database
 from blur2view.geometry.sampson import sampson
-from tools.colmap_projects import ProjectOptions, make_project, user_rows
+from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
 

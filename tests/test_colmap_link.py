@@ -15,9 +15,9 @@ from blur2view.colmap.project import image_names, name_in_project, open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.geometry.epipolar import unit_norm
-from tools.colmap_projects import ProjectOptions, make_project, user_rows
-from tools.kill_writes import kill_many, random_views
-from tools.malformed_projects import SQL_FAULTS, malform
+from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
+from tools.database_safety.kill_writes import kill_many, random_views
+from tools.database_safety.malformed_projects import SQL_FAULTS, malform
 
 FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]

@@ -7,11 +7,11 @@ import pytest
 from test_evaluate import OPTIONS, SIZE
 
 from blur2view.metrics import rho
-from tools import correlated_noise as study
-from tools import testset
-from tools.evaluate import true_ends
-from tools.render import render
-from tools.testset import TestScene
+from tools.datasets import testset
+from tools.datasets.testset import TestScene
+from tools.evaluation import correlated_noise as study
+from tools.evaluation.evaluate import true_ends
+from tools.rendering.render import render
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from tools import crops
-from tools.crops import CropStream, crop, cut, orient, resized
-from tools.dataset import Scenes, encode_linear
+from tools.datasets.shards import Scenes, encode_linear
+from tools.training import crops
+from tools.training.crops import CropStream, crop, cut, orient, resized
 
 SIDE = 64
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from blur2view.errors import Blur2ViewError
-from tools import contact_sheet
-from tools.dataset import (
+from tools.datasets import contact_sheet
+from tools.datasets.shards import (
     Scenes,
     add_scene_arguments,
     decode_linear,
@@ -19,7 +19,7 @@ from tools.dataset import (
     training_record,
     write_shards,
 )
-from tools.render import RenderOptions, render
+from tools.rendering.render import RenderOptions, render
 
 TINY = RenderOptions(size=(64, 48), mover_share=1.0)
 
@@ -63,7 +63,7 @@ def test_shards_are_joined_in_order_of_their_names(tmp_path: Path) -> None:
 
 
 def test_empty_folder_names_the_command(tmp_path: Path) -> None:
-    with pytest.raises(Blur2ViewError, match="python -m tools.dataset"):
+    with pytest.raises(Blur2ViewError, match="python -m tools.datasets.shards"):
         load_shards(tmp_path)
 
 

@@ -10,12 +10,12 @@ import pytest
 from dataset_trees import HEIGHT, WIDTH, png, sceneflow, shifted
 
 from blur2view.geometry.sampson import sampson
-from tools.dataset import load_shards
 from tools.datasets import __main__ as command
 from tools.datasets.sceneflow import SceneFlow
+from tools.datasets.shards import load_shards
+from tools.datasets.testset import read_test_set
 from tools.datasets.videos import RBI, GoProPairs, GoProSharp
-from tools.evaluate import true_ends
-from tools.testset import read_test_set
+from tools.evaluation.evaluate import true_ends
 
 
 def run(words: Iterable[object], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.degeneracy import collinear, within_errors
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.verdict import WITHOUT_F, Structure
-from tools.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
+from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 
 SEEDS = range(6)
 

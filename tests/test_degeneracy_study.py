@@ -10,8 +10,8 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.robust.homography import PlanarEnds
 from blur2view.robust.homography_search import find_plane
-from tools.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
-from tools.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
+from tools.datasets.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
+from tools.evaluation.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
 
 
 @pytest.mark.parametrize("kind", KINDS)

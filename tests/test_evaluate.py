@@ -11,10 +11,11 @@ import pytest
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import SmearField
 from blur2view.smears.sampling import select_matches
-from tools import evaluate, testset
-from tools.render import RenderOptions, render
-from tools.smear_figures import SmearFigures, coherence, evaluate_smears, pooled, smear_tables
-from tools.testset import TestScene
+from tools.datasets import testset
+from tools.datasets.testset import TestScene
+from tools.evaluation import evaluate
+from tools.evaluation.smear_figures import SmearFigures, coherence, evaluate_smears, pooled, smear_tables
+from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
 OPTIONS = RenderOptions(

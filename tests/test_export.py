@@ -13,11 +13,11 @@ import torch
 from blur2view.camera.image import read_image
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
-from tools import export_onnx
-from tools.checkpoint import Run, load_average, start_run
-from tools.export_onnx import Images, difference_px, export, sample_image
-from tools.model import MULTIPLE_OF, ExportedSmear, ModelOptions, SmearUNet
-from tools.stem import STRIDE
+from tools.training import export_onnx
+from tools.training.checkpoint import Run, load_average, start_run
+from tools.training.export_onnx import Images, difference_px, export, sample_image
+from tools.training.model import MULTIPLE_OF, ExportedSmear, ModelOptions, SmearUNet
+from tools.training.stem import STRIDE
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 SHIPPED = Path(__file__).resolve().parents[1] / "models" / "smear.onnx"

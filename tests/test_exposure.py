@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tools.exposure import KNOTS, Exposure, grid_points, knot_weights, pixel_grid, upsample
-from tools.motion import Trajectory
-from tools.scene import Layer, Plane
+from tools.rendering.exposure import KNOTS, Exposure, grid_points, knot_weights, pixel_grid, upsample
+from tools.rendering.motion import Trajectory
+from tools.rendering.scene import Layer, Plane
 
 SIZE = (160, 128)
 K = np.array([[150.0, 0, 80], [0, 150, 62], [0, 0, 1]])

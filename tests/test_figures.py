@@ -16,15 +16,16 @@ from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools import figure_style, figures, testset
-from tools.evaluate import true_ends
-from tools.failure_scenes import CARDS, KINDS, covered, failure_scene
-from tools.figure_cases import Case, at_pixels, at_quantiles
-from tools.figure_curves import SERRMIN_PX2, image_curves, mean_curve
-from tools.figure_failures import failure_figure, told
-from tools.figure_panels import draw_line, in_true_time
-from tools.figure_segmentation import mask_iou, painted, segmentation_panels
-from tools.testset import TestScene, read_test_set
+from tools.datasets import testset
+from tools.datasets.testset import TestScene, read_test_set
+from tools.evaluation.evaluate import true_ends
+from tools.rendering.failure_scenes import CARDS, KINDS, covered, failure_scene
+from tools.reports import figure_style, figures
+from tools.reports.figure_cases import Case, at_pixels, at_quantiles
+from tools.reports.figure_curves import SERRMIN_PX2, image_curves, mean_curve
+from tools.reports.figure_failures import failure_figure, told
+from tools.reports.figure_panels import draw_line, in_true_time
+from tools.reports.figure_segmentation import mask_iou, painted, segmentation_panels
 
 SIZE = (160, 128)
 

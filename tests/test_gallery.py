@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import colour_code, write_picture
 
-from tools import gallery
+from tools.reports import gallery
 
 
 def test_plain_page_shows_smears_but_no_photograph(

@@ -11,7 +11,7 @@ from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from tools.synthetic_matches import project_smears
+from tools.datasets.synthetic_matches import project_smears
 
 
 def middle_and_close(seed: int) -> tuple[Scene, RigidTransform, np.ndarray, np.ndarray]:

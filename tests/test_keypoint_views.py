@@ -14,7 +14,7 @@ from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.field import SmearField
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
-from tools.synthetic_matches import layered_depth, project_smears
+from tools.datasets.synthetic_matches import layered_depth, project_smears
 
 SIZE = (160, 120)
 

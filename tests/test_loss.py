@@ -7,9 +7,9 @@ from torch import Tensor
 
 from blur2view.metrics import direction_error_deg, epe_s
 from blur2view.smears.field import to_double_angle
-from tools.loss import Target, loss_of, smear_error, target_parts
-from tools.model import decode
-from tools.validation import figures_of
+from tools.training.loss import Target, loss_of, smear_error, target_parts
+from tools.training.model import decode
+from tools.training.validation import figures_of
 
 ALPHA = 0.01
 

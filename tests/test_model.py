@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from blur2view.smears.field import to_double_angle
-from tools.model import ExportedSmear, ModelOptions, SmearUNet, decode
-from tools.stem import STRIDE, StructureStem
+from tools.training.model import ExportedSmear, ModelOptions, SmearUNet, decode
+from tools.training.stem import STRIDE, StructureStem
 
 NARROW = ModelOptions(widths=(8, 12, 16), bottom=2)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tools.motion import KINDS, Trajectory, sample_camera_path, sample_object_path, unit
+from tools.rendering.motion import KINDS, Trajectory, sample_camera_path, sample_object_path, unit
 
 BENT = Trajectory(
     rotation=np.array([0.1, -0.2, 0.3]),

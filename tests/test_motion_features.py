@@ -25,7 +25,7 @@ from blur2view.segmentation.features import (
 from blur2view.segmentation.score import measured_ends, motion_score
 from blur2view.smears.field import SmearField, to_double_angle
 from blur2view.smears.sampling import GridSmears, grid_pixels
-from tools.train_motion import mirrored, transposed
+from tools.training.train_motion import mirrored, transposed
 
 SHAPE = (48, 64)
 Features = NDArray[np.float32]

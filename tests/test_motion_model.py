@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from blur2view.segmentation.features import CHANNELS
-from tools.motion_model import (
+from tools.training.motion_model import (
     DIRECTIONS,
     PAIRS,
     PLAIN,
@@ -19,7 +19,7 @@ from tools.motion_model import (
     turned_angles,
     turned_directions,
 )
-from tools.stem import LEVELS, STRIDE, LagStem, OrientedStem, StructureStem
+from tools.training.stem import LEVELS, STRIDE, LagStem, OrientedStem, StructureStem
 
 NARROW = MotionOptions(widths=(8, 8, 8, 8), bottom=1)
 ENERGIES, DIRECTIONAL = 2 * LEVELS - 1, LagStem.channels + OrientedStem.channels

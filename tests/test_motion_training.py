@@ -17,12 +17,12 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.features import CHANNELS, motion_features
 from blur2view.segmentation.score import motion_score
-from tools import export_motion, motion_data, train_motion
-from tools.dataset import Scenes, training_record
-from tools.motion_data import STATIC, VALID, MotionExamples, examples_of
-from tools.motion_model import MotionOptions, MotionUNet
-from tools.render import RenderOptions
-from tools.train_motion import (
+from tools.datasets.shards import Scenes, training_record
+from tools.rendering.render import RenderOptions
+from tools.training import export_motion, motion_data, train_motion
+from tools.training.motion_data import STATIC, VALID, MotionExamples, examples_of
+from tools.training.motion_model import MotionOptions, MotionUNet
+from tools.training.train_motion import (
     LEAST_WEIGHT,
     OVERLAP_WEIGHT,
     WITHOUT_WEIGHT,
@@ -114,7 +114,7 @@ def test_file_without_examples_is_named(tmp_path: Path, content: bytes | str | N
     elif content == "an array":
         with path.open("wb") as file:
             np.save(file, np.zeros(3))
-    with pytest.raises(Blur2ViewError, match="no examples in .*motion.npz: run python -m tools.motion_data"):
+    with pytest.raises(Blur2ViewError, match="no examples in .*: run python -m tools.training.motion_data"):
         MotionExamples.load(path)
 
 
@@ -171,7 +171,7 @@ def test_command_names_a_folder_without_scenes_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.argv", ["motion_data", str(tmp_path), str(tmp_path / "motion.npz")])
-    with pytest.raises(SystemExit, match=r"^no rendered scenes in .*$"):
+    with pytest.raises(SystemExit, match=r"^no scenes in .*$"):
         motion_data.main()
 
 

@@ -20,7 +20,7 @@ from blur2view.two_view.multiple_motions import (
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
-from tools.degenerate_scenes import DegenerateScene, Kind, draw_scene
+from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 
 
 def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np.bool_]]:

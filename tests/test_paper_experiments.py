@@ -13,12 +13,14 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.matches import SmearMatches
-from tools import failure_cases, paper, paper_report, paper_summary, paper_tables, testset
-from tools.convolution_blur import blurs, convolve
-from tools.failure_scenes import FailureScene, failure_scene
-from tools.paper_tables import AUTOMATIC, BETAS, Found, all_true_ends, cost, rows_of, with_automatic
-from tools.paper_variants import SIX, VARIANTS
-from tools.testset import TestScene, read_test_set
+from tools.datasets import testset
+from tools.datasets.testset import TestScene, read_test_set
+from tools.paper import experiments as paper
+from tools.paper import failure_cases, paper_report, paper_summary, paper_tables
+from tools.paper.convolution_blur import blurs, convolve
+from tools.paper.paper_tables import AUTOMATIC, BETAS, Found, all_true_ends, cost, rows_of, with_automatic
+from tools.paper.paper_variants import SIX, VARIANTS
+from tools.rendering.failure_scenes import FailureScene, failure_scene
 
 SIZE = (160, 128)
 

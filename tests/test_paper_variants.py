@@ -9,14 +9,15 @@ import pytest
 import torch
 
 from blur2view.smears.field import to_double_angle
-from tools import paper_variants, validation
-from tools.dataset import load_shards, training_record
-from tools.model import ModelOptions, SmearUNet
-from tools.paper_loss import Representation, decoded, double_angle, paper_loss, rightward, sigma_of
-from tools.paper_network import START_SIGMA, PlainUNet, start_outputs, stem_network
-from tools.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
-from tools.render import RenderOptions
-from tools.train import TrainOptions, batches_of
+from tools.datasets.shards import load_shards, training_record
+from tools.paper import paper_variants
+from tools.paper.paper_loss import Representation, decoded, double_angle, paper_loss, rightward, sigma_of
+from tools.paper.paper_network import START_SIGMA, PlainUNet, start_outputs, stem_network
+from tools.paper.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
+from tools.rendering.render import RenderOptions
+from tools.training import validation
+from tools.training.model import ModelOptions, SmearUNet
+from tools.training.train import TrainOptions, batches_of
 
 REPRESENTATIONS: tuple[Representation, ...] = ("local", "restricted", "double")
 
@@ -211,5 +212,5 @@ def test_every_kind_of_variant_is_trained_once(
     paper_variants.main()
     assert capsys.readouterr().out == ""
     monkeypatch.setattr("sys.argv", words.replace(str(shards), str(tmp_path / "none")).split())
-    with pytest.raises(SystemExit, match="no rendered scenes"):
+    with pytest.raises(SystemExit, match="no scenes"):
         paper_variants.main()

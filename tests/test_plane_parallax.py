@@ -15,8 +15,8 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
-from tools.degenerate_scenes import tilted_plane
-from tools.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
+from tools.datasets.degenerate_scenes import tilted_plane
+from tools.datasets.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
 
 
 def dominant_plane(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tools.pose_coverage import CASES, Outcome, alike, markdown, observed, outcome
+from tools.evaluation.pose_coverage import CASES, Outcome, alike, markdown, observed, outcome
 
 
 def test_noise_that_is_alike_turns_neighbours_alike() -> None:

@@ -5,7 +5,7 @@ import pytest
 from scenes import make_scene, rotation
 
 from blur2view.geometry.epipolar import fundamental_from_pose
-from tools.pose_error import pose_auc, pose_error_deg, pose_of
+from tools.evaluation.pose_error import pose_auc, pose_error_deg, pose_of
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from blur2view.networks.smear_network import SmearNetwork
-from tools.checkpoint import Run
-from tools.export_onnx import export, sample_image
-from tools.model import ModelOptions, SmearUNet
-from tools.quantize import calibration_images, quantize
+from tools.training.checkpoint import Run
+from tools.training.export_onnx import export, sample_image
+from tools.training.model import ModelOptions, SmearUNet
+from tools.training.quantize import calibration_images, quantize
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import pytest
 
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.segmentation.network import MotionNetwork
-from tools import recipe, validation
-from tools.recipe import Recipe, make
-from tools.train_motion import MotionTraining
+from tools.training import recipe, validation
+from tools.training.recipe import Recipe, make
+from tools.training.train_motion import MotionTraining
 
 
 def test_recipe_makes_all_networks_and_goes_on_where_it_was(

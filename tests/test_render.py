@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.sampson import sampson
-from tools.exposure import Exposure, grid_points
-from tools.motion import Trajectory
-from tools.render import Rendering, RenderOptions, expose, render, sample_length
-from tools.scene import Layer, Plane
+from tools.rendering.exposure import Exposure, grid_points
+from tools.rendering.motion import Trajectory
+from tools.rendering.render import Rendering, RenderOptions, expose, render, sample_length
+from tools.rendering.scene import Layer, Plane
 
 SIZE = (160, 128)
 STRAIGHT_SEEDS = (2, 6, 4, 7, 11, 12, 15, 23)

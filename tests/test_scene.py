@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tools import stencils
-from tools.scene import (
+from tools.rendering import stencils
+from tools.rendering.scene import (
     Layer,
     Plane,
     sample_grid,
@@ -13,7 +13,7 @@ from tools.scene import (
     smooth_field,
     tilted_normal,
 )
-from tools.textures import photographs
+from tools.rendering.textures import photographs
 
 SIZE = (160, 128)
 

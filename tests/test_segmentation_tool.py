@@ -11,9 +11,10 @@ from motion_scenes import BOX, SIDEWAYS, by_scores, estimate_of, photo, sideways
 
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
-from tools import mover_scenes, segmentation
-from tools.render import RenderOptions
-from tools.segmentation import (
+from tools.datasets import mover_scenes
+from tools.datasets.testset import TestScene, read_test_set
+from tools.evaluation import segmentation
+from tools.evaluation.segmentation import (
     OUTLINE,
     Judged,
     average_precision,
@@ -25,7 +26,7 @@ from tools.segmentation import (
     squared_residual,
     true_estimate,
 )
-from tools.testset import TestScene, read_test_set
+from tools.rendering.render import RenderOptions
 
 
 def test_average_precision_of_known_rankings() -> None:

@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from tools import sensor
-from tools.sensor import SensorOptions, add_noise, compress, demosaic, expose, photograph, soften, tone
+from tools.rendering import sensor
+from tools.rendering.sensor import (
+    SensorOptions,
+    add_noise,
+    compress,
+    demosaic,
+    expose,
+    photograph,
+    soften,
+    tone,
+)
 
 
 @pytest.fixture(scope="module")

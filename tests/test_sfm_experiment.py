@@ -9,11 +9,11 @@ import pytest
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
-from tools.alignment import Motion
-from tools.recording import Recording, motion_per_frame, redkitchen_recording
-from tools.sfm_plot import plot
-from tools.sfm_report import markdown
-from tools.sfm_result import Model, Result, read_model
+from tools.reconstruction.alignment import Motion
+from tools.reconstruction.recording import Recording, motion_per_frame, redkitchen_recording
+from tools.reconstruction.sfm_plot import plot
+from tools.reconstruction.sfm_report import markdown
+from tools.reconstruction.sfm_result import Model, Result, read_model
 
 COUNT, SHARE = 8, 0.5
 

@@ -5,8 +5,8 @@ import pytest
 
 from blur2view.smears.field import SmearField
 from blur2view.smears.sign_components import SignComponents
-from tools import sign_components as study
-from tools.synthetic_matches import SyntheticOptions, synthetic_smears
+from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
+from tools.evaluation import sign_components as study
 
 
 def test_wrong_share_counts_the_minority_of_every_component() -> None:

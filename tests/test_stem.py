@@ -6,8 +6,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from tools.model import SmearUNet
-from tools.stem import LagStem, OrientedStem, StructureStem
+from tools.training.model import SmearUNet
+from tools.training.stem import LagStem, OrientedStem, StructureStem
 
 LAGS_PX = [4, 6, 10, 16, 24, 36, 52]
 DIRECTIONS = LagStem.directions

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.sampson import sampson
-from tools import synthetic_matches as synthetic
-from tools.synthetic_matches import Kind, Motion, SyntheticOptions, synthetic_smears
+from tools.datasets import synthetic_matches as synthetic
+from tools.datasets.synthetic_matches import Kind, Motion, SyntheticOptions, synthetic_smears
 
 CLEAN: dict[str, Any] = {"outliers": 0.0, "noise_px": 0.0}
 

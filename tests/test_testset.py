@@ -8,8 +8,8 @@ import pytest
 
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import smear_ends
-from tools import testset
-from tools.render import render
+from tools.datasets import testset
+from tools.rendering.render import render
 
 SIZE = (160, 128)
 OPTIONS = testset.test_options(None, SIZE)

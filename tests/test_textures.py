@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from blur2view.errors import ImageError
-from tools import textures
-from tools.textures import Image, photograph, photographs, sample_texture, spectral_noise, split_files
+from tools.rendering import textures
+from tools.rendering.textures import (
+    Image,
+    photograph,
+    photographs,
+    sample_texture,
+    spectral_noise,
+    split_files,
+)
 
 
 def write_pictures(folder: Path, names: list[str]) -> None:

@@ -10,8 +10,8 @@ from scenes import some_views
 
 import blur2view
 from blur2view.arrays import Array
-from tools.sequence import SequenceOptions, render_sequence
-from tools.time_direction import Directed, agreement, plot, redkitchen, rendered, report, row
+from tools.reconstruction.sequence import SequenceOptions, render_sequence
+from tools.reconstruction.time_direction import Directed, agreement, plot, redkitchen, rendered, report, row
 
 RECORDED = Path(__file__).resolve().parents[2] / "shared" / "data" / "redkitchen_sequence"
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from tools import checkpoint, model, train, validation
-from tools.checkpoint import Run, follow, load_average, start_run
-from tools.crops import CropStream
-from tools.dataset import Scenes, load_shards, training_record
-from tools.loss import Loss
-from tools.render import RenderOptions
-from tools.train import TrainOptions, advance, learning_rate_at
+from tools.datasets.shards import Scenes, load_shards, training_record
+from tools.rendering.render import RenderOptions
+from tools.training import checkpoint, model, train, validation
+from tools.training.checkpoint import Run, follow, load_average, start_run
+from tools.training.crops import CropStream
+from tools.training.loss import Loss
+from tools.training.train import TrainOptions, advance, learning_rate_at
 
 NARROW = model.ModelOptions(widths=(16, 24, 32), bottom=1)
 

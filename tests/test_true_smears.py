@@ -10,10 +10,10 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
-from tools.alignment import Motion, MotionErrors
-from tools.exposure import grid_points
-from tools.sfm_experiment import estimated_motion
-from tools.true_smears import link_true, true_field
+from tools.reconstruction.alignment import Motion, MotionErrors
+from tools.reconstruction.sfm_experiment import estimated_motion
+from tools.reconstruction.true_smears import link_true, true_field
+from tools.rendering.exposure import grid_points
 
 SIZE, FRAMES = (320, 240), 3
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])

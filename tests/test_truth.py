@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.sampson import sampson
-from tools import truth
-from tools.canvas import paint
-from tools.exposure import Exposure, grid_points
-from tools.motion import Trajectory
-from tools.scene import Layer, Plane
+from tools.rendering import truth
+from tools.rendering.canvas import paint
+from tools.rendering.exposure import Exposure, grid_points
+from tools.rendering.motion import Trajectory
+from tools.rendering.scene import Layer, Plane
 
 SIZE = (160, 128)
 K = np.array([[160.0, 0, 79.5], [0, 160, 63.5], [0, 0, 1]])

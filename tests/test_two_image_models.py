@@ -17,9 +17,8 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.exposure import grid_points
-from tools.testset import TestScene
-from tools.two_image_models import (
+from tools.datasets.testset import TestScene
+from tools.reconstruction.two_image_models import (
     ALONE,
     MotionError,
     Outcome,
@@ -31,6 +30,7 @@ from tools.two_image_models import (
     translation_share,
     with_default,
 )
+from tools.rendering.exposure import grid_points
 
 SIZE = (160, 120)
 K = np.array([[150.0, 0, 79.5], [0, 150, 59.5], [0, 0, 1]])

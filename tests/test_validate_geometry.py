@@ -8,9 +8,9 @@ import pytest
 
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import sampson
-from tools.reference_methods import METHODS, Answer, Case, nothing, pycolmap_two_view
-from tools.synthetic_matches import SyntheticOptions, synthetic_smears
-from tools.validate_geometry import (
+from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
+from tools.estimators.reference_methods import METHODS, Answer, Case, nothing, pycolmap_two_view
+from tools.evaluation.validate_geometry import (
     inlier_shares,
     judge,
     our_order,

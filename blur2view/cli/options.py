@@ -44,7 +44,7 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--model",
         metavar="ONNX",
-        help='"float": the shipped network in floating point; or a file of tools/export_onnx.py',
+        help='"float": the shipped network in floating point; or a file of tools/training/export_onnx.py',
     )
 
 

@@ -13,7 +13,7 @@ from blur2view.errors import ModelError
 FORMAT = "1"
 OUTPUTS = [("smear", "tensor(float)", 4, channels) for channels in (3, 4)]
 SHIPPED = {"default": "smear_fast.onnx", "fast": "smear_fast.onnx", "float": "smear.onnx"}
-REMEDY = "export one with tools/export_onnx.py or leave the model out to use the shipped one"
+REMEDY = "export one with tools/training/export_onnx.py or leave the model out to use the shipped one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class ModelInfo:
     license : str
         Licence of the weights.
     training : dict
-        How they were trained and what was measured, as written by ``tools/export_onnx.py``.
+        How they were trained and what was measured, as written by ``tools/training/export_onnx.py``.
     """
 
     model_id: str

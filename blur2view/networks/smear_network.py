@@ -33,8 +33,8 @@ class SmearNetwork:
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/export_onnx.py``; the shipped one, in 8-bit integers, by default;
-        "float": the shipped one in floating point, in twice the time.
+        An ONNX file written by ``tools/training/export_onnx.py``; the shipped one, in 8-bit integers, by
+        default; "float": the shipped one in floating point, in twice the time.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is
         reproducible for a given number of threads.
@@ -130,7 +130,7 @@ class SmearNetwork:
         if output.shape != expected:
             raise ModelError(
                 f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
-                "export it again with tools/export_onnx.py"
+                "export it again with tools/training/export_onnx.py"
             )
         grid: NDArray[np.float32] = output[0].transpose(1, 2, 0)
         return grid

@@ -26,7 +26,7 @@ SHIPPED = "motion.onnx"
 FORMAT = "motion-1"
 INPUTS, OUTPUTS = {"image": 3, "features": CHANNELS}, {"moving": 1}
 """Names and channels, all (N, C, H, W)."""
-REMEDY = "export one with tools/export_motion.py or install blur2view again for the shipped one"
+REMEDY = "export one with tools/training/export_motion.py or install blur2view again for the shipped one"
 LONGEST_SIDES = 640, 320
 """The network looks at copies of the photograph of at most these sizes; their logits are averaged."""
 
@@ -47,7 +47,7 @@ class MotionNetwork:
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/export_motion.py``; the shipped one by default.
+        An ONNX file written by ``tools/training/export_motion.py``; the shipped one by default.
     threads : int, optional
         Threads of one inference; all cores this process may use by default.
 

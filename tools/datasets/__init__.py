@@ -1,7 +1,7 @@
 """Readers of the paper's datasets, for people who have them; nothing of them is kept in this repository.
 
 All of them give :class:`tools.datasets.exposure.Exposure`, and ``python -m tools.datasets`` turns any into
-the formats of :mod:`tools.testset` (to measure on) and :mod:`tools.dataset` (to train on).
+the formats of :mod:`tools.datasets.testset` (to measure on) and :mod:`tools.datasets.shards` (to train on).
 
 ====================  =============================================  ===================================
 dataset               licence, as its owners state it                layout that is read

@@ -1,11 +1,11 @@
 """Turn a dataset of the paper into the formats of this repository.
 
     python -m tools.datasets --kind monkaa ~/SceneFlow/Monkaa --out render/monkaa --every 20 --most 60
-    python -m tools.evaluate render/monkaa --out monkaa
+    python -m tools.evaluation.evaluate render/monkaa --out monkaa
     python -m tools.datasets --kind driving ~/SceneFlow/Driving --out render/driving_train --train --most 2000
 
-The first writes what :mod:`tools.testset` writes (the blurred photograph, its sharp ends and the truth), the
-last shards as :mod:`tools.dataset`. ``help('tools.datasets')`` has layouts and licences. All that moves
+The first writes what `testset` writes (the blurred photograph, its sharp ends and the truth), the
+last shards as `shards`. ``help('tools.datasets')`` has layouts and licences. All that moves
 counts as static, as in the paper: the datasets do not say what moves by itself.
 """
 

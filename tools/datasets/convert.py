@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
 from blur2view.output_files import write_atomically
-from tools.dataset import Scenes, encode_linear
 from tools.datasets.exposure import Exposure
-from tools.exposure import GRID, grid_points
+from tools.datasets.shards import Scenes, encode_linear
+from tools.rendering.exposure import GRID, grid_points
 
 Array = NDArray[Any]
 
@@ -44,7 +44,7 @@ def grid_truth(exposure: Exposure) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def write_test_scenes(exposures: Iterable[Exposure], out: Path, source: str) -> int:
-    """Write what :func:`tools.testset.read_test_set` reads; finished ones are kept. Give their number.
+    """Write what `testset.read_test_set` reads; finished ones are kept. Give their number.
 
     ``origins.txt`` says which exposure of the source each number is, as every file does itself. Without
     cameras R and t are NaN and K is a guess.
@@ -102,7 +102,7 @@ def write_test_scene(exposure: Exposure, stem: Path, origin: str) -> None:
 
 
 def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
-    """Write what :func:`tools.dataset.load_shards` reads, SHARD exposures a file. Give their number.
+    """Write what :func:`tools.datasets.shards.load_shards` reads, SHARD exposures a file. Give their number.
 
     All pictures must be of one size. Files are written whole; a stopped run starts anew.
     """

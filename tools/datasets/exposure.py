@@ -16,7 +16,7 @@ from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.datasets.flow import MidSmears
 from tools.datasets.gold_standard import gold_standard_fundamental
-from tools.textures import srgb_to_linear
+from tools.rendering.textures import srgb_to_linear
 
 Array = NDArray[Any]
 

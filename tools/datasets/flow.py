@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.exposure import pixel_grid
+from tools.rendering.exposure import pixel_grid
 
 Array = NDArray[Any]
 

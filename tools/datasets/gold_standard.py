@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import apply_similarity, denormalise, homogeneous, shared_normalisation
 from blur2view.robust.parametrization import GeneralF
-from tools import baselines
+from tools.estimators import baselines
 
 Array = NDArray[Any]
 

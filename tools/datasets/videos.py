@@ -23,7 +23,7 @@ from tools.datasets.flow import (
     mid_smears,
     sub_frames,
 )
-from tools.exposure import pixel_grid
+from tools.rendering.exposure import pixel_grid
 
 Array = NDArray[Any]
 

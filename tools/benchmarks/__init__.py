@@ -1,0 +1,1 @@
+"""The sweep that compares estimators of F."""

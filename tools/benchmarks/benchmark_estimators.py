@@ -1,0 +1,194 @@
+"""Compare estimators of F, ours and those that are told the order, on synthetic and on network smears.
+
+    python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
+    python -m tools.benchmarks.benchmark_estimators --scenes render/test
+
+sweeps one factor at a time (`estimator_cells`), appends one JSON line per finished instance to
+``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``, ``.json`` and ``.png``. A run that was
+stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables;
+``--development`` takes other seeds, to tune on, and writes beside its log.
+Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
+times of single calls.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from functools import cache, partial
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import blur2view
+from tools.benchmarks import estimator_report
+from tools.benchmarks.estimator_cells import (
+    BASE,
+    DEVELOPMENT_SEED,
+    FULL,
+    NETWORK,
+    QUICK,
+    Instance,
+    Plan,
+    moving_scenes,
+    network_problem,
+    synthetic_problem,
+)
+from tools.benchmarks.estimator_log import Log, Measured, Record
+from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
+from tools.benchmarks.estimator_plot import plot
+from tools.evaluation.benchmark import machine
+from tools.evaluation.evaluate import judge
+from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
+from tools.evaluation.processes import single_threaded_pool
+
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED_CODE = (
+    "estimators/baselines",
+    "benchmarks/estimator_methods",
+    "benchmarks/estimator_cells",
+    "datasets/synthetic_matches",
+    "evaluation/pose_error",
+)
+"""Modules of tools on which the figures depend, besides the whole package."""
+
+
+def write(records: list[Record], head: dict[str, str], out: Path) -> str:
+    """Write OUT.md, OUT.json and OUT.png; give the text."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    text = estimator_report.markdown(records, head)
+    out.with_suffix(".md").write_text(text)
+    document = json.dumps(estimator_report.document(records, head), indent=None)
+    out.with_suffix(".json").write_text(document + "\n")
+    plot(records, out.with_suffix(".png"))
+    return text
+
+
+def measure(method: Method, problem: Problem) -> Measured:
+    """Run a method once and judge its F."""
+    start = time.process_time()
+    F = method(problem)
+    seconds = time.process_time() - start
+    judged = judge(F, problem, problem.true_ends)
+    ends = problem.matches.ends
+    pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
+    return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
+
+
+def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = None) -> Record:
+    """Run every method that the plan wants; ``scenes`` is where the photographs of NETWORK lie."""
+    warm_up()
+    problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
+    methods = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
+    return Record(
+        instance=instance, measured={name: measure(method, problem) for name, method in methods.items()}
+    )
+
+
+def network_instance(instance: Instance, folder: Path | None) -> Problem:
+    """Give the matches of a rendered photograph."""
+    if folder is None:
+        raise ValueError("network smears need a folder of rendered scenes")
+    scene = _scenes(folder)[instance.seed]
+    return network_problem(scene, _network().predict(blur2view.read_image(scene.image_path)))
+
+
+@cache
+def _scenes(folder: Path) -> list[Any]:
+    return moving_scenes(folder)
+
+
+@cache
+def _network() -> blur2view.SmearNetwork:
+    return blur2view.SmearNetwork()
+
+
+@cache
+def warm_up() -> None:
+    """Let every library load and allocate before it is timed."""
+    problem = synthetic_problem(Instance(seed=DEVELOPMENT_SEED, cell=BASE, kind="smooth"))
+    for name, method in METHODS.items():
+        if name != PAPER:
+            measure(method, problem)
+
+
+def code_digest() -> str:
+    """Short digest of the sources that the figures depend on."""
+    sources = sorted((ROOT / "blur2view").rglob("*.py"))
+    sources += [ROOT / "tools" / f"{name}.py" for name in MEASURED_CODE]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+
+
+def sweep(pending: list[Instance], log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
+    """Run instances in parallel and log each when it is finished."""
+    if not pending:
+        return
+    with single_threaded_pool(processes) as pool:
+        work = partial(run_instance, plan=plan, scenes=scenes)
+        results: Iterator[Record] = pool.imap_unordered(work, pending)
+        start = time.perf_counter()
+        for count, record in enumerate(results, 1):
+            log.append(record)
+            if count % 100 == 0:
+                left = (time.perf_counter() - start) / count * (len(pending) - count) / 60
+                print(f"{count} of {len(pending)} instances, {left:.0f} min left", flush=True)
+
+
+def run(log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
+    """Run what the log does not hold yet."""
+    try:
+        log.begin({"code": code_digest(), "machine": machine(), **versions()})
+    except ValueError as error:
+        raise SystemExit(str(error)) from None
+    done = {record.instance for record in log.read()}
+    wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
+    sweep([instance for instance in wanted if instance not in done], log, plan, processes, scenes)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries that are compared."""
+    distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
+    return {name: metadata.version(name) for name in distributions}
+
+
+def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
+    """Give the plan that the arguments ask for and the name of its files."""
+    plan, name = (QUICK, "estimators_quick") if arguments.quick else (FULL, "estimators")
+    if arguments.development:
+        plan, name = replace(plan, first_seed=DEVELOPMENT_SEED), f"{name}_development"
+    if arguments.seeds:
+        plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
+    if arguments.methods:
+        plan = replace(plan, methods=tuple(arguments.methods))
+    return plan, name
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a few cells and seeds, to their own files")
+    parser.add_argument("--development", action="store_true", help="seeds to tune on, to their own files")
+    parser.add_argument("--seeds", type=int, help="instances of every cell and kind")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="only these methods")
+    parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
+    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.testset, for network smears")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--log", type=Path, help="default: runs/ and the name of the plan")
+    parser.add_argument("--out", type=Path, help="default: tools/results/estimators; runs/ for other plans")
+    arguments = parser.parse_args()
+    plan, name = planned(arguments)
+    log = Log(path=arguments.log or Path(f"runs/{name}.jsonl"))
+    if not arguments.report:
+        run(log, plan, arguments.processes, arguments.scenes)
+    out = arguments.out or Path("tools/results" if name == "estimators" else "runs") / name
+    print(write(log.read(), log.head(), out))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,243 @@
+"""Databases that are not what they should be, and what happens to them when views are linked into them.
+
+    python -m tools.database_safety.malformed_projects --count 200
+
+Each is a small project with one thing wrong, drawn from one seed: bytes cut, overwritten or turned, another
+schema, a newer version, rows that contradict each other. The command ``to-colmap --link`` runs on it; it must
+end with exit code 0 or 1 and no traceback, and every row of the user must be as before (every byte, where it
+refuses).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import shutil
+import sqlite3
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from contextlib import closing
+from functools import lru_cache
+from pathlib import Path
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+
+from blur2view.cli import to_colmap as cli_colmap
+from blur2view.cli.commands import main as blur2view
+from blur2view.colmap.schema import MAX_IMAGES
+from blur2view.networks.smear_network import SmearNetwork
+from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
+
+NAME = "a_001.jpg"
+SQL_FAULTS = {
+    "newer": "PRAGMA user_version = 4030000",
+    "far newer": "PRAGMA user_version = 2147483647",
+    "negative version": "PRAGMA user_version = -1",
+    "no images": "DROP TABLE images",
+    "no matches": "DROP TABLE matches",
+    "no geometries": "DROP TABLE two_view_geometries",
+    "no keypoints": "DROP TABLE keypoints",
+    "no frame data": "DROP TABLE frame_data",
+    "no rigs": "DROP TABLE rigs",
+    "no rig rows": "DELETE FROM rigs",
+    "no frames of the image": "DELETE FROM frame_data WHERE data_id = 2",
+    "column gone": "ALTER TABLE two_view_geometries DROP COLUMN qvec",
+    "column renamed": "ALTER TABLE keypoints RENAME COLUMN data TO blob",
+    "column to fill": "ALTER TABLE images ADD COLUMN mark INTEGER NOT NULL DEFAULT 3",
+    "columns to fill": "DROP TABLE matches; CREATE TABLE matches (pair_id INTEGER PRIMARY KEY, rows, cols, "
+    "data, more INTEGER NOT NULL)",
+    "view for a table": "DROP TABLE matches; CREATE VIEW matches AS SELECT image_id AS pair_id, 0 AS rows, "
+    "2 AS cols, NULL AS data FROM images",
+    "trigger": "CREATE TRIGGER t AFTER INSERT ON images BEGIN DELETE FROM keypoints WHERE image_id = 1; END",
+    "own table of another": "CREATE TABLE blur2view_views (image_id INTEGER, note TEXT)",
+    "view of our name": "INSERT INTO images VALUES (9, 'a_001.jpg#open', 1)",
+    "rows too many": "UPDATE keypoints SET rows = 1000",
+    "rows negative": "UPDATE keypoints SET rows = -1",
+    "rows a text": "UPDATE keypoints SET rows = 'many'",
+    "rows huge": "UPDATE keypoints SET rows = 9223372036854775807",
+    "columns odd": "UPDATE keypoints SET cols = 3",
+    "columns NULL-like": "UPDATE keypoints SET cols = ''",
+    "keypoints a text": "UPDATE keypoints SET data = 'none'",
+    "keypoints gone": "UPDATE keypoints SET data = NULL",
+    "keypoint rows gone": "DELETE FROM keypoints",
+    "no keypoints found": "UPDATE keypoints SET rows = 0, data = NULL",
+    "keypoints not finite": "UPDATE keypoints SET data = zeroblob(0) || x'0000C07F' || substr(data, 5)",
+    "keypoints infinite": "UPDATE keypoints SET data = CAST(x'0000807F0000807F' || substr(data, 9) AS BLOB)",
+    "keypoints far away": "UPDATE keypoints SET data = CAST(x'FFFF7F7FFFFF7FFF' || substr(data, 9) AS BLOB)",
+    "camera gone": "DELETE FROM cameras",
+    "camera a text": "UPDATE images SET camera_id = 'front'",
+    "camera unknown": "UPDATE cameras SET model = 99",
+    "camera model a text": "UPDATE cameras SET model = 'PINHOLE'",
+    "camera short": "UPDATE cameras SET params = x'00'",
+    "camera without parameters": "UPDATE cameras SET params = NULL",
+    "camera parameters a text": "UPDATE cameras SET params = 'f'",
+    "camera of another size": "UPDATE cameras SET width = 640",
+    "camera of no size": "UPDATE cameras SET width = -1",
+    "camera not finite": f"UPDATE cameras SET params = x'{4 * '000000000000F87F'}'",
+    "prior a text": "UPDATE cameras SET prior_focal_length = 'yes'",
+    "name a blob": "UPDATE images SET name = x'00FF' WHERE image_id = 3",
+    "name no UTF-8": "UPDATE images SET name = CAST(x'612FFFFE' AS TEXT) WHERE image_id = 3",
+    "name empty": "UPDATE images SET name = '' WHERE image_id = 3",
+    "own name a blob": "UPDATE images SET name = CAST(name AS BLOB)",
+    "last id": f"INSERT INTO images VALUES ({MAX_IMAGES - 1}, 'last.jpg', 1)",
+    "pair taken": f"INSERT INTO matches VALUES ({MAX_IMAGES * 2 + 4}, 0, 2, NULL)",
+    "geometry taken": f"INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES "
+    f"({MAX_IMAGES * 4 + 5}, 0, 2, 1)",
+    "keypoints taken": "INSERT INTO keypoints VALUES (4, 0, 2, NULL)",
+    "frame taken": "INSERT INTO frame_data VALUES (1, 4, 1, 0)",
+    "matches dangling": f"INSERT INTO matches VALUES ({MAX_IMAGES * 70 + 80}, 1, 2, x'00')",
+    "matches odd": "UPDATE matches SET data = x'0102', rows = 77",
+    "geometry odd": "UPDATE two_view_geometries SET data = 'x', rows = 'y', config = 88",
+    "counter gone": "DELETE FROM sqlite_sequence",
+    "counter a text": "UPDATE sqlite_sequence SET seq = 'many'",
+    "counter at its end": "UPDATE sqlite_sequence SET seq = 9223372036854775807",
+    "all empty": "DELETE FROM images; DELETE FROM cameras; DELETE FROM keypoints",
+}
+Fault = Callable[[Path, np.random.Generator], None]
+
+
+def cut(path: Path, rng: np.random.Generator) -> None:
+    """Cut the file anywhere."""
+    path.write_bytes(path.read_bytes()[: rng.integers(0, path.stat().st_size)])
+
+
+def overwrite(path: Path, rng: np.random.Generator) -> None:
+    """Overwrite a stretch with noise."""
+    data = bytearray(path.read_bytes())
+    start, count = int(rng.integers(0, len(data))), int(rng.integers(1, 5000))
+    data[start : start + count] = rng.bytes(len(data[start : start + count]))
+    path.write_bytes(data)
+
+
+def turn_bytes(path: Path, rng: np.random.Generator) -> None:
+    """Turn a few bytes anywhere."""
+    data = bytearray(path.read_bytes())
+    for at in rng.integers(0, len(data), int(rng.integers(1, 30))):
+        data[at] ^= int(rng.integers(1, 256))
+    path.write_bytes(data)
+
+
+def turn_header(path: Path, rng: np.random.Generator) -> None:
+    """Turn bytes of SQLite's header or of the first page, which holds the schema."""
+    data = bytearray(path.read_bytes())
+    for at in rng.integers(0, int(rng.choice([100, 4096])), int(rng.integers(1, 6))):
+        data[at] ^= int(rng.integers(1, 256))
+    path.write_bytes(data)
+
+
+def drop_page(path: Path, rng: np.random.Generator) -> None:
+    """Fill a page with zeros."""
+    data = bytearray(path.read_bytes())
+    page = 4096 * int(rng.integers(0, len(data) // 4096))
+    data[page : page + 4096] = bytes(4096)
+    path.write_bytes(data)
+
+
+def no_database(path: Path, rng: np.random.Generator) -> None:
+    """Put something else there: nothing, a text, noise, another program's database."""
+    kind = int(rng.integers(0, 4))
+    path.write_bytes([b"", b"cameras.txt\n" * 50, rng.bytes(9000), b""][kind])
+    if kind == 3:
+        with closing(sqlite3.connect(path)) as database:
+            database.execute("CREATE TABLE images (id INTEGER PRIMARY KEY, path TEXT)")
+            database.execute("INSERT INTO images VALUES (1, 'a_001.jpg')")
+            database.commit()
+
+
+BYTE_FAULTS: dict[str, Fault] = {
+    "cut": cut,
+    "overwritten": overwrite,
+    "bytes turned": turn_bytes,
+    "header turned": turn_header,
+    "page of zeros": drop_page,
+    "no database": no_database,
+}
+
+
+def malform(path: Path, number: int) -> str:
+    """Write the malformed project of this number; return what is wrong with it."""
+    rng = np.random.default_rng(number)
+    old = number % 5 == 4
+    make_project(path, ProjectOptions(old=old, wal=False), seed=number)
+    if number < len(SQL_FAULTS):
+        kind = list(SQL_FAULTS)[number]
+        with closing(sqlite3.connect(path)) as database, contextlib.suppress(sqlite3.OperationalError):
+            database.executescript(SQL_FAULTS[kind])  # an old project lacks some of the tables
+            database.commit()
+        return kind
+    kind = list(BYTE_FAULTS)[number % len(BYTE_FAULTS)]
+    BYTE_FAULTS[kind](path, rng)
+    return kind
+
+
+def link_into(folder: Path, number: int, model: Path | None = None) -> tuple[str, str, str]:
+    """Link into the malformed project of a number.
+
+    Returns
+    -------
+    kind, outcome, line
+        What was wrong; "written", "refused", or what went wrong with us; the last line printed.
+    """
+    path, photograph = folder / f"{number}.db", folder / NAME
+    kind = malform(path, number)
+    before, rows = path.read_bytes(), readable_rows(path)
+    words = ["to-colmap", "--link", "--no-backup", "--db", str(path), str(photograph)]
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            code = blur2view(words + (["--model", str(model)] if model else []))
+    except Exception as error:
+        return kind, "traceback", repr(error)
+    line = said.getvalue().strip().splitlines()[-1]
+    if code == 0:
+        return kind, "written" if readable_rows(path) == rows is not None else "rows changed", line
+    lines = [text for text in said.getvalue().splitlines() if text.startswith("blur2view: ")]
+    if code != 1 or len(lines) != 1:
+        return kind, f"exit {code} with {len(lines)} lines", line
+    same = path.read_bytes() == before
+    return kind, "refused" if same else "refused, but changed", lines[0]
+
+
+def readable_rows(path: Path) -> object:
+    """All rows of the user, None where SQLite cannot read them."""
+    copy = path.with_suffix(".copy")
+    shutil.copy(path, copy)  # reading may finish a journal
+    try:
+        return user_rows(copy)
+    except (sqlite3.Error, UnicodeDecodeError, OverflowError):
+        return None
+
+
+def main() -> None:
+    """Count outcomes and print every line of the first of each kind."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--model", type=Path, help="a network; default the shipped one")
+    options = parser.parse_args()
+    outcomes: Counter[str] = Counter()
+    shown: set[tuple[str, str]] = set()
+    once = patch.object(cli_colmap, "SmearNetwork", lru_cache(SmearNetwork))  # loaded once for all
+    with once, tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_photograph(folder / NAME)
+        for number in range(options.count):
+            kind, outcome, line = link_into(folder, number, options.model)
+            outcomes[outcome] += 1
+            if (kind, outcome) not in shown:
+                shown.add((kind, outcome))
+                print(f"{kind}: {outcome}: {line.replace(name, '')}", flush=True)
+    print(dict(outcomes))
+
+
+def write_photograph(path: Path) -> None:
+    """Write a small picture of noise smeared sideways."""
+    noise = np.random.default_rng(0).uniform(0, 255, (SIZE[1], SIZE[0], 3))
+    cv2.imwrite(str(path), cv2.blur(noise, (9, 1)).astype(np.uint8))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Write rendered scenes for training, in resumable shards, with the measured speed.
+
+``python -m tools.datasets.shards --out render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
+all processes the machine has and prints scenes and crops a second; run again, it goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import Blur2ViewError
+from tools.rendering.render import RenderOptions, render
+
+Array = NDArray[Any]
+
+CROP_PX = 128
+"""Side of the crops in which speed is told."""
+WHITE = 4.0
+"""Largest radiance that is stored."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenes:
+    """Rendered scenes in memory, compactly.
+
+    Attributes
+    ----------
+    linear : ndarray of shape (N, H, W, 3)
+        uint16 code of the radiance, see :func:`decode_linear`.
+    displacement : ndarray of shape (N, H/4, W/4, 2)
+        float16, pixels; not finite where it overflows.
+    labels : ndarray of shape (N, H/4, W/4)
+        uint8: 1 valid + 2 static.
+    """
+
+    linear: Array
+    displacement: Array
+    labels: Array
+
+    def __len__(self) -> int:
+        """Count the scenes."""
+        return len(self.labels)
+
+    def save(self, path: Path) -> None:
+        """Write a shard; a reader sees all of it or nothing."""
+        temporary = path.with_suffix(".tmp.npz")
+        np.savez(temporary, linear=self.linear, displacement=self.displacement, labels=self.labels)
+        temporary.replace(path)
+
+    @classmethod
+    def join(cls, parts: Iterable[Scenes]) -> Scenes:
+        """Concatenate scenes of one size."""
+        columns = zip(*((p.linear, p.displacement, p.labels) for p in parts), strict=True)
+        linear, displacement, labels = (np.concatenate(column) for column in columns)
+        return cls(linear=linear, displacement=displacement, labels=labels)
+
+
+def encode_linear(linear: Array) -> Array:
+    """Code radiance (0 to 4) as uint16 of its square root: fine in the dark, room for highlights."""
+    return np.asarray(np.sqrt(np.clip(linear, 0, WHITE) / WHITE) * 65535 + 0.5).astype(np.uint16)
+
+
+def decode_linear(coded: Array) -> Array:
+    """Invert :func:`encode_linear`: float32."""
+    root = coded.astype(np.float32) * np.float32(np.sqrt(WHITE) / 65535)
+    return np.asarray(root * root)
+
+
+def training_record(seed: int, options: RenderOptions) -> Scenes:
+    """Render one scene for training."""
+    rendering = render(seed, options)
+    labels = rendering.valid.astype(np.uint8) + 2 * rendering.static.astype(np.uint8)
+    displacement = rendering.displacement.astype(np.float16)
+    linear = encode_linear(rendering.linear)
+    return Scenes(linear=linear[None], displacement=displacement[None], labels=labels[None])
+
+
+def load_shards(folder: Path) -> Scenes:
+    """Load all scenes of a folder; Blur2ViewError if it holds none."""
+    paths = require_shards(folder)
+    merged: dict[str, Array] = {}
+    counts = [stored_count(path) for path in paths]
+    end = 0
+    for path, count in zip(paths, counts, strict=True):
+        end += count
+        with np.load(path) as shard:
+            for key in shard.files:  # copied at once: joining all shards at the end takes twice the memory
+                array = shard[key]
+                if key not in merged:
+                    merged[key] = np.empty((sum(counts), *array.shape[1:]), array.dtype)
+                merged[key][end - count : end] = array
+    return Scenes(**merged)
+
+
+def require_shards(folder: Path) -> list[Path]:
+    """List the finished shards of a folder; Blur2ViewError if there are none."""
+    paths = sorted(p for p in folder.glob("*.npz") if not p.name.endswith(".tmp.npz"))
+    if not paths:
+        raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards --out {folder}")
+    return paths
+
+
+def stored_count(path: Path) -> int:
+    """Count the scenes of a shard without reading its pictures."""
+    with np.load(path) as shard:
+        return len(shard["labels"])
+
+
+def start_worker() -> None:
+    """Give this process one OpenCV thread: scenes run in parallel instead."""
+    cv2.setNumThreads(1)
+
+
+def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, shard: int) -> Iterator[Path]:
+    """Render `seeds`, rounded up to whole files of `shard` scenes; yield each file when it is written.
+
+    Finished files are kept and not yielded, so a stopped run resumes.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    record = partial(training_record, options=options)
+    with multiprocessing.get_context("spawn").Pool(jobs, start_worker) as pool:
+        for start in range(seeds.start, seeds.stop, shard):
+            path = out / f"{options.split}_{start:08d}.npz"
+            if not path.exists():
+                Scenes.join(pool.map(record, range(start, start + shard), chunksize=2)).save(path)
+                yield path
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare which seeds to render and how; the defaults are those of RenderOptions."""
+    defaults = RenderOptions()
+    parser.add_argument("--scenes", type=int, default=12, help="number of seeds (default 12)")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--split", choices=["train", "test"], default=defaults.split)
+    parser.add_argument("--photos", type=Path, help="folder of further photographs used as textures")
+    parser.add_argument("--size", type=int, nargs=2, default=defaults.size, metavar=("WIDTH", "HEIGHT"))
+
+
+def scene_arguments(arguments: argparse.Namespace) -> tuple[range, RenderOptions]:
+    """Read what :func:`add_scene_arguments` declared."""
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
+    width, height = arguments.size
+    return seeds, RenderOptions(size=(width, height), split=arguments.split, photos=arguments.photos)
+
+
+def main() -> None:
+    """Write a dataset and print its speed."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--out", type=Path, required=True, help="folder of shards")
+    add_scene_arguments(parser)
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default 50)")
+    arguments = parser.parse_args()
+    seeds, options = scene_arguments(arguments)
+    began, crops_a_scene = time.perf_counter(), options.size[0] * options.size[1] / CROP_PX**2
+    written = write_shards(arguments.out, seeds, options, arguments.jobs, arguments.shard)
+    for count, path in enumerate(written, 1):
+        rate = count * arguments.shard / (time.perf_counter() - began)
+        crops = rate * crops_a_scene
+        print(f"{path.name}: {rate:.2f} scenes, {crops:.1f} crops of {CROP_PX} px a second", flush=True)
+
+
+if __name__ == "__main__":
+    main()

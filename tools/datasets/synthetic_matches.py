@@ -1,0 +1,272 @@
+"""Synthetic smears of a moving camera with exact truth: 640x480, an ordinary camera, two kinds of depth.
+
+"smooth": a tilted background with relief and nearer cards, so that neighbouring smears have the same order;
+"scattered": every smear's depth is drawn by itself, so that neighbours tell nothing of each other's order.
+:mod:`tools.benchmarks.benchmark_estimators` sweeps what `SyntheticOptions` holds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import fundamental_from_pose, homogeneous
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.smears.matches import SmearMatches
+
+IMAGE_SIZE = (640, 480)
+FAR, NEAR = (3.0, 6.0), (1.0, 3.0)  # depths of the background and of cards; the unit is arbitrary
+RELIEF = 0.1  # standard deviation of the log depth of near-planar scenes about their plane
+NOISE_SPREAD = 0.7  # standard deviation of the log of the smears' own noise, where it varies
+
+Kind = Literal["smooth", "scattered"]
+Motion = Literal["mixed", "forward", "sideways", "rotating", "near-planar"]
+Report = Literal["equal", "constant", "varied", "varied, constant", "varied, wrong"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SyntheticOptions:
+    """What a set of synthetic smears is like.
+
+    Parameters
+    ----------
+    kind : {"smooth", "scattered"}
+        How depth varies over the image.
+    motion : {"mixed", "forward", "sideways", "rotating", "near-planar"}
+        "mixed": any direction and axis, the rotation alone makes smears 0.2 to 1 times as long as the
+        translation alone. "forward": within about 10 degrees of the optical axis, 0 to 0.5 times.
+        "sideways": across it, 0.2 to 1 times. "rotating": any direction, 3 times. "near-planar": as "mixed",
+        one tilted plane with relief of RELIEF.
+    count : int
+        Smears.
+    length_px : float
+        Median length of the true smears.
+    noise_px : float
+        Standard deviation of the Gaussian noise of every coordinate of both ends; its root mean square over
+        the smears where it varies.
+    report : {"equal", "constant", "varied", "varied, constant", "varied, wrong"}
+        How the noise varies and what ``sigma_px`` says of it. "equal": all smears alike, told truly.
+        "constant": all alike, told as 1 px a coordinate whatever it is. "varied": log-normal by smear
+        (NOISE_SPREAD), told truly; "varied, constant": told as the root mean square; "varied, wrong": told
+        as that of other smears.
+    outliers : float
+        Share of smears with a random direction and a length of 0.3 to 2 times the median, told as certain
+        as the others.
+    second_motion : float
+        Share of smears, those nearest to a random point, that follow another rigid motion.
+    """
+
+    kind: Kind = "smooth"
+    motion: Motion = "mixed"
+    count: int = 1000
+    length_px: float = 20.0
+    noise_px: float = 1.0
+    report: Report = "equal"
+    outliers: float = 0.3
+    second_motion: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        for name, allowed in (("kind", Kind), ("motion", Motion), ("report", Report)):
+            if getattr(self, name) not in get_args(allowed):
+                raise ValueError(f"{name} must be one of {get_args(allowed)}, got {getattr(self, name)!r}")
+        if self.count < 1 or not self.length_px > 0 or not self.noise_px >= 0:
+            raise ValueError(f"need count >= 1, length_px > 0, noise_px >= 0, got {self}")
+        if not (0 <= self.outliers <= 1 and 0 <= self.second_motion <= 1):
+            raise ValueError(f"shares must be in [0, 1], got {self}")
+
+    @property
+    def truthful(self) -> bool:
+        """Whether ``sigma_px`` is the noise's own standard deviation."""
+        told_one = self.report == "constant" and self.noise_px == 1.0
+        return self.report in ("equal", "varied") or told_one
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SyntheticSmears:
+    """Smears and their truth; pixels.
+
+    Parameters
+    ----------
+    K, R, t, F : ndarray
+        Camera, ``cam2_from_cam1`` and F of unit norm.
+    ends : ndarray of shape (N, 2, 2)
+        As observed, in random order.
+    true_ends : ndarray of shape (N, 2, 2)
+        Open then close, of the camera's motion, for every smear (also where an outlier was observed).
+    sigma_px : ndarray of shape (N,)
+        As reported: of the error of the whole displacement, twice that of one coordinate.
+    swapped : ndarray of bool, shape (N,)
+        Where ends[:, 1] is the open end.
+    outlier : ndarray of bool, shape (N,)
+        Random, or of the second motion.
+    """
+
+    K: Array
+    R: Array
+    t: Array
+    F: Array
+    ends: Array
+    true_ends: Array
+    sigma_px: Array
+    swapped: NDArray[np.bool_]
+    outlier: NDArray[np.bool_]
+
+    @property
+    def matches(self) -> SmearMatches:
+        """What an estimator may see."""
+        return SmearMatches(ends=self.ends, sigma_px=self.sigma_px, image_size=IMAGE_SIZE)
+
+    @property
+    def ordered(self) -> Array:
+        """The observed ends (N, 2, 2), open then close (of its own motion, where an outlier has one)."""
+        return np.where(self.swapped[:, None, None], self.ends[:, ::-1], self.ends)
+
+
+def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> SyntheticSmears:
+    """Draw a camera, a scene, a motion and smears; the same seed and options give the same smears.
+
+    Camera, scene and motion depend on the seed, kind, motion and length alone, so cells of a sweep that
+    differ in noise or outliers show the same scenes.
+    """
+    options = options or SyntheticOptions()
+    scene, noise, wrong = np.random.default_rng(seed).spawn(3)
+    K, points = camera(scene), scene.uniform(0, 1, (options.count, 2)) * np.array(IMAGE_SIZE)
+    depth = depths(scene, points, options)
+    R, t = motion(scene, K, points, depth, options)
+    true_ends = project_smears(K, R, t, points, depth)
+    observed = true_ends.copy()
+    moving = nearest_share(wrong, points, options.second_motion)
+    other = motion(wrong, K, points, depth, options)
+    observed[moving] = project_smears(K, *other, points, depth)[moving]
+    random = wrong.random(options.count) < options.outliers
+    observed[random] = random_smears(wrong, true_ends)[random]
+    own_px, sigma_px = noise_levels(noise, options)
+    observed += own_px[:, None, None] * noise.normal(size=observed.shape)
+    swapped = noise.random(options.count) < 0.5
+    return SyntheticSmears(
+        K=K,
+        R=R,
+        t=t,
+        F=fundamental_from_pose(K, R, t),
+        ends=np.where(swapped[:, None, None], observed[:, ::-1], observed),
+        true_ends=true_ends,
+        sigma_px=sigma_px,
+        swapped=swapped,
+        outlier=moving | random,
+    )
+
+
+def camera(rng: np.random.Generator) -> Array:
+    """K of a 640x480 camera: focal 0.8 to 1.5 widths, principal point about 1 % off the centre."""
+    focal = IMAGE_SIZE[0] * rng.uniform(0.8, 1.5)
+    centre = (np.array(IMAGE_SIZE) - 1) / 2 + rng.normal(0, 0.01, 2) * np.array(IMAGE_SIZE)
+    return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
+
+
+def depths(rng: np.random.Generator, points: Array, options: SyntheticOptions) -> Array:
+    """Depth (N,) of pixels (N, 2) by the kind of the scene and, near-planar, the motion."""
+    if options.motion == "near-planar":
+        x, y = (points / np.array(IMAGE_SIZE) - 0.5).T
+        plane = rng.uniform(*FAR) / np.maximum(1 + rng.normal(0, 0.3) * x + rng.normal(0, 0.4) * y, 0.3)
+        waves = 2 * np.sin(9 * x + rng.uniform(0, 6)) * np.cos(7 * y + rng.uniform(0, 6))
+        relief = waves if options.kind == "smooth" else rng.normal(size=len(points))
+        return np.asarray(plane * np.exp(RELIEF * relief), float)
+    if options.kind == "scattered":
+        return np.asarray(np.exp(rng.uniform(np.log(NEAR[0]), np.log(FAR[1]), len(points))), float)
+    return layered_depth(rng, points)
+
+
+def layered_depth(rng: np.random.Generator, points: Array) -> Array:
+    """Depth (N,) of pixels: a tilted background with relief, two to five cards of other depths in front."""
+    x, y = (points / np.array(IMAGE_SIZE) - 0.5).T
+    depth = rng.uniform(*FAR) * np.exp(rng.normal(0, 0.4) * x + rng.normal(0, 0.6) * y)
+    depth = depth * np.exp(0.1 * np.sin(9 * x + rng.uniform(0, 6)) * np.cos(7 * y + rng.uniform(0, 6)))
+    for _ in range(rng.integers(2, 6)):
+        centre, half = rng.uniform(-0.5, 0.5, 2), rng.uniform(0.08, 0.25, 2)
+        inside = (np.abs(x - centre[0]) < half[0]) & (np.abs(y - centre[1]) < half[1])
+        depth[inside] = rng.uniform(*NEAR) * (1 + rng.normal(0, 0.3) * x[inside])
+    return np.asarray(depth, float)
+
+
+def motion(
+    rng: np.random.Generator, K: Array, points: Array, depth: Array, options: SyntheticOptions
+) -> tuple[Array, Array]:
+    """Draw R and t so that smears of the whole scene have the asked median length."""
+    axis, heading = rng.normal(size=3), rng.normal(size=3)
+    share = rng.uniform(0.2, 1.0)
+    if options.motion == "forward":
+        heading, share = np.array([0.12, 0.12, 1.0]) * [*heading[:2], 1.0], rng.uniform(0, 0.5)
+    elif options.motion == "sideways":
+        heading = heading * [1.0, 1.0, 0.1]
+    elif options.motion == "rotating":
+        share = 3.0
+    return scaled_motion(K, points, depth, axis, heading, share, options.length_px)
+
+
+def scaled_motion(
+    K: Array, points: Array, depth: Array, axis: Array, heading: Array, share: float, length_px: float
+) -> tuple[Array, Array]:
+    """Scale a rotation vector and a translation (3,) to a median smear length: R (3, 3) and t (3,).
+
+    ``share`` is the median length of the smears of the rotation alone over that of the translation alone;
+    0: pure translation, inf: pure rotation.
+    """
+    identity, none, small = np.eye(3), np.zeros(3), 1e-3
+    turn = small * axis / median_length(project_smears(K, rotation_matrix(small * axis), none, points, depth))
+    move = small * heading / median_length(project_smears(K, identity, small * heading, points, depth))
+    weights = (1.0, 0.0) if np.isinf(share) else (share, 1.0)
+    factor = 1.0
+    for _ in range(4):  # scale both together to the asked median length
+        turn, move = turn * factor, move * factor
+        R, t = rotation_matrix(weights[0] * turn), weights[1] * move
+        factor = length_px / median_length(project_smears(K, R, t, points, depth))
+    return R, t
+
+
+def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:
+    """Give the ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
+    rays = homogeneous(points) @ np.linalg.inv(K).T * depth[:, None]
+    close = (rays @ R.T + t) @ K.T
+    return np.stack([points, close[:, :2] / close[:, 2:]], axis=1)
+
+
+def median_length(ends: Array) -> float:
+    """Median smear length in pixels."""
+    return float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)))
+
+
+def nearest_share(rng: np.random.Generator, points: Array, share: float) -> NDArray[np.bool_]:
+    """Mark the share of the points that lie nearest to one of them: a compact object."""
+    distance = np.linalg.norm(points - points[rng.integers(len(points))], axis=1)
+    marked = np.zeros(len(points), bool)
+    marked[np.argsort(distance, kind="stable")[: round(share * len(points))]] = True
+    return marked
+
+
+def random_smears(rng: np.random.Generator, ends: Array) -> Array:
+    """Give smears (N, 2, 2) at the same midpoints of random direction, 0.3 to 2 medians long."""
+    angle = rng.uniform(0, 2 * np.pi, len(ends))
+    length = rng.uniform(0.3, 2.0, len(ends)) * median_length(ends)
+    half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    middle = ends.mean(axis=1)
+    return np.stack([middle - half, middle + half], axis=1)
+
+
+def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[Array, Array]:
+    """Noise (N,) of every coordinate and the ``sigma_px`` (N,) that is reported of it."""
+    own = np.ones(options.count)
+    if options.report.startswith("varied"):
+        own = np.exp(NOISE_SPREAD * rng.normal(size=options.count))
+        own /= np.sqrt((own**2).mean())
+    own = own * options.noise_px
+    told = {
+        "constant": np.ones(options.count),
+        "varied, constant": np.full(options.count, options.noise_px),
+        "varied, wrong": rng.permutation(own),
+    }.get(options.report, own)
+    return own, 2 * np.maximum(told, 1e-3)

@@ -1,0 +1,156 @@
+"""The rendered test split: photographs with exact truth and texture photographs that training never saw.
+
+``python -m tools.datasets.testset render/test --scenes 60`` writes, per scene, ``NNNN.png`` (the blurred
+photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_open.png``, ``NNNN_close.png``
+(the sharp first and last instants, for classical baselines). The same seeds give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.datasets.shards import start_worker
+from tools.rendering.exposure import GRID, grid_points
+from tools.rendering.render import Rendering, RenderOptions, render
+from tools.rendering.sensor import SensorOptions, compress, photograph, tone
+
+Array = NDArray[Any]
+
+FIRST_SEED = 1_000_000
+SERIES = 100_000
+"""Distance of the seeds that are tried for one scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestScene:
+    """One photograph with its truth; see `render.Rendering` for the fields' meaning."""
+
+    name: str
+    image_path: Path
+    displacement: Array
+    valid: Array
+    static: Array
+    K: Array
+    R: Array
+    t: Array
+    F: Array | None
+    kind: str
+
+    __test__ = False  # not a test class, whatever its name makes pytest think
+
+    @property
+    def midpoints(self) -> Array:
+        """Pixels (h, w, 2) at the centres of the truth's cells."""
+        rows, columns = self.valid.shape
+        return grid_points((columns * GRID, rows * GRID))
+
+
+def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
+    """Return the options of the split: median smears of 4 to 60 px, no sharp scenes."""
+    return RenderOptions(size=size, smear_px=(4.0, 60.0), sharp_share=0.0, split="test", photos=photos)
+
+
+def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Array:
+    """Photograph an instant as a good camera would (uint8 RGB).
+
+    Exposure follows the blurred picture `like`, tone curve and compression are fixed: both ends of one
+    exposure come out alike, as two frames of one camera do. `rng` draws the noise.
+    """
+    signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
+    noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
+    coded = tone(np.random.default_rng(2), np.clip(noisy, 0, 1).astype(np.float32))
+    return compress(np.random.default_rng(1), (np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8))
+
+
+def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tuple[Rendering, int]:
+    """Render the first seed of a series whose median visible smear is in range, and tell which it was.
+
+    The renderer scales the median over all surfaces, hidden ones too, and bounds the longest smears, so that
+    one scene in seven has a visible median outside.
+    """
+    for attempt in range(attempts):
+        scene = render(seed + SERIES * attempt, options)
+        seen = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
+        if len(seen) and options.smear_px[0] <= np.median(seen) <= options.smear_px[1]:
+            return scene, seed + SERIES * attempt
+    raise RuntimeError(
+        f"no seed of the series {seed} + {SERIES} k has a median smear in {options.smear_px} px"
+    )
+
+
+def write_scene(index: int, out: Path, options: RenderOptions) -> None:
+    """Render, photograph and store one scene; finished ones are kept."""
+    truth_path = out / f"{index:04d}.npz"
+    if truth_path.exists():
+        return
+    scene, seed = scene_in_range(FIRST_SEED + index, options)
+    rng = np.random.default_rng([seed, 2])
+    pictures = {
+        "": photograph(rng, scene.linear, SensorOptions()),
+        "_open": sharp_photograph(rng, scene.open_image, scene.linear),
+        "_close": sharp_photograph(rng, scene.close_image, scene.linear),
+    }
+    for suffix, picture in pictures.items():
+        cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
+    write_truth(truth_path, scene)
+
+
+def write_truth(path: Path, scene: Rendering) -> None:
+    """Store what :func:`read_test_set` reads."""
+    np.savez(
+        path,
+        displacement=scene.displacement,
+        valid=scene.valid,
+        static=scene.static,
+        K=scene.K,
+        R=scene.R,
+        t=scene.t,
+        F=np.zeros((0, 3)) if scene.F is None else scene.F,
+        kind=scene.kind,
+    )
+
+
+def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
+    """Write scenes 0 to `scenes` - 1 in parallel."""
+    out.mkdir(parents=True, exist_ok=True)
+    with multiprocessing.get_context("spawn").Pool(jobs, start_worker) as pool:
+        pool.map(partial(write_scene, out=out, options=options), range(scenes), chunksize=1)
+
+
+def read_test_set(folder: Path) -> Iterator[TestScene]:
+    """Yield the scenes of a folder in order of their names."""
+    for path in sorted(folder.glob("[0-9]*.npz")):
+        with np.load(path) as stored:
+            arrays = {key: stored[key] for key in ("displacement", "valid", "static", "K", "R", "t")}
+            F = stored["F"] if stored["F"].shape == (3, 3) else None
+            image_path, kind = path.with_suffix(".png"), str(stored["kind"])
+            yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", type=int, default=60)
+    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
+    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    arguments = parser.parse_args()
+    options = test_options(arguments.photos, tuple(arguments.size))
+    write_test_set(arguments.out, arguments.scenes, options, arguments.jobs)
+
+
+if __name__ == "__main__":
+    main()

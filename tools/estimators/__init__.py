@@ -1,0 +1,1 @@
+"""Other estimators of F: baselines, references, the paper's."""

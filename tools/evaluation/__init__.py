@@ -1,0 +1,1 @@
+"""Figures of merit: of smears, F, poses, masks, and time."""

@@ -1,0 +1,174 @@
+"""Where the time of one estimate goes, and the classical alternative beside it, in one run.
+
+    python -m tools.evaluation.benchmark --out tools/results/benchmark
+
+renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the blurred photograph, the whole
+process from outside, and SIFT + matching + pycolmap's F on the two SHARP ends of the same exposure. Speeds of
+machines differ: read the ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import cv2
+import numpy as np
+
+import blur2view
+from blur2view.cli.outputs import OutputFiles, write_results
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.pipeline import estimate
+from blur2view.robust.minimal_solvers import solve_seven_smears
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from tools.datasets.testset import test_options, write_scene
+
+SIZE = (1280, 720)
+LARGE = (6000, 4000)
+SCENE = 3
+"""Index in the test split of the scene that is timed."""
+
+
+def timed(work: Callable[[], Any], repeats: int) -> float:
+    """Median seconds of a call, after one that is not counted."""
+    seconds = []
+    for _ in range(repeats + 1):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return median(seconds[1:])
+
+
+def classical(first: Path, last: Path) -> None:
+    """Read two sharp photographs, match SIFT features and estimate F, as people do today."""
+    import pycolmap
+
+    sift = cv2.SIFT.create(4000)
+    images = [np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8) for path in (first, last)]
+    (keys1, words1), (keys2, words2) = (sift.detectAndCompute(image, None) for image in images)
+    pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words1, words2, k=2)
+    good = [a for a, b in (p for p in pairs if len(p) == 2) if a.distance < 0.8 * b.distance]
+    points1 = np.array([keys1[m.queryIdx].pt for m in good])
+    points2 = np.array([keys2[m.trainIdx].pt for m in good])
+    if len(good) >= 8:
+        pycolmap.estimate_fundamental_matrix(points1, points2)
+
+
+def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
+    """Median seconds of every step of an estimate, in process and warm."""
+    from blur2view.cli.commands import main as command
+
+    network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
+    image = blur2view.read_image(photo)
+    found = estimate(image, network=network)
+    field, matches = found.field, found.matches
+    sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # any F: without one the mask's network is not asked
+    moving = replace(found, geometry=replace(found.geometry, F=sideways))
+    files = OutputFiles(folder=folder, stem="stages")
+    write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
+    return {
+        "decode": timed(lambda: blur2view.read_image(photo), repeats),
+        "network": timed(lambda: network.predict(image), repeats),
+        "matches": timed(lambda: select_matches(field), repeats),
+        "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
+        "draw and write": timed(lambda: write_results(files, {}, image, found), repeats),
+        "motion mask": timed(lambda: blur2view.segment(moving, image, network=motion_network), repeats),
+        "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
+        "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
+    }
+
+
+def solver_seconds(repeats: int, samples: int = 1000) -> float:
+    """Median seconds of the minimal solver per sample of seven smears, all 64 sign patterns, batched."""
+    ends = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 7, 2, 2))
+    return timed(lambda: solve_seven_smears(ends), repeats) / samples
+
+
+def quietly(command: Callable[[list[str]], int], arguments: list[str]) -> None:
+    """Run a command in this process without its output."""
+    with open(os.devnull, "w") as nowhere:
+        before, sys.stdout = sys.stdout, nowhere
+        try:
+            command(arguments)
+        finally:
+            sys.stdout = before
+
+
+def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
+    """Wall seconds and peak memory (MiB) of one ``blur2view estimate`` process."""
+    arguments = [sys.executable, "-m", "blur2view", "estimate", str(photo), "-o", str(folder), "--overwrite"]
+    start = time.perf_counter()
+    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
+    seconds = time.perf_counter() - start
+    return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
+def enlarged(photo: Path, target: Path) -> Path:
+    """Write the photograph resized to 24 megapixels; what is in it does not change what memory it takes."""
+    cv2.imwrite(str(target), cv2.resize(np.asarray(cv2.imread(str(photo))), LARGE))
+    return target
+
+
+def table(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
+    """Markdown of the figures, each beside its ratio to the classical alternative."""
+    rows = [
+        f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph.",
+        "",
+        "| step | seconds | over the classical alternative |",
+        "|---|---|---|",
+    ]
+    named = {**times, "whole process, all files": process[0], "classical: two sharp frames": rival}
+    rows += [f"| {name} | {seconds:.3f} | {seconds / rival:.2f} |" for name, seconds in named.items()]
+    return "\n".join([*rows, "", f"Peak memory of the whole process: {process[1]:.0f} MiB.", ""])
+
+
+def machine() -> str:
+    """Name of the processor and the number of cores that this process may use."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--out", type=Path, help="write OUT.md")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
+        photo = folder / f"{SCENE:04d}.png"
+        ends = [folder / f"{SCENE:04d}_{end}.png" for end in ("open", "close")]
+        process = [whole_process(photo, folder / "out") for _ in range(3)]
+        times = stages(photo, folder / "out", arguments.repeats)
+        rival = timed(lambda: classical(*ends), arguments.repeats)
+        large = whole_process(enlarged(photo, folder / "large.jpg"), folder / "out")
+    wall = median(seconds for seconds, _ in process)
+    text = table(times, (wall, process[-1][1]), rival, arguments.repeats)
+    solver_ms = 1e3 * solver_seconds(arguments.repeats)
+    text += f"\nMinimal solver, batched: {solver_ms:.2f} ms a sample of seven smears.\n"
+    text += f"\nA photograph of {LARGE[0]}x{LARGE[1]}: {large[0]:.1f} s, {large[1]:.0f} MiB, whole process.\n"
+    print(text)
+    if arguments.out:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.with_suffix(".md").write_text(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+"""Measure smears and F on the rendered test split.
+
+    python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
+    python -m tools.evaluation.evaluate render/test --out tools/results/evaluation
+
+prints the tables and writes ``evaluation.md``, ``evaluation.json`` and a picture, ``evaluation.png``.
+Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import blur2view
+from blur2view.geometry.sampson import serrmin
+from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
+from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.sampling import select_matches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.search import two_parameter_fundamental
+from tools.datasets.testset import TestScene, read_test_set
+from tools.estimators import baselines
+from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
+from tools.evaluation.smear_plot import plot
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FundamentalFigures:
+    """Quality of one method's F over the images whose camera translates; no F counts as the worst.
+
+    Medians over images of ``rho`` and ``serrmin_px2`` (themselves medians over smears) and ``epipole_deg``;
+    means of the shares of smears.
+    """
+
+    method: str
+    images: int
+    without_F: int
+    rho: float
+    rho_under_05: float
+    rho_under_10: float
+    inliers: float
+    inliers_of_true: float
+    serrmin_px2: float
+    epipole_deg: float
+
+
+def true_ends(scene: TestScene) -> Array:
+    """Return the ends (N, 2, 2) of the true smears of valid static pixels, in true order."""
+    chosen = scene.valid & scene.static
+    return smear_ends(scene.midpoints[chosen], scene.displacement[chosen].astype(np.float64))
+
+
+def truth_at_matches(scene: TestScene, matches: SmearMatches) -> Array:
+    """Return the true displacements (N, 2) of the cells in which the matches lie."""
+    columns, rows = np.floor(matches.midpoint / 4).astype(int).T
+    displacement: Array = scene.displacement[rows, columns]
+    return displacement
+
+
+def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None]]:
+    """Every method of the table, as a function of the matches."""
+
+    def told(solver: baselines.Solver, matches: SmearMatches) -> Array | None:
+        ordered = baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
+        return baselines.solve(solver, ordered)
+
+    def unordered(matches: SmearMatches) -> Array | None:
+        ends = baselines.scrambled(matches.ends, np.random.default_rng(0))
+        return baselines.solve(baselines.opencv_magsac, ends)
+
+    def rightward(matches: SmearMatches) -> Array | None:
+        return baselines.solve(baselines.opencv_magsac, baselines.rightward(matches.ends))
+
+    def ours(matches: SmearMatches) -> Array | None:
+        return estimate_two_view(matches, rng=np.random.default_rng(0)).F
+
+    return {
+        "ours": ours,
+        "two-parameter F": two_parameter_fundamental,
+        "unordered, OpenCV MAGSAC": unordered,
+        "u > 0 order, OpenCV MAGSAC": rightward,
+        "true order, OpenCV MAGSAC": partial(told, baselines.opencv_magsac),
+        "true order, pycolmap": partial(told, baselines.pycolmap_ransac),
+        "true order, PoseLib": partial(told, baselines.poselib_ransac),
+        "true F": lambda _: scene.F,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """One F on one image's true smears; the epipole's angle is that of rays, up to the flip of time."""
+
+    rho: float
+    under_05: float
+    under_10: float
+    inliers: float
+    serrmin_px2: float
+    epipole_deg: float
+
+
+class Truth(Protocol):
+    """What F is judged against."""
+
+    @property
+    def F(self) -> Array | None:
+        """The true F; None where the camera does not translate."""
+
+    @property
+    def K(self) -> Array:
+        """Intrinsics."""
+
+
+def judge(F: Array | None, scene: Truth, ends: Array) -> Judged:
+    """Judge F on the true ends (N, 2, 2) of a scene whose camera translates.
+
+    None is the worst answer: errors as long as the smears, and an epipole at right angles.
+    """
+    if F is None or scene.F is None:
+        squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
+        return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
+    relative = rho(F, ends)
+    return Judged(
+        rho=float(np.median(relative)),
+        under_05=share_under(relative, 0.05),
+        under_10=share_under(relative, 0.10),
+        inliers=inlier_share(F, ends),
+        serrmin_px2=float(np.median(serrmin(F, ends))),
+        epipole_deg=epipole_angle_deg(F, scene.F, scene.K),
+    )
+
+
+def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
+    """Medians of the errors, means of the shares, and inliers as a fraction of what the true F reaches."""
+    values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
+    inliers = float(values["inliers"].mean())
+    return FundamentalFigures(
+        method=method,
+        images=len(judged),
+        without_F=missing,
+        rho=float(np.median(values["rho"])),
+        rho_under_05=float(values["under_05"].mean()),
+        rho_under_10=float(values["under_10"].mean()),
+        inliers=inliers,
+        inliers_of_true=inliers / float(np.mean([r.inliers for r in reference])),
+        serrmin_px2=float(np.median(values["serrmin_px2"])),
+        epipole_deg=float(np.median(values["epipole_deg"])),
+    )
+
+
+def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> list[FundamentalFigures]:
+    """Run every method on every image whose camera translates."""
+    table: dict[str, list[Judged]] = {}
+    missing: dict[str, int] = {}
+    for scene, field in scenes:
+        if scene.F is None:
+            continue
+        matches, ends = select_matches(field), true_ends(scene)
+        for name, method in methods(scene).items():
+            F = method(matches)
+            table.setdefault(name, []).append(judge(F, scene, ends))
+            missing[name] = missing.get(name, 0) + (F is None)
+    return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
+
+
+def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
+    """All tables."""
+    rows = [f"Model {model_id}, {smears.images} rendered images.", "", *smear_tables(smears), ""]
+    head = (
+        "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
+        "| median SErrMin, px^2 | epipole, deg |"
+    )
+    rows += [head, "|---|---|---|---|---|---|---|---|---|---|"]
+    for f in fundamentals:
+        shares = f"{f.rho_under_05:.3f} | {f.rho_under_10:.3f} | {f.inliers:.3f} | {f.inliers_of_true:.3f}"
+        rows.append(
+            f"| {f.method} | {f.images} | {f.without_F} | {f.rho:.4f} | {shares} "
+            f"| {f.serrmin_px2:.3g} | {f.epipole_deg:.1f} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
+    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
+    parser.add_argument("--out", type=Path, help="write OUT.md, OUT.json and OUT.png")
+    arguments = parser.parse_args()
+    network = blur2view.SmearNetwork(arguments.model)
+    pairs = [
+        (s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(arguments.scenes)
+    ]
+    if not pairs:
+        folder = arguments.scenes
+        raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
+    smears, images = pooled(pairs)
+    figures, fundamentals = evaluate_smears(smears, images), evaluate_fundamentals(pairs)
+    text = markdown(figures, fundamentals, network.info.model_id)
+    print(text)
+    if arguments.out:
+        document = {
+            "model_id": network.info.model_id,
+            "smears": asdict(figures),
+            "fundamentals": [asdict(row) for row in fundamentals],
+        }
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        plot(smears, figures, arguments.out.with_suffix(".png"))
+        arguments.out.with_suffix(".md").write_text(text)
+        arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

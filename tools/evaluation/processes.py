@@ -1,0 +1,35 @@
+"""Worker processes with one thread each, so that studies are fair to every library and fill the cores."""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.pool
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tools.datasets.shards import start_worker
+
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@contextmanager
+def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
+    """Give a pool of fresh processes in which numpy and OpenCV use one thread.
+
+    The libraries read their limits when they are loaded, so the environment is set while workers start and
+    put back afterwards.
+    """
+    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))
+    try:
+        with multiprocessing.get_context("spawn").Pool(processes, start_worker) as pool:
+            yield pool
+            pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
+            pool.join()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

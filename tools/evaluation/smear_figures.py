@@ -1,0 +1,191 @@
+"""Figures of predicted smears over rendered photographs: as a whole, by length, and what sigma is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.camera.image import read_image
+from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
+from blur2view.smears.field import SmearField
+from tools.datasets.testset import TestScene
+
+Array = NDArray[Any]
+
+OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
+"""Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
+SIGMA_BINS = 10
+"""Classes of equal size in which predicted and found errors are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OctaveFigures:
+    """The smears whose true length is at least `from_px` and less than twice that."""
+
+    from_px: int
+    smears: int
+    length_ratio: float
+    length_spread: float
+    direction_deg: float
+    epe_s_over_length: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SigmaBin:
+    """A tenth of the smears, by sigma: root mean squares of what was predicted and of the errors found."""
+
+    sigma_px: float
+    error_px: float
+    within: float
+
+    @property
+    def normalised_error(self) -> float:
+        """Found over predicted: 1 for a calibrated sigma."""
+        return self.error_px / self.sigma_px
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmearFigures:
+    """Quality of the predicted smears over the valid pixels of the split; lengths in pixels."""
+
+    images: int
+    epe_s: float
+    epe_s_over_length: float
+    epe_s_top50: float
+    epe_s_top50_over_length: float
+    direction_deg: float
+    direction_deg_top50: float
+    length_ratio: float
+    length_spread: float
+    sparsification_area: float
+    coherence_area: float
+    octaves: tuple[OctaveFigures, ...] = ()
+    bins: tuple[SigmaBin, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smears:
+    """Smears of many images.
+
+    Attributes
+    ----------
+    found, true : ndarray of shape (N, 2)
+        Displacements in pixels.
+    sigma : ndarray of shape (N,)
+        What the network expects of their error, pixels.
+    sure : ndarray of bool, shape (N,)
+        Whether sigma is at most its median over the image.
+    coherence : ndarray of shape (N,)
+        See :func:`coherence`.
+    """
+
+    found: Array
+    true: Array
+    sigma: Array
+    sure: Array
+    coherence: Array
+
+
+def coherence(image: Array, sigma_px: float = 12.0) -> Array:
+    """Give the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
+
+    What a classical method would trust a blur's direction by: the difference of the eigenvalues over their
+    sum, of a photograph (H, W, 3) in [0, 1] (Bigun and Granlund, ICCV 1987).
+    """
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    gx, gy = (cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
+    xx, xy, yy = (cv2.GaussianBlur(product, (0, 0), sigma_px) for product in (gx * gx, gx * gy, gy * gy))
+    whole = np.hypot(xx - yy, 2 * xy) / (xx + yy + 1e-9)
+    return np.asarray(whole[1::4, 1::4])
+
+
+def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]:
+    """Collect the valid pixels of all images, and count the images."""
+    parts = []
+    for scene, field in scenes:
+        sigma = field.sigma_px[1::4, 1::4][scene.valid]
+        found = field.displacement[1::4, 1::4][scene.valid]
+        sure, classical = sigma <= np.median(sigma), coherence(read_image(scene.image_path))[scene.valid]
+        parts.append((found, scene.displacement[scene.valid], sigma, sure, classical))
+    names, columns = [f.name for f in fields(Smears)], zip(*parts, strict=True)
+    merged = {name: np.concatenate(column) for name, column in zip(names, columns, strict=True)}
+    return Smears(**merged), len(parts)
+
+
+def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
+    """Judge the smears of all images together; "top 50 %" is the more certain half of each image."""
+    error, length = epe_s(smears.found, smears.true), np.linalg.norm(smears.true, axis=1)
+    angle, clear = direction_error_deg(smears.found, smears.true), length >= DIRECTION_MIN_PX
+    ratio, half = log_ratio(smears.found, length)[clear], smears.sure
+    return SmearFigures(
+        images=images,
+        epe_s=float(error.mean()),
+        epe_s_over_length=float(error.mean() / length.mean()),
+        epe_s_top50=float(error[half].mean()),
+        epe_s_top50_over_length=float(error[half].mean() / length[half].mean()),
+        direction_deg=float(np.median(angle[clear])),
+        direction_deg_top50=float(np.median(angle[clear & half])),
+        length_ratio=float(np.exp(np.median(ratio))),
+        length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
+        sparsification_area=float(sparsification_area(error, smears.sigma)),
+        coherence_area=float(sparsification_area(error, -smears.coherence)),
+        octaves=tuple(by_octave(smears, error, angle, length)),
+        bins=tuple(by_sigma(error, smears.sigma)),
+    )
+
+
+def log_ratio(found: Array, length: Array) -> Array:
+    """Give the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
+    return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
+
+
+def by_octave(smears: Smears, error: Array, angle: Array, length: Array) -> Iterable[OctaveFigures]:
+    """Yield the figures of every class of length that has smears."""
+    ratio = log_ratio(smears.found, length)
+    for start in OCTAVES_PX:
+        chosen = (length >= start) & (length < 2 * start)
+        if chosen.any():
+            middle = np.median(ratio[chosen])
+            yield OctaveFigures(
+                from_px=start,
+                smears=int(chosen.sum()),
+                length_ratio=float(np.exp(middle)),
+                length_spread=float(np.median(np.abs(ratio[chosen] - middle))),
+                direction_deg=float(np.median(angle[chosen])),
+                epe_s_over_length=float(error[chosen].mean() / length[chosen].mean()),
+            )
+
+
+def by_sigma(error: Array, sigma: Array) -> Iterable[SigmaBin]:
+    """Yield predicted and found errors by tenths of sigma."""
+    for chosen in np.array_split(np.argsort(sigma, kind="stable"), min(SIGMA_BINS, len(sigma))):
+        yield SigmaBin(
+            sigma_px=float(np.sqrt((sigma[chosen].astype(float) ** 2).mean())),
+            error_px=float(np.sqrt((error[chosen].astype(float) ** 2).mean())),
+            within=float((error[chosen] <= sigma[chosen]).mean()),
+        )
+
+
+def smear_tables(smears: SmearFigures) -> list[str]:
+    """Write the figures as lines of Markdown: all, by length, by sigma."""
+    plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
+    rows = ["| smears | |", "|---|---|", *(f"| {name} | {getattr(smears, name):.4g} |" for name in plain)]
+    rows += [
+        "",
+        "| true px | smears | predicted / true | spread of its log | direction, deg | EPE-S / length |",
+    ]
+    rows += ["|---|---|---|---|---|---|"]
+    for f in smears.octaves:
+        lengths, direction = f"{f.length_ratio:.3f} | {f.length_spread:.3f}", f"{f.direction_deg:.2f}"
+        span = f"{f.from_px} to {2 * f.from_px} | {f.smears}"
+        rows.append(f"| {span} | {lengths} | {direction} | {f.epe_s_over_length:.3f} |")
+    rows += ["", "| sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma |"]
+    rows += ["|---|---|---|---|"]
+    for b in smears.bins:
+        rows.append(f"| {b.sigma_px:.2f} | {b.error_px:.2f} | {b.normalised_error:.2f} | {b.within:.2f} |")
+    return rows

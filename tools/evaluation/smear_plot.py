@@ -1,0 +1,54 @@
+"""The picture of the smears' figures: what sigma is worth, and lengths by octave."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from blur2view.metrics import epe_s, sparsification_curve
+from tools.evaluation.smear_figures import SmearFigures, Smears
+
+
+def plot(smears: Smears, figures: SmearFigures, path: Path) -> None:
+    """Draw sigma against error, the sparsification curves and the lengths by octave; write a PNG."""
+    from matplotlib.figure import Figure  # without a display
+
+    figure = Figure(figsize=(13, 4), layout="constrained")
+    calibration, sparsification, lengths = figure.subplots(1, 3)
+    draw_calibration(calibration, figures)
+    draw_sparsification(sparsification, smears, figures)
+    draw_lengths(lengths, figures)
+    figure.savefig(path, dpi=100)
+
+
+def draw_calibration(axes: Any, figures: SmearFigures) -> None:
+    """Root mean square error against sigma, by tenths of sigma; the diagonal is a calibrated one."""
+    sigma, error = [b.sigma_px for b in figures.bins], [b.error_px for b in figures.bins]
+    span = [min(sigma + error), max(sigma + error)]
+    axes.loglog(span, span, "k--", lw=1, label="calibrated")
+    axes.loglog(sigma, error, "o-", label="a tenth of the smears each")
+    axes.set(xlabel="sigma, px", ylabel="root mean square EPE-S, px", title="What sigma says and what is")
+    axes.legend()
+
+
+def draw_sparsification(axes: Any, smears: Smears, figures: SmearFigures) -> None:
+    """Mean error of what is left against the share removed: by sigma, by local coherence, by the error."""
+    error = epe_s(smears.found, smears.true)
+    removed, by_sigma, by_error = sparsification_curve(error, smears.sigma)
+    _, by_coherence, _ = sparsification_curve(error, -smears.coherence)
+    axes.plot(removed, by_coherence, label=f"local coherence, area {figures.coherence_area:.2f}")
+    axes.plot(removed, by_sigma, label=f"sigma, area {figures.sparsification_area:.2f}")
+    axes.plot(removed, by_error, "k--", lw=1, label="the error itself")
+    axes.set(
+        xlabel="share removed", ylabel="mean EPE-S over that of all", ylim=(0, 1.2), title="Sparsification"
+    )
+    axes.legend()
+
+
+def draw_lengths(axes: Any, figures: SmearFigures) -> None:
+    """Median of predicted over true length by octave; bars are the spread of its logarithm."""
+    middle = [1.5 * o.from_px for o in figures.octaves]
+    ratio = [o.length_ratio for o in figures.octaves]
+    axes.errorbar(middle, ratio, [r * o.length_spread for r, o in zip(ratio, figures.octaves, strict=True)])
+    axes.axhspan(0.95, 1.05, alpha=0.2)
+    axes.set(xscale="log", ylim=(0, 2), xlabel="true length, px", ylabel="predicted / true", title="Lengths")

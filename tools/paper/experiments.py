@@ -1,0 +1,130 @@
+"""Run every experiment of the paper on rendered photographs and write tools/results/paper.md.
+
+    python -m tools.paper.experiments --photos KODAK
+
+renders what is missing (training scenes: 25 minutes of two cores), trains 33 networks (two
+hours), estimates Table 2 (11 minutes of one core), counts failure cases (five minutes) and compares both ways
+to blur. Trainings, renderings and Table 2 go on where they were; ``--stages report`` writes the file from
+what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import blur2view
+from tools.datasets.testset import read_test_set, test_options, write_test_set
+from tools.paper import convolution_blur, failure_cases, paper_summary, paper_tables
+from tools.paper.paper_report import RESULTS, report
+from tools.paper.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
+from tools.reports.figure_style import save, style
+from tools.training.recipe import Recipe, render_all
+from tools.training.train import TrainOptions
+
+SCENES = 60
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Where things are, and the budgets: `seeds`, `steps` and `plain_steps` of the trainings.
+
+    `shards` holds ``train`` and ``val``, as `tools.training.recipe` renders them.
+    """
+
+    photos: Path | None
+    work: Path
+    shards: Path
+    scenes: Path
+    results: Path
+    seeds: tuple[int, ...] = (0, 1, 2)
+    steps: int = STEPS
+    plain_steps: int = PLAIN_STEPS
+
+
+def train(plan: Plan) -> None:
+    """Render, train all variants, summarise Table 1."""
+    train, val = render_all(Recipe(), plan.photos, plan.shards)
+    options = TrainOptions(
+        train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
+    )
+    run_all(list(VARIANTS.values()), plan.seeds, options, plan.plain_steps)
+    summarise(plan)
+
+
+def summarise(plan: Plan) -> None:
+    """Store and draw what is finished of Table 1."""
+    runs = plan.work / "variants"
+    found, study = paper_summary.read_runs(runs), paper_summary.read_alpha_study(runs)
+    if found:
+        write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
+        write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))
+        paper_summary.plot(found, study, plan.results / "paper_table1.png")
+
+
+def estimate(plan: Plan) -> None:
+    """Make Table 2."""
+    write_test_set(plan.scenes, SCENES, test_options(plan.photos), multiprocessing.cpu_count())
+    scenes, network = [s for s in read_test_set(plan.scenes) if s.F is not None], blur2view.SmearNetwork()
+    rows = paper_tables.rows_of(paper_tables.complete(scenes, network, plan.work / "table2.jsonl"), scenes)
+    document = {"model_id": network.info.model_id, "rows": [asdict(row) for row in rows]}
+    write_json(plan.results / "paper_table2.json", document)
+    paper_tables.plot(rows, plan.results / "paper_table2.png")
+
+
+def fail(plan: Plan) -> None:
+    """Count the failure cases."""
+    document = failure_cases.study(blur2view.SmearNetwork(), plan.photos, range(failure_cases.SEEDS))
+    write_json(plan.results / "paper_failures.json", document)
+
+
+def blur(plan: Plan) -> None:
+    """Compare both ways to blur."""
+    found = convolution_blur.blurs(convolution_blur.SEED, plan.photos)
+    with style():
+        save(convolution_blur.figure_of(found), plan.results / "figures" / "convolution.png")
+    write_json(plan.results / "figures" / "convolution.json", found.figures())
+
+
+def write_report(plan: Plan) -> None:
+    """Write paper.md from what is there."""
+    summarise(plan)
+    (plan.results / "paper.md").write_text(report(plan.results))
+
+
+STAGES: dict[str, Callable[[Plan], None]] = {
+    "blur": blur, "failures": fail, "table2": estimate, "table1": train, "report": write_report,
+}  # fmt: skip
+
+
+def write_json(path: Path, document: object) -> None:
+    """Write a result."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document, indent=1) + "\n")
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--photos", type=Path, help="folder of the Kodak suite's 24 PNG files")
+    parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
+    parser.add_argument("--shards", type=Path, default=Path("render"), help="(default: %(default)s)")
+    parser.add_argument("--scenes", type=Path, default=Path("render/test"), help="(default: %(default)s)")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
+    parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
+    parser.add_argument("--steps", type=int, default=Plan.steps)
+    parser.add_argument("--plain-steps", type=int, default=Plan.plain_steps)
+    parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))
+    words = vars(parser.parse_args())
+    stages = words.pop("stages")
+    for name in stages:
+        STAGES[name](Plan(**words))
+
+
+if __name__ == "__main__":
+    main()

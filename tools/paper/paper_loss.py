@@ -1,0 +1,90 @@
+"""The paper's six losses, in torch: three ways to compare smears without a sign, with and without the map.
+
+A network gives a vector v and w at every pixel; sigma = softplus(w). The loss is
+``m L_R + ReLU((1 - m) / sigma^2 - alpha)``, m the cross-check map (without the map m = 1: ``L_R`` alone). L_R
+is the negative log likelihood of an isotropic normal error of deviation sigma between v and the true smear d:
+
+- ``local``: the error is the smaller of v - d and v + d, anew in every pixel;
+- ``restricted``: v is compared with d turned to the right (u > 0, as Gong et al., CVPR 2017);
+- ``double``: v is compared with d in double angle, |d| (cos 2 phi, sin 2 phi).
+
+References
+----------
+Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
+arXiv 2605.01552.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional as nnf
+
+Representation = Literal["local", "restricted", "double"]
+
+LEAST_SIGMA_PX = 0.05
+"""Added to softplus(w), so that the likelihood is bounded."""
+
+
+def sigma_of(raw: Tensor) -> Tensor:
+    """Give sigma (N, 1, h, w), px, of raw output (N, 3, h, w)."""
+    return nnf.softplus(raw[:, 2:3]) + LEAST_SIGMA_PX
+
+
+def rightward(d: Tensor) -> Tensor:
+    """Turn smears (N, 2, h, w) so that they point to the right, upright ones downward."""
+    x, y = d[:, :1], d[:, 1:]
+    return torch.where((x < 0) | ((x == 0) & (y < 0)), -d, d)
+
+
+def double_angle(d: Tensor) -> Tensor:
+    """Map smears (N, 2, h, w) to |d| (cos 2 phi, sin 2 phi); the torch twin of `field.to_double_angle`."""
+    x, y = d[:, :1], d[:, 1:]
+    length = torch.sqrt(x * x + y * y + 1e-12)
+    return torch.cat([x * x - y * y, 2 * x * y], 1) / length
+
+
+def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> Tensor:
+    """Give the squared error (N, 1, h, w), px^2, of vectors against true smears (N, 2, h, w)."""
+    if representation == "local":
+        both = [((vector - sign * d) ** 2).sum(1, keepdim=True) for sign in (1, -1)]
+        return torch.minimum(*both)
+    truth = double_angle(d) if representation == "double" else rightward(d)
+    return ((vector - truth) ** 2).sum(1, keepdim=True)
+
+
+def paper_loss(
+    raw: Tensor, target: Tensor, representation: Representation, cross_check: bool, alpha: float
+) -> Tensor:
+    """Compute the loss of a batch, a scalar.
+
+    Parameters
+    ----------
+    raw : Tensor of shape (N, 3, h, w)
+        The network's v and w.
+    target : Tensor of shape (N, 3, h, w)
+        Displacement in pixels and the cross-check map (0 or 1). Where a displacement is not finite the map
+        is taken to be 0, and the likelihood is left out in either case.
+    representation : {"local", "restricted", "double"}
+    cross_check : bool
+        Whether the map is used.
+    alpha : float
+        What 1 / sigma^2 may be where the map is 0.
+    """
+    finite = torch.isfinite(target[:, :2]).all(1, keepdim=True)
+    d = torch.where(finite, target[:, :2], 0.0)
+    sigma = sigma_of(raw)
+    likelihood = squared_error(raw[:, :2], d, representation) / (2 * sigma**2) + 2 * torch.log(sigma)
+    known = torch.where(finite, likelihood, 0.0)
+    if not cross_check:
+        return known.mean()
+    m = torch.where(finite, target[:, 2:3], 0.0)
+    return (m * known + torch.relu((1 - m) / sigma**2 - alpha)).mean()
+
+
+def decoded(raw: Tensor, representation: Representation) -> Tensor:
+    """Turn raw output (N, 3, h, w) into what `model.decode` gives: double angle and sigma, px."""
+    vector = raw[:, :2] if representation == "double" else double_angle(raw[:, :2])
+    return torch.cat([vector, sigma_of(raw)], 1)

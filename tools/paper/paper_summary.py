@@ -1,0 +1,198 @@
+"""Table 1 and the study of alpha: what the runs of `paper_variants` reached, over their seeds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tools.paper.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
+
+MEASURES = (
+    "epe_s_top50",
+    "epe_s_top50_over_length",
+    "sparsification_area",
+    "epe_s_left",
+    "epe_s_oracle",
+    "direction_deg_top50",
+)
+RANKED = {
+    "epe_s_top50": "EPE-S top 50 %",
+    "sparsification_area": "sparsification area",
+    "epe_s_left": "EPE-S left (mean over all shares removed by sigma)",
+}
+BEST = "stem_double_map_0.01"
+"""The variant that the paper found best."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariantFigures:
+    """One variant over its seeds: means and standard deviations by measure, and the mean curves."""
+
+    name: str
+    seeds: int
+    steps: int
+    mean: dict[str, float]
+    deviation: dict[str, float]
+    removed: list[float]
+    by_sigma: list[float]
+    by_error: list[float]
+
+
+def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
+    """Average the results of one variant."""
+    values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
+    curves = {
+        key: np.mean([d[key] for d in documents], axis=0).tolist()
+        for key in ("removed", "by_sigma", "by_error")
+    }
+    return VariantFigures(
+        name=name,
+        seeds=len(documents),
+        steps=int(documents[0]["steps"]),
+        mean={measure: float(np.mean(v)) for measure, v in values.items()},
+        deviation={measure: float(np.std(v)) for measure, v in values.items()},
+        **curves,
+    )
+
+
+def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, VariantFigures]:
+    """Read what is finished of all variants, by name: of all seeds, or of those given."""
+    found = {}
+    for name in VARIANTS:
+        paths = {seed_of(path): path for path in sorted(folder.glob(f"{name}_[0-9]*.json"))}
+        documents = [
+            json.loads(path.read_text()) for seed, path in paths.items() if seeds is None or seed in seeds
+        ]
+        if documents:
+            found[name] = figures_of(name, documents)
+    return found
+
+
+def seed_of(path: Path) -> int:
+    """Tell the seed of a finished run's file."""
+    return int(path.stem.rsplit("_", 1)[1])
+
+
+def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
+    """Read the study of alpha, with the seeds that all of it has."""
+    seeds = [
+        {seed_of(path) for path in folder.glob(f"{variant.name}_[0-9]*.json")} for variant in ALPHA_STUDY
+    ]
+    names = {variant.name for variant in ALPHA_STUDY}
+    return {k: v for k, v in read_runs(folder, set.intersection(*seeds)).items() if k in names}
+
+
+def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
+    """Give plain values, for JSON."""
+    return {name: asdict(figures) for name, figures in found.items()}
+
+
+def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
+    """Invert :func:`stored`."""
+    return {name: VariantFigures(**values) for name, values in document.items()}
+
+
+def label(variant: Variant) -> tuple[str, str]:
+    """Name a variant's network and loss for people."""
+    networks = {
+        "stem": "stem, paper's outputs",
+        "plain": "the paper's plain U-Net",
+        "factored": "ours, factored",
+    }
+    loss = f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
+    return networks[variant.network], "ours" if variant.network == "factored" else loss
+
+
+def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
+    """Write Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
+    lines = [
+        "| name | network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
+        "| sparsification area | EPE-S left, px | oracle, px | direction top 50 %, deg |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for variant in variants:
+        if variant.name not in found:
+            continue
+        figures, (network, loss) = found[variant.name], label(variant)
+        told = [f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES]
+        if figures.seeds == 1:
+            told = [f"{figures.mean[m]:.3f}" for m in MEASURES]
+        head = (
+            f"| {variant.name} | {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
+        )
+        lines.append(f"{head} | {' | '.join(told)} |")
+    return lines
+
+
+def verdicts(found: dict[str, VariantFigures]) -> list[str]:
+    """Say which of the six is best, by either measure, and whether it is the paper's."""
+    lines = []
+    present = [variant for variant in SIX if variant.name in found]
+    if len(present) < len(SIX):
+        return [f"{len(present)} of the six variants are trained."]
+    for measure, words in RANKED.items():
+        best, second = sorted(present, key=lambda variant: found[variant.name].mean[measure])[:2]
+        again = "as in the paper" if best.name == BEST else "in the paper: double, with map"
+        (first, spread), (next_, _) = (measured(found[v.name], measure) for v in (best, second))
+        gap = (
+            "within its deviation over seeds"
+            if next_ - first <= spread
+            else "beyond its deviation over seeds"
+        )
+        lines.append(
+            f"- Best of the six by {words}: {label(best)[1]} ({again}), {first:.3f}; "
+            f"next {label(second)[1]}, {next_:.3f}: {gap}."
+        )
+    return lines + why_not_by_area(found)
+
+
+def measured(figures: VariantFigures, measure: str) -> tuple[float, float]:
+    """Give a mean over seeds and its deviation."""
+    return figures.mean[measure], figures.deviation[measure]
+
+
+def why_not_by_area(found: dict[str, VariantFigures]) -> list[str]:
+    """Compare the paper's variant with the one of the smallest area in px, if it is another."""
+    best = min(SIX, key=lambda variant: found[variant.name].mean["sparsification_area"])
+    if best.name == BEST:
+        return []
+    told = [
+        f"{label(VARIANTS[name])[1]}, leaves {found[name].mean['epe_s_left']:.2f} px and its oracle "
+        f"{found[name].mean['epe_s_oracle']:.2f} px"
+        for name in (BEST, best.name)
+    ]
+    return [
+        "- Why not by area: it is the gap to the oracle over the mean error of all. "
+        f"{told[0]}; {told[1]}. Errors that are alike leave a sigma less to rank: the former has small ones "
+        "that the latter lacks."
+    ]
+
+
+def plot(found: dict[str, VariantFigures], study: dict[str, VariantFigures], path: Path) -> None:
+    """Draw the sparsification curves: the six left, networks in the middle, alpha right."""
+    from tools.reports.figure_style import PALETTE, new_figure, save, style
+
+    groups = {"the six losses": SIX, "networks": (SIX[-1], *TABLE_1[6:]), "alpha": ALPHA_STUDY}
+    with style():
+        figure = new_figure(12, 3.8)
+        panels = figure.subplots(1, len(groups), sharey=True)
+        for panel, (title, variants) in zip(panels, groups.items(), strict=True):
+            runs = study if variants is ALPHA_STUDY else found
+            present = [variant for variant in variants if variant.name in runs]
+            for variant, colour in zip(present, PALETTE, strict=False):
+                figures, (network, loss) = runs[variant.name], label(variant)
+                names = {"networks": network, "alpha": f"alpha {variant.alpha:g}"}
+                text = f"{names.get(title, loss)}: {figures.mean['sparsification_area']:.3f}"
+                panel.plot(figures.removed, figures.by_sigma, color=colour, label=text)
+                panel.plot(figures.removed, figures.by_error, color=colour, ls=":", lw=1)
+            panel.set(
+                title=f"{title} (areas; dotted: oracle)", xlabel="share of smears removed", ylim=(0, None)
+            )
+            panel.legend(loc="upper right")
+        panels[0].set_ylabel("mean EPE-S over that of all")
+        save(figure, path)

@@ -1,0 +1,284 @@
+r"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
+
+    python -m tools.datasets.shards --out render/train --scenes 4050 --photos KODAK
+    python -m tools.datasets.shards --out render/val --scenes 100 --first-seed 900000 --split test \
+        --photos KODAK
+    python -m tools.paper.paper_variants --train render/train --val render/val --out runs/paper/variants
+
+trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 2000 steps of 16 crops
+of 128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71 (--plain-steps). Runs
+of one seed share crops and stem features, which are computed once: about 6.5 minutes of one core for each
+run. A stopped run goes on from its checkpoint; finished ones (NAME_SEED.json in OUT) are not trained again;
+two processes may share the work (--seeds, --only). :mod:`tools.paper.paper_report` makes the tables of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from blur2view.errors import Blur2ViewError
+from blur2view.metrics import sparsification_area, sparsification_curve
+from tools.datasets.shards import Scenes, load_shards
+from tools.paper.paper_loss import Representation, decoded, paper_loss
+from tools.paper.paper_network import PlainUNet, stem_network
+from tools.training.checkpoint import follow
+from tools.training.loss import loss_of, smear_error, target_parts
+from tools.training.model import SmearUNet, decode
+from tools.training.schedule import warm_cosine
+from tools.training.train import TrainOptions, batches_of
+from tools.training.validation import figures_of, validation_crops
+
+NetworkName = Literal["stem", "plain", "factored"]
+ALPHA = 0.01
+STEPS, PLAIN_STEPS = 2000, 71
+"""Budget of one run; a step of the plain U-Net takes 28 times as long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """What is trained.
+
+    `network` is "stem" (ours with the paper's outputs), "plain" (the paper's) or "factored" (ours). The
+    latter has our own loss, for which `representation` and `cross_check` mean nothing.
+    """
+
+    network: NetworkName
+    representation: Representation = "double"
+    cross_check: bool = True
+    alpha: float = ALPHA
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        if self.network == "factored":
+            return "factored"
+        check = "map" if self.cross_check else "nomap"
+        return f"{self.network}_{self.representation}_{check}_{self.alpha:g}"
+
+
+SIX = tuple(
+    Variant(network="stem", representation=representation, cross_check=check)
+    for representation in ("local", "restricted", "double")
+    for check in (False, True)
+)
+TABLE_1 = (*SIX, Variant(network="plain"), Variant(network="factored"))
+ALPHA_STUDY = tuple(Variant(network="stem", alpha=alpha) for alpha in (0.005, 0.01, 0.02, 0.05))
+VARIANTS = {variant.name: variant for variant in (*TABLE_1, *ALPHA_STUDY)}
+
+
+@dataclass
+class VariantRun:
+    """Networks, optimiser and step of one run; `history` has the mean loss of every hundred steps."""
+
+    variant: Variant
+    network: nn.Module
+    average: nn.Module
+    optimiser: torch.optim.Optimizer
+    step: int = 0
+    history: list[float] = field(default_factory=list)
+
+    def parts(self) -> dict[str, Any]:
+        """Give what has a state to save."""
+        return {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint; a run killed meanwhile keeps the one before."""
+        state = {name: part.state_dict() for name, part in self.parts().items()}
+        temporary = path.with_suffix(".tmp")
+        torch.save(state | {"step": self.step, "history": self.history}, temporary)
+        temporary.replace(path)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        for name, part in self.parts().items():
+            part.load_state_dict(state[name])
+        self.step, self.history = int(state["step"]), list(state["history"])
+
+
+def build(variant: Variant) -> nn.Module:
+    """Make an untrained network."""
+    makers: dict[NetworkName, Callable[[], nn.Module]] = {
+        "stem": stem_network, "plain": PlainUNet, "factored": SmearUNet,
+    }  # fmt: skip
+    return makers[variant.network]()
+
+
+def start(variant: Variant, seed: int, learning_rate: float, device: torch.device) -> VariantRun:
+    """Start a run; its weights follow from the seed."""
+    torch.manual_seed(seed)
+    network, average = build(variant).to(device), build(variant).to(device)
+    average.load_state_dict(network.state_dict())
+    optimiser = torch.optim.AdamW(network.parameters(), lr=learning_rate, weight_decay=1e-4)
+    return VariantRun(variant=variant, network=network, average=average, optimiser=optimiser)
+
+
+def learning_rate_at(step: int, options: TrainOptions) -> float:
+    """Warm up linearly over a tenth of the steps, then follow a cosine down to 1 % of the peak."""
+    return warm_cosine(step, options.steps, options.learning_rate, options.steps // 10)
+
+
+def shared_input(network: nn.Module, images: Tensor) -> Tensor:
+    """Compute what networks of one kind share: the features of our stem, which has no parameters, or RGB."""
+    if not isinstance(network, SmearUNet):
+        return images
+    with torch.no_grad():
+        features: Tensor = network.stem(images)
+    return features.contiguous(memory_format=torch.channels_last)
+
+
+def raw_output(network: nn.Module, inputs: Tensor) -> Tensor:
+    """Run a network in training on its :func:`shared_input`, in bfloat16."""
+    with torch.autocast(inputs.device.type, dtype=torch.bfloat16):
+        output: Tensor = network.body(inputs) if isinstance(network, SmearUNet) else network(inputs)
+    return output.float()
+
+
+def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
+    """Compute the loss, a scalar."""
+    if variant.network == "factored":
+        return loss_of(raw, targets, variant.alpha).total
+    return paper_loss(raw, targets, variant.representation, variant.cross_check, variant.alpha)
+
+
+def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
+    """Make one step on a :func:`shared_input` as :func:`tools.training.train.advance` does; give the loss."""
+    for group in run.optimiser.param_groups:
+        group["lr"] = learning_rate_at(run.step, options)
+    loss = loss_value(run.variant, raw_output(run.network, inputs), targets)
+    run.optimiser.zero_grad(set_to_none=True)
+    torch.autograd.backward(loss)
+    torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
+    run.optimiser.step()
+    run.step += 1
+    follow(run.average, run.network, run.step)
+    return float(loss.detach())
+
+
+def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes: Scenes) -> list[VariantRun]:
+    """Train variants of one kind of network to the end of their schedule, from their last checkpoints.
+
+    They share crops and stem features, which are computed once; one that is further on waits for the rest.
+    """
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    runs = [start(variant, seed, options.learning_rate, device) for variant in variants]
+    files = [options.out / f"{variant.name}_{seed}.pt" for variant in variants]
+    for run, last in zip(runs, files, strict=True):
+        if last.exists():
+            run.load(last)
+        if run.step > options.steps:
+            raise Blur2ViewError(f"{last} has made {run.step} steps, more than {options.steps}; move it away")
+        run.network.train()
+    first = min(run.step for run in runs)
+    batches = batches_of(scenes, options, first)
+    losses: dict[str, list[float]] = {variant.name: [] for variant in variants}
+    for step in range(first, options.steps):
+        images, targets = (tensor.to(device) for tensor in next(batches))
+        inputs = shared_input(runs[0].network, images)
+        for run, last in zip(runs, files, strict=True):
+            if run.step != step:
+                continue
+            recent = losses[run.variant.name]
+            recent.append(advance(run, inputs, targets, options))
+            done = run.step == options.steps
+            if done or run.step % 100 == 0:
+                run.history.append(float(np.mean(recent)))
+                print(f"{last.stem}: step {run.step}, loss {run.history[-1]:.3f}", flush=True)
+                recent.clear()
+            if done or run.step % options.save_every == 0:
+                run.save(last)
+    return runs
+
+
+@torch.no_grad()
+def predict(run: VariantRun, images: Tensor) -> Tensor:
+    """Run the averaged network on images (N, 3, H, W), 16 at a time: double angle and sigma (N, 3, h, w)."""
+    network, device = run.average.eval(), next(run.average.parameters()).device
+    raw = torch.cat([network(images[k : k + 16].to(device)).cpu() for k in range(0, len(images), 16)])
+    return decode(raw) if run.variant.network == "factored" else decoded(raw, run.variant.representation)
+
+
+def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
+    """Give the figures of predictions on crops: EPE-S, directions, sparsification curve and its area.
+
+    ``epe_s_left`` is the mean in px of the curve by sigma, ``epe_s_oracle`` that of the curve by the error.
+    """
+    target = target_parts(truth)
+    seen = target.valid > 0
+    error = smear_error(predicted, target)[seen].numpy()
+    sigma = predicted[:, 2:3][seen].numpy()
+    removed, by_sigma, by_error = sparsification_curve(error, sigma)
+    return vars(figures_of(predicted, truth)) | {
+        "sparsification_area": float(sparsification_area(error, sigma)),
+        "epe_s_left": float(np.mean(by_sigma) * error.mean()),
+        "epe_s_oracle": float(np.mean(by_error) * error.mean()),
+        "removed": removed.tolist(),
+        "by_sigma": by_sigma.tolist(),
+        "by_error": by_error.tolist(),
+    }
+
+
+def kinds_of(variants: Sequence[Variant]) -> list[list[Variant]]:
+    """Part variants into those behind our stem and plain U-Nets; empty parts are left out."""
+    plain = [variant for variant in variants if variant.network == "plain"]
+    stem = [variant for variant in variants if variant.network != "plain"]
+    return [kind for kind in (stem, plain) if kind]
+
+
+def run_all(
+    variants: Sequence[Variant], seeds: Sequence[int], options: TrainOptions, plain_steps: int
+) -> None:
+    """Train and judge what is not finished; seeds in the outer loop, so that early results compare all."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    cv2.setNumThreads(1)  # ends OpenCV's pool: workers are forked, and would wait for threads they lack
+    scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
+    for seed in seeds:
+        left = [v for v in variants if not (options.out / f"{v.name}_{seed}.json").exists()]
+        for kind in kinds_of(left):
+            steps = plain_steps if kind[0].network == "plain" else options.steps
+            own = TrainOptions(**(vars(options) | {"steps": steps, "seed": seed}))
+            for run in train(kind, seed, own, scenes):
+                document = {
+                    "variant": vars(run.variant), "seed": seed, "steps": steps, "batch": own.batch,
+                    "side": own.side, "scenes": len(scenes), "history": run.history,
+                    **judged(predict(run, images), truth),
+                }  # fmt: skip
+                result = options.out / f"{run.variant.name}_{seed}.json"
+                result.write_text(json.dumps(document, indent=1) + "\n")
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    for name in ("train", "val", "out"):
+        parser.add_argument(f"--{name}", type=Path, required=True)
+    parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="SEED")
+    parser.add_argument("--steps", type=int, default=STEPS, help="(default: %(default)s)")
+    parser.add_argument(
+        "--plain-steps", type=int, default=PLAIN_STEPS, help="of the plain U-Net (default: %(default)s)"
+    )
+    parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--side", type=int, default=128)
+    parser.add_argument("--workers", type=int, default=1)
+    words = vars(parser.parse_args())
+    only, seeds, plain_steps = (words.pop(name) for name in ("only", "seeds", "plain_steps"))
+    try:
+        run_all([VARIANTS[name] for name in only], seeds, TrainOptions(**words), plain_steps)
+    except Blur2ViewError as error:
+        raise SystemExit(str(error)) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Videos and structure from motion with the views of exposures."""

@@ -1,0 +1,113 @@
+"""Videos of blurred frames with true poses: rendered ones, and one of 7-Scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import Blur2ViewError
+from blur2view.geometry.rotation import rotation_vector
+from tools.reconstruction.alignment import Motion
+from tools.reconstruction.sequence import read_sequence, relative_pose
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """N frames of one camera.
+
+    Parameters
+    ----------
+    name : str
+    paths : list of Path
+        In order of time.
+    K : ndarray of shape (3, 3)
+        Our pixels.
+    poses : ndarray of shape (N, 3, 4)
+        True cam_from_world at mid exposure.
+    motion : Motion
+        During each exposure; where the exposure is not known, during the time from frame to frame.
+    exposure_known : bool
+        False: true motions hold up to one factor for the whole recording.
+    displacement : ndarray of shape (N, H/4, W/4, 2) or None
+        True smears, where they are known.
+    """
+
+    name: str
+    paths: list[Path]
+    K: Array
+    poses: Array
+    motion: Motion
+    exposure_known: bool
+    displacement: Array | None = None
+
+    def first(self, count: int | None) -> Recording:
+        """Give the first frames only."""
+        return Recording(
+            name=self.name,
+            paths=self.paths[:count],
+            K=self.K,
+            poses=self.poses[:count],
+            motion=Motion(turns=self.motion.turns[:count], moves=self.motion.moves[:count]),
+            exposure_known=self.exposure_known,
+            displacement=None if self.displacement is None else self.displacement[:count],
+        )
+
+
+def rendered_recording(folder: Path) -> Recording:
+    """Read a video of :mod:`tools.reconstruction.sequence`.
+
+    Raises
+    ------
+    Blur2ViewError
+        If there is none.
+    """
+    paths, truth = read_sequence(folder)
+    return Recording(
+        name="rendered",
+        paths=paths,
+        K=truth.K,
+        poses=truth.poses[:, 1],
+        motion=Motion.between(truth.poses[:, 0], truth.poses[:, 2]),
+        exposure_known=True,
+        displacement=truth.displacement,
+    )
+
+
+def redkitchen_recording(folder: Path) -> Recording:
+    """Read consecutive frames with ``poses.npz`` (frame, cam_from_world, K), as in redkitchen_sequence.
+
+    Raises
+    ------
+    Blur2ViewError
+        If there are none.
+    """
+    if not (folder / "poses.npz").exists():
+        raise Blur2ViewError(f"{folder}: has no poses.npz; give the folder of redkitchen_sequence")
+    with np.load(folder / "poses.npz") as stored:
+        frames, poses, K = stored["frame"], stored["cam_from_world"].astype(float), stored["K"].astype(float)
+    return Recording(
+        name="RedKitchen",
+        paths=[folder / f"{frame:06d}.jpg" for frame in frames],
+        K=K,
+        poses=poses,
+        motion=motion_per_frame(poses),
+        exposure_known=False,
+    )
+
+
+def motion_per_frame(poses: Array) -> Motion:
+    """Motion in one frame interval about every frame: half of that from the frame before to the one after."""
+    last = len(poses) - 1
+    turns, moves = [], []
+    for k in range(len(poses)):
+        before, after = max(k - 1, 0), min(k + 1, last)
+        relative = relative_pose(poses[before], poses[after])
+        turns.append(rotation_vector(relative[:, :3]) / (after - before))
+        moves.append(relative[:, 3] / (after - before))
+    return Motion(turns=np.array(turns), moves=np.array(moves))

@@ -1,0 +1,220 @@
+r"""Reconstruct videos of blurred frames with COLMAP, without and with the views that their blur gives.
+
+    python -m tools.reconstruction.sequence render/sequence --seed 1 --photos KODAK
+    python -m tools.reconstruction.sfm_experiment --sequence render/sequence \
+        --out tools/results/sfm_experiment --redkitchen ../shared/data/redkitchen_sequence
+
+Each video goes through SIFT, sequential matching and incremental mapping with COLMAP's defaults and the true
+intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views. `blur2view.colmap.placement` places
+them in that model; the mapper adds them to it under ``mapper_options(linked=True, keep_photographs=True)``;
+and all is mapped anew globally. Told are
+what was registered, errors against the true poses after one similarity, and the motion during every exposure:
+of the models' virtual views, and of the single photographs as they were estimated. The rendered video is also
+run with its true smears in place of the network's. Writes OUT.md and OUT.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.cli.commands import main as blur2view_main
+from blur2view.colmap.mapping import global_options, mapper_options
+from blur2view.colmap.placement import place_views
+from blur2view.errors import Blur2ViewError
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_vector
+from tools.reconstruction.alignment import Motion
+from tools.reconstruction.recording import Recording, redkitchen_recording, rendered_recording
+from tools.reconstruction.sfm_report import markdown
+from tools.reconstruction.sfm_result import Result, read_model
+from tools.reconstruction.true_smears import link_true
+
+Array = NDArray[Any]
+OVERLAP = 6
+"""Frames ahead that a frame is matched with."""
+HEADER = "Of ``python -m tools.reconstruction.sfm_experiment``; see there what was done.\n"
+INITIAL_ANGLE_DEG = 4.0
+"""To begin a model with: in a second of hand-held video nothing is seen at COLMAP's 16 degrees."""
+
+
+def fresh_database(path: Path, recording: Recording) -> None:
+    """Write features and verified matches of a recording, with its true intrinsics, by COLMAP's means."""
+    import pycolmap
+
+    K = recording.K
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "PINHOLE"
+    reader.camera_params = ",".join(map(str, [K[0, 0], K[1, 1], *to_colmap(K[:2, 2])]))
+    extraction, matching = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
+    extraction.num_threads = matching.num_threads = 1
+    pairing = pycolmap.SequentialPairingOptions()
+    pairing.overlap, pairing.quadratic_overlap = OVERLAP, False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    pycolmap.extract_features(
+        path,
+        recording.paths[0].parent,
+        [image.name for image in recording.paths],
+        pycolmap.CameraMode.SINGLE,
+        reader,
+        extraction,
+    )
+    pycolmap.match_sequential(path, matching, pairing, verification)
+
+
+def run_mapper(
+    database: Path, images: Path, options: Any, out: Path, start: Path | None = None
+) -> Path | None:
+    """Map, incrementally (from a model on disk, if given) or globally as the options are.
+
+    Returns
+    -------
+    Path or None
+        The folder of the largest model: a numbered one below ``out``, or of a continued model ``out`` itself.
+        None if COLMAP builds none.
+    """
+    import pycolmap
+
+    options.num_threads = 1
+    out.mkdir()
+    if isinstance(options, pycolmap.IncrementalPipelineOptions):
+        models = pycolmap.incremental_mapping(database, images, out, options, str(start or ""))
+    else:
+        models = pycolmap.global_mapping(database, images, out, options)
+    if not models:
+        return None
+    if start is not None:
+        return out
+    return out / str(max(models, key=lambda key: int(models[key].num_reg_images())))
+
+
+def plain_options() -> Any:
+    """COLMAP's own options, but for known intrinsics, a seed and the angle to begin with."""
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
+    options.random_seed = 0
+    options.mapper.init_min_tri_angle = INITIAL_ANGLE_DEG
+    return options
+
+
+def link(database: Path, recording: Recording, model: Path | None) -> list[dict[str, Any]]:
+    """Run ``blur2view to-colmap --link --sequence`` on every frame; give what its JSON says of each.
+
+    Raises
+    ------
+    Blur2ViewError
+        If the command fails.
+    """
+    arguments = ["to-colmap", "--db", database, "--link", "--no-backup", "--sequence", "--json"]
+    arguments += ["--camera", f"{database}:1", *recording.paths]
+    arguments += [] if model is None else ["--model", model]
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = blur2view_main([str(argument) for argument in arguments])
+    if code != 0:
+        raise Blur2ViewError(f"{database}: to-colmap ended with {code}; see above")
+    photographs: list[dict[str, Any]] = json.loads(said.getvalue())["photographs"]
+    return photographs
+
+
+def estimated_motion(database: Path, names: Sequence[str]) -> Motion:
+    """Read the motion of every photograph's open and close views from the database."""
+    import pycolmap
+
+    turns, moves = np.full((2, len(names), 3), np.nan)
+    with pycolmap.Database.open(database) as opened:
+        ids = {image.name: image.image_id for image in opened.read_all_images()}
+        for k, name in enumerate(names):
+            if name + OPEN not in ids:
+                continue
+            pose = opened.read_two_view_geometry(ids[name + OPEN], ids[name + CLOSE]).cam2_from_cam1
+            if pose is not None:
+                turns[k] = rotation_vector(pose.rotation.matrix())
+                moves[k] = pose.translation
+    return Motion(turns=turns, moves=moves)
+
+
+def place(database: Path, model: Path, recording: Recording, out: Path) -> Path:
+    """Place the views beside the photographs of a model; give the folder of the model with both."""
+    out.mkdir()
+    place_views(database, model, [path.name for path in recording.paths]).model.write(out)
+    return out
+
+
+def experiment(recording: Recording, model: Path | None, true_smears: bool = False) -> Result:
+    """Reconstruct a recording without and with its views: those of a network, or of its true smears."""
+    from blur2view.networks.smear_network import SmearNetwork
+
+    images = recording.paths[0].parent
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        database, linked = folder / "plain.db", folder / "linked.db"
+        fresh_database(database, recording)
+        without = run_mapper(database, images, plain_options(), folder / "without")
+        shutil.copy(database, linked)
+        if true_smears and recording.displacement is not None:
+            facts = link_true(linked, recording.paths, recording.K, recording.displacement)
+        else:
+            facts = link(linked, recording, model)
+        options = mapper_options(linked=True, keep_photographs=without is not None, refine_intrinsics=False)
+        options.mapper.init_min_tri_angle = INITIAL_ANGLE_DEG
+        placed = None if without is None else place(linked, without, recording, folder / "placed")
+        joined = run_mapper(linked, images, options, folder / "joined", start=without)
+        averaged = run_mapper(linked, images, global_options(refine_intrinsics=False), folder / "averaged")
+        estimated = estimated_motion(linked, [path.name for path in recording.paths])
+        models = [read_model(model) for model in (without, placed, joined, averaged)]
+    return Result(
+        recording=recording,
+        without=models[0],
+        placed=models[1],
+        joined=models[2],
+        averaged=models[3],
+        estimated=estimated,
+        facts=facts,
+        model_id="true smears" if true_smears else f"network {SmearNetwork(model).info.model_id}",
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sequence", type=Path, help="folder of tools.reconstruction.sequence")
+    parser.add_argument("--redkitchen", type=Path, help="folder of redkitchen_sequence")
+    parser.add_argument("--frames", type=int, help="only so many frames of each")
+    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
+    parser.add_argument("--out", type=Path, help="write OUT.md and OUT.png")
+    arguments = parser.parse_args()
+    recordings = [] if arguments.sequence is None else [rendered_recording(arguments.sequence)]
+    recordings += [] if arguments.redkitchen is None else [redkitchen_recording(arguments.redkitchen)]
+    results = []
+    for recording in recordings:
+        for true_smears in (True, False) if recording.displacement is not None else (False,):
+            results.append(experiment(recording.first(arguments.frames), arguments.model, true_smears))
+            print(markdown(results[-1]), flush=True)
+    text = "\n".join([HEADER, *(markdown(result) for result in results)])
+    if arguments.out is not None:
+        from tools.reconstruction.sfm_plot import plot
+
+        arguments.out.with_suffix(".md").write_text(text)
+        plot(results, arguments.out.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Motion-blurred pictures with exact smears, from one integer seed."""

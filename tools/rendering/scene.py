@@ -1,0 +1,182 @@
+"""Random 3D scenes: a background of planes or a relief, cards in front of it, some of them moving.
+
+Every layer is described in the mid-exposure camera frame by its inverse depth as a function of the image
+point, by where it is (alpha) and by its texture. The renderer moves it along the camera's and its own path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.rendering.motion import Trajectory
+from tools.rendering.stencils import sample_stencil
+from tools.rendering.textures import Image, sample_texture, spectral_noise
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane:
+    """A textured plane: unit `normal` (3,) and `offset` > 0 in ``normal . X = offset``, camera frame."""
+
+    normal: Array
+    offset: float
+    texture: Image
+    texels_per_unit: float
+    turn: float
+
+    def inverse_depth(self, rays: Array) -> Array:
+        """Give 1 / z (...) along rays (..., 3) with z = 1; negative behind the camera."""
+        return np.asarray((rays @ self.normal) / self.offset)
+
+    def texel(self, rays: Array) -> Array:
+        """Give texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
+        seed = np.eye(3)[np.argmin(np.abs(self.normal))]
+        first = np.cross(self.normal, seed)
+        first /= np.linalg.norm(first)
+        axes = np.stack([first, np.cross(self.normal, first)])
+        cosine, sine = np.cos(self.turn), np.sin(self.turn)
+        axes = np.array([[cosine, -sine], [sine, cosine]]) @ axes * self.texels_per_unit
+        points = rays / np.maximum(self.inverse_depth(rays), 1e-3)[..., None]
+        return np.asarray(points @ axes.T)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """One opaque surface, back to front in a scene.
+
+    Attributes
+    ----------
+    planes : tuple of Plane
+        The nearest along a ray is the surface (a card has one, a room several).
+    relief : ndarray of shape (n, n)
+        Log factor of the inverse depth, stretched over the image; zeros for flat surfaces.
+    stencil : ndarray of shape (n, n) or None
+        Alpha of a card inside `box`; None for the background, which is everywhere.
+    box : tuple of float
+        x, y, width, height of the stencil in the mid-exposure image, pixels.
+    own_path : Trajectory or None
+        Rigid motion of a moving object about `pivot`.
+    pivot : ndarray of shape (3,)
+        A point of the camera frame at mid exposure.
+    illumination : ndarray of shape (n, n)
+        Shading factors, stretched over the image.
+    """
+
+    planes: tuple[Plane, ...]
+    relief: Array
+    stencil: Array | None = None
+    box: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    own_path: Trajectory | None = None
+    pivot: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    illumination: Array = field(default_factory=lambda: np.ones((2, 2), np.float32))
+
+    def inverse_depth(self, rays: Array, where: Array) -> Array:
+        """Give the inverse depth (...) along rays (..., 3) at image positions `where` (..., 2) in [0, 1]."""
+        nearest = np.max([plane.inverse_depth(rays) for plane in self.planes], axis=0)
+        return np.asarray(np.maximum(nearest, 0.02) * np.exp(sample_grid(self.relief, where)))
+
+
+def sample_grid(grid: Array, where: Array) -> Array:
+    """Interpolate a small grid at positions `where` (..., 2); [0, 1] is the grid, mirrored outside."""
+    if not grid.any():
+        return np.zeros(where.shape[:-1], np.float32)
+    size = np.array([grid.shape[1] - 1, grid.shape[0] - 1])
+    at = (np.clip(where, -1, 2) * size).astype(np.float32)
+    flat = at.reshape(-1, 1, 2) if at.ndim == 2 else at
+    columns, rows = flat[..., 0], flat[..., 1]
+    value = cv2.remap(grid.astype(np.float32), columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT)
+    return np.asarray(value).reshape(where.shape[:-1])
+
+
+def smooth_field(rng: np.random.Generator, amplitude: float, size: int = 33) -> Array:
+    """Draw a smooth random grid (size, size) of standard deviation `amplitude`."""
+    noise = cv2.GaussianBlur(spectral_noise(rng, 64, exponent=rng.uniform(1.6, 2.6)), (0, 0), 2.0)
+    small = np.asarray(cv2.resize(noise, (size, size), interpolation=cv2.INTER_AREA))
+    return np.asarray(amplitude * small / (small.std() + 1e-6), np.float32)
+
+
+def sample_plane(
+    rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float, normal: Array, offset: float
+) -> Plane:
+    """Draw a plane whose texture is seen at about one texel a pixel or finer where it faces the camera."""
+    density = focal_px / offset * rng.uniform(0.9, 2.2)
+    return Plane(
+        normal=normal,
+        offset=offset,
+        texture=sample_texture(rng, pool),
+        texels_per_unit=density,
+        turn=rng.uniform(0, 2 * np.pi),
+    )
+
+
+def tilted_normal(rng: np.random.Generator, largest: float) -> Array:
+    """Draw a direction about the optical axis, tilted by up to `largest` radians."""
+    angle, azimuth = largest * rng.random(), rng.uniform(0, 2 * np.pi)
+    return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
+
+
+def sample_background(rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float) -> Layer:
+    """Draw a wall, a relief, a wall with a ground, or the inside of a room."""
+    kind = rng.choice(["wall", "relief", "ground", "room"], p=[0.2, 0.3, 0.3, 0.2])
+    planes = [sample_plane(rng, pool, focal_px, tilted_normal(rng, 0.8), 1.0)]
+    if kind in ("ground", "room"):
+        down = np.array([rng.normal(0, 0.1), 1.0, rng.normal(0, 0.1)])
+        planes.append(sample_plane(rng, pool, focal_px, down / np.linalg.norm(down), rng.uniform(0.08, 0.4)))
+    if kind == "room":
+        for side in (-1.0, 1.0):
+            normal = np.array([side, 0.0, rng.uniform(-0.1, 0.6)])
+            normal /= np.linalg.norm(normal)
+            planes.append(sample_plane(rng, pool, focal_px, normal, rng.uniform(0.2, 0.7)))
+    amplitude = rng.uniform(0.1, 0.45) if kind == "relief" else rng.choice([0.0, 0.03])
+    relief = smooth_field(rng, amplitude)
+    return Layer(planes=tuple(planes), relief=relief, illumination=sample_illumination(rng))
+
+
+def sample_illumination(rng: np.random.Generator) -> Array:
+    """Draw smooth shading factors, some strong: light and shadow over a surface."""
+    return np.exp(smooth_field(rng, rng.choice([0.05, 0.2, 0.5]), 17))
+
+
+def sample_card(
+    rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int], depth: float
+) -> Layer:
+    """Draw a card at about `depth`, anywhere in an image of `size` (width, height)."""
+    width, height = size
+    spread = np.exp(rng.uniform(np.log(0.08), np.log(0.75)))
+    card = spread * max(size) * np.array([np.exp(rng.normal(0, 0.35)), np.exp(rng.normal(0, 0.35))])
+    centre = rng.uniform(-0.1, 1.1, 2) * (width, height)
+    normal = tilted_normal(rng, 0.7)
+    ray = np.linalg.inv(K) @ np.array([*centre, 1.0])
+    plane = sample_plane(rng, pool, K[0, 0], normal, float(normal @ ray) * depth)
+    return Layer(
+        planes=(plane,),
+        relief=smooth_field(rng, rng.choice([0.0, 0.04])),
+        stencil=sample_stencil(rng),
+        box=(centre[0] - card[0] / 2, centre[1] - card[1] / 2, card[0], card[1]),
+        pivot=ray * depth,
+        illumination=sample_illumination(rng),
+    )
+
+
+def sample_layers(
+    rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]
+) -> list[Layer]:
+    """Draw a background and zero to fourteen cards, far to near."""
+    count = int(rng.choice([0, 1, 2, 3, 4, 6, 9, 14], p=[0.1, 0.16, 0.18, 0.18, 0.15, 0.12, 0.07, 0.04]))
+    depths = np.sort(rng.uniform(0.25, 0.8, count))[::-1]
+    cards = [sample_card(rng, pool, K, size, float(depth)) for depth in depths]
+    return [sample_background(rng, pool, K[0, 0]), *cards]
+
+
+def sample_intrinsics(rng: np.random.Generator, size: tuple[int, int]) -> Array:
+    """Draw a pinhole K: focal length 0.6 to 1.6 longer sides, principal point slightly off the centre."""
+    width, height = size
+    focal = max(size) * np.exp(rng.uniform(np.log(0.6), np.log(1.6)))
+    cx, cy = (width - 1) / 2 + rng.normal(0, 0.01) * width, (height - 1) / 2 + rng.normal(0, 0.01) * height
+    return np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1.0]])

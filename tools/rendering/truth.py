@@ -1,0 +1,101 @@
+"""The truth of one exposure: displacement, bend, validity and labels on the grid; pose and F of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.geometry.epipolar import fundamental_from_pose
+from tools.rendering.canvas import Canvas
+from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
+from tools.rendering.motion import Trajectory
+
+Array = NDArray[Any]
+
+CROSS_CHECK_PX = 1.0
+"""Largest disagreement of a smear's end with what is visible there (the paper's eps)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridTruth:
+    """What happened to the points seen at mid exposure at the centres of 4 x 4 pixel cells.
+
+    Attributes
+    ----------
+    displacement : ndarray of shape (H/4, W/4, 2)
+        float32, exact d = close - open in pixels.
+    middle_offset : ndarray of shape (H/4, W/4, 2)
+        float32, midpoint of the two ends minus the mid-exposure position, pixels: the smear's bend.
+    valid : ndarray of shape (H/4, W/4)
+        Both ends are inside the image and visible (cross-check map).
+    static : ndarray of shape (H/4, W/4)
+        False on moving objects.
+    """
+
+    displacement: Array
+    middle_offset: Array
+    valid: Array
+    static: Array
+
+
+def origin_map(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
+    """Give the mid-exposure position (H, W, 2) of what is visible at each pixel of one sub-frame."""
+    pixels = pixel_grid(size)
+    origin = pixels.copy()
+    for canvas, coarse in zip(canvases, fields, strict=True):
+        positions = pixels + upsample(coarse, size)
+        visible = canvas.warp(positions)[..., 3] > 0.5
+        origin[visible] = positions[visible]
+    return origin
+
+
+def top_layer(canvases: list[Canvas], points: Array) -> Array:
+    """Give the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
+    index = np.zeros(points.shape[:2], np.int64)
+    for k, canvas in enumerate(canvases[1:], 1):
+        index[canvas.warp(points.astype(np.float32))[..., 3] > 0.5] = k
+    return index
+
+
+def end_visible(origin: Array, end: Array, points: Array, size: tuple[int, int]) -> Array:
+    """Whether the smear's end shows the point itself: inside the image and cross-checked."""
+    at = end.astype(np.float32)
+    columns, rows = at[..., 0], at[..., 1]
+    seen = np.asarray(cv2.remap(origin, columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
+    inside = ((end >= 0) & (end <= np.array(size) - 1)).all(-1)
+    return np.asarray(inside & (np.linalg.norm(seen - points, axis=-1) < CROSS_CHECK_PX))
+
+
+def grid_truth(canvases: list[Canvas], fields: list[Array], exposure: Exposure) -> GridTruth:
+    """Compute the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
+    size = exposure.size
+    points = grid_points(size)
+    index = top_layer(canvases, points)
+    start, close = np.zeros_like(points), np.zeros_like(points)
+    for k, canvas in enumerate(canvases):
+        seen = index == k
+        for end, positions in zip((start, close), exposure.ends(points, canvas.layer), strict=True):
+            end[seen] = positions[seen]
+    first = origin_map(canvases, [f[0] for f in fields], size)
+    last = origin_map(canvases, [f[-1] for f in fields], size)
+    return GridTruth(
+        displacement=(close - start).astype(np.float32),
+        middle_offset=((close + start) / 2 - points).astype(np.float32),
+        valid=end_visible(first, start, points, size) & end_visible(last, close, points, size),
+        static=np.array([canvas.layer.own_path is None for canvas in canvases])[index],
+    )
+
+
+def relative_pose(camera: Trajectory) -> tuple[Array, Array]:
+    """Return R (3, 3) and t (3,) of ``cam_close_from_cam_open``."""
+    (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
+    return R_close @ R_open.T, R_close @ (C_open - C_close)
+
+
+def fundamental_of(R: Array, t: Array, K: Array) -> Array | None:
+    """Give F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
+    return fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None

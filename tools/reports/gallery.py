@@ -1,0 +1,69 @@
+"""Show what is found in many photographs, on one page to judge by eye.
+
+``python -m tools.reports.gallery PHOTO... --out gallery.png`` draws the overlay of each. With ``--plain``
+they are drawn on grey instead of the photographs, whose licences may not allow showing them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import blur2view
+from blur2view.visualization.drawing import INK, PAPER, write
+from blur2view.visualization.overlay import draw_overlay
+
+Picture = NDArray[np.uint8]
+
+GREY = 0.25
+"""What stands for a photograph that is not shown."""
+COLUMNS = 2
+TILE_PX = 640
+"""Width of an overlay on the page."""
+
+
+def tile(path: Path, network: blur2view.SmearNetwork, plain: bool) -> Picture:
+    """Draw one photograph's overlay, TILE_PX wide, under its name."""
+    image = blur2view.read_image(path)
+    found = blur2view.estimate(image, network=network)
+    backdrop = np.full_like(image, GREY) if plain else image
+    overlay = draw_overlay(backdrop, found.field, found.matches, found.geometry)
+    height = round(overlay.shape[0] * TILE_PX / overlay.shape[1])
+    small = np.asarray(cv2.resize(overlay, (TILE_PX, height), interpolation=cv2.INTER_AREA), np.uint8)
+    title = np.full((24, TILE_PX, 3), PAPER, np.uint8)
+    write(title, path.stem, (8, 17), colour=INK)
+    return np.vstack([title, small])
+
+
+def page(tiles: list[Picture]) -> Picture:
+    """Put tiles of one width side by side, COLUMNS in a row."""
+    rows = []
+    for start in range(0, len(tiles), COLUMNS):
+        row = tiles[start : start + COLUMNS]
+        height = max(len(each) for each in row)
+        row += [np.empty((0, TILE_PX, 3), np.uint8)] * (COLUMNS - len(row))
+        bottom = [[(0, height - len(each)), (0, 0), (0, 0)] for each in row]
+        rows.append(np.hstack([np.pad(each, pad) for each, pad in zip(row, bottom, strict=True)]))
+    return np.vstack(rows)
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("photographs", type=Path, nargs="+")
+    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
+    parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
+    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
+    arguments = parser.parse_args()
+    network = blur2view.SmearNetwork(arguments.model)
+    tiles = [tile(path, network, arguments.plain) for path in arguments.photographs]
+    cv2.imwrite(str(arguments.out), page(tiles)[..., ::-1])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Take a picture of a report, and measure its size and the time it takes to open.
+
+``python -m tools.reports.report_screenshot models/sample.jpg --out tools/results/report.png`` makes the
+report, opens it in headless Chromium several times, prints its size and the median time from the start of
+navigation until everything is drawn, chooses the smear at ``--at`` and takes the picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+from statistics import median
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from blur2view.cli import commands as cli
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+WINDOW = (1280, 800)
+OPENINGS = 5
+READY = "performance.getEntriesByName('blur2view-ready')"
+LAYERS = ("smears", "lines")
+"""Drawn in the picture, besides the photograph."""
+
+
+def find_chromium() -> str | None:
+    """Return the path of an installed Chromium, None without."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+def open_report(browser: Browser, report: Path) -> tuple[Page, float]:
+    """Open a report; return its page and the seconds until all was drawn."""
+    page = browser.new_page(viewport={"width": WINDOW[0], "height": WINDOW[1]})
+    page.goto(report.as_uri())
+    while not page.evaluate(f"{READY}.length > 0"):  # Playwright's own waiting is against the page's policy
+        page.wait_for_timeout(20)
+    return page, page.evaluate(f"{READY}[0].startTime") / 1000
+
+
+def choose(page: Page, at: tuple[float, float]) -> None:
+    """Draw LAYERS and choose the smear at a share of the photograph's width and height."""
+    for box in page.locator("[data-layer]").all():
+        layer = box.get_attribute("data-layer")
+        if box.is_visible():
+            box.set_checked(layer in (*LAYERS, "photograph"))
+    stage = page.locator("#stage")
+    area = stage.bounding_box()
+    if area is not None:
+        stage.click(position={"x": at[0] * area["width"], "y": at[1] * area["height"]})
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.evaluate("window.scrollTo(0, 0)")
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("photograph", type=Path)
+    parser.add_argument("--out", type=Path, help="PNG to write")
+    parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
+    parser.add_argument("--model", help='ONNX file or "fast"; the shipped network by default')
+    arguments = parser.parse_args()
+    chromium = find_chromium()
+    if chromium is None:
+        parser.error("no Chromium here; apt-get install chromium")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        report = Path(folder) / "report.html"
+        model = ["--model", arguments.model] if arguments.model else []
+        cli.main(["report", str(arguments.photograph), "-o", str(report), *model])
+        browser = driver.chromium.launch(executable_path=chromium)
+        opened = [open_report(browser, report) for _ in range(OPENINGS)]
+        seconds = median(each for _, each in opened)
+        print(f"{report.stat().st_size / 1e6:.2f} MB, opens in {seconds:.2f} s (median of {OPENINGS})")
+        if arguments.out is not None:
+            page = opened[-1][0]
+            choose(page, tuple(arguments.at))
+            page.screenshot(path=arguments.out)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
