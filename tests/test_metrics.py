@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scenes import make_scene, rotation
 
 from blur2view import metrics
+from tests.support.scenes import make_scene, rotation
 
 
 def test_epe_s_and_direction_are_blind_to_sign() -> None:

@@ -38,7 +38,7 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 REAL = Path("../shared/data/real")
-OUTLINE = Path("tests/local_walker_0083.json")
+OUTLINE = Path("tests/support/local_walker_0083.json")
 STREETS = ("gopro_street_01.png", "gopro_street_07.png")  # nothing in them moves
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 LARGE_SHARE = 0.05

@@ -1,0 +1,142 @@
+"""``blur2view estimate`` with intrinsics: E, the pose and its rates in the document, and how it fails."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+
+from blur2view.cli import commands as cli
+from tests.support.colour_code import colour_code, write_picture
+
+SIZE = (320, 240)
+K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
+TURN = np.array([0.004, -0.006, 0.003])  # radians about x, y, z
+HEADING = np.array([0.1, -0.05, 1.0])
+
+
+def smears() -> np.ndarray:
+    """Return smears (H, W, 2) of a camera that goes forward and turns, past a scene of varying depth."""
+    x, y = np.meshgrid((np.arange(SIZE[0]) - K[0, 2]) / 300, (np.arange(SIZE[1]) - K[1, 2]) / 300)
+    nearness = 0.15 + 0.06 * np.sin(8 * x) * np.cos(9 * y)
+    u = TURN[1] - TURN[2] * y - (TURN[0] * y - TURN[1] * x) * x + nearness * (HEADING[0] - HEADING[2] * x)
+    v = TURN[2] * x - TURN[0] - (TURN[0] * y - TURN[1] * x) * y + nearness * (HEADING[1] - HEADING[2] * y)
+    return 300 * np.stack([u, v], axis=-1)
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    """Return a picture in which the tiny network sees those smears."""
+    return write_picture(tmp_path / "photo.png", colour_code(smears(), 1.0))
+
+
+@pytest.fixture
+def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return ``blur2view estimate --json`` with the tiny network: the code and the documents."""
+
+    def call(*arguments: object) -> tuple[int, list[dict[str, Any]]]:
+        code = cli.main(["estimate", "--model", str(tiny_model), "--json", *map(str, arguments)])
+        return code, json.loads(capsys.readouterr().out)["estimates"]
+
+    return call
+
+
+@pytest.mark.parametrize(
+    "camera", [["--focal", 300], ["--camera", "PINHOLE 320 240 300 300 160 120"]], ids=["focal", "string"]
+)
+def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> None:
+    code, (facts,) = run(photo, *camera, "--exposure", 0.05)
+    assert code == 0 and facts["config"] == "CALIBRATED"
+    np.testing.assert_allclose(facts["K"], K)
+    assert facts["camera"]["known"]
+    R, t = (np.array(facts["cam2_from_cam1"][key]) for key in ("rotation", "translation"))
+    assert R.shape == (3, 3) and np.isclose(np.linalg.norm(t), 1)
+    cosine = abs(t @ HEADING) / np.linalg.norm(HEADING)
+    assert np.degrees(np.arccos(min(cosine, 1.0))) < 10
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    np.testing.assert_allclose(facts["E"], cross @ R, atol=1e-9)
+    inverse = np.linalg.inv(K)
+    F = inverse.T @ np.array(facts["E"]) @ inverse
+    np.testing.assert_allclose(facts["F"], F / np.linalg.norm(F), atol=1e-9)
+    rate = np.linalg.norm(facts["angular_velocity_rad_s"])
+    assert np.isclose(rate, np.radians(facts["rotation_deg"]) / 0.05)
+    assert facts["exposure_s"] == 0.05
+    assert np.array(facts["pose_covariance"]["matrix"]).shape == (5, 5)
+
+
+def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
+    _, (facts,) = run(photo)
+    for key in ("K", "camera", "E", "cam2_from_cam1", "rotation_deg", "angular_velocity_rad_s"):
+        assert facts[key] is None
+    assert facts["config"] == "UNCALIBRATED"
+
+
+def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
+    _, (facts,) = run(photo, "--focal", 300)
+    assert facts["rotation_deg"] > 0 and facts["angular_velocity_rad_s"] is None
+
+
+def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
+    exif.get_ifd(ExifTags.IFD.Exif).update(
+        {ExifTags.Base.FocalLengthIn35mmFilm.value: 32, ExifTags.Base.ExposureTime.value: 0.1}
+    )
+    picture = (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
+    Image.fromarray(picture).save(tmp_path / "photo.png", exif=exif)
+    _, (taken,) = run(tmp_path / "photo.png", "--camera", "exif")
+    focal = 32 * 400 / np.hypot(36, 24)
+    assert np.isclose(taken["K"][0][0], focal) and taken["camera"]["known"]
+    assert np.isclose(taken["exposure_s"], 0.1) and taken["angular_velocity_rad_s"] is not None
+    _, (hinted,) = run(tmp_path / "photo.png")
+    assert hinted["E"] is None and hinted["camera"]["known"] is False
+
+
+def test_summary_tells_the_pose(photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure", "0.05"]
+    assert cli.main(arguments) == 0
+    text = capsys.readouterr().out
+    for words in ("CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["--focal", "0"],
+        ["--focal", "-525"],
+        ["--focal", "nan"],
+        ["--focal", "wide"],
+        ["--focal", "525", "--camera", "exif"],
+        ["--exposure", "0"],
+        ["--exposure", "inf"],
+    ],
+)
+def test_wrong_intrinsics_are_wrong_usage(
+    wrong: list[str], photo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["estimate", str(photo), *wrong])
+    assert caught.value.code == 2
+    assert "usage: blur2view estimate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"),
+    [
+        ("nonsense", "neither a camera string nor a database"),
+        ("SIMPLE_RADIAL 320 240 300 160 120", "has the parameters f, cx, cy, k"),
+        ("PINHOLE 640 400 500 500 320 200", "is for 640x400 pixels, the photograph has 320x240"),
+        ("missing.db", "no such database"),
+        ("exif", "EXIF names no focal length"),
+    ],
+)
+def test_a_camera_that_cannot_be_used_is_one_line(
+    camera: str, words: str, photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--camera", camera]
+    assert cli.main(arguments) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line

@@ -1,0 +1,253 @@
+"""``blur2view estimate``: what it prints and writes, and how it fails."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+from blur2view import documents as estimate_file
+from blur2view.camera.image import read_image
+from blur2view.cli import commands as cli
+from blur2view.geometry.sampson import serrmin
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
+from blur2view.smears.field import smear_ends
+from blur2view.smears.sampling import SelectOptions
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.visualization.overlay import draw_overlay
+from tests.support.colour_code import HEIGHT, WIDTH, colour_code_network, forward_motion
+
+
+def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    assert run(moving, "-o", out) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["moving.json", "moving.png", "moving.smear.npz"]
+
+    facts = json.loads((out / "moving.json").read_text())
+    assert facts["config"] == "UNCALIBRATED" and facts["reason"]
+    F = np.array(facts["F"])
+    assert F.shape == (3, 3) and np.isclose(np.linalg.norm(F), 1)
+    assert 0 < facts["num_inliers"] <= facts["num_matches"]
+    assert (facts["width"], facts["height"]) == (WIDTH, HEIGHT)
+    assert facts["model_id"] == "colour-code" and facts["seed"] == 0
+    assert facts["beta"] == SelectOptions.beta and facts["max_error_px"] == EstimatorOptions.max_error_px
+    assert set(facts["timings_s"]) == {"read", "predict", "select", "solve"}
+
+    with np.load(out / "moving.smear.npz") as arrays:
+        assert arrays["displacement"].shape == (HEIGHT, WIDTH, 2)
+        assert arrays["displacement"].dtype == arrays["sigma_px"].dtype == np.float32
+        assert arrays["sigma_px"].shape == (HEIGHT, WIDTH)
+        assert arrays["ends"].shape == (facts["num_matches"], 2, 2)
+        assert arrays["inlier_mask"].sum() == facts["num_inliers"]
+        assert arrays["swapped"].shape == arrays["match_sigma_px"].shape == arrays["inlier_mask"].shape
+
+    assert read_image(out / "moving.png").shape[1] == 640
+
+
+def test_F_of_the_files_fits_the_true_smears(run: Any, moving: Path, tmp_path: Path) -> None:
+    assert run(moving, "-o", tmp_path / "out") == 0
+    F = np.array(json.loads((tmp_path / "out" / "moving.json").read_text())["F"])
+    y, x = np.mgrid[2:HEIGHT:7, 2:WIDTH:7]
+    points, displacement = np.c_[x.ravel(), y.ravel()], forward_motion()[2::7, 2::7].reshape(-1, 2)
+    length = np.hypot(*displacement.T)
+    rho = np.sqrt(serrmin(F, smear_ends(points, displacement)))[length > 4] / length[length > 4]
+    assert np.median(rho) < 0.01
+
+
+def test_summary_names_configuration_reason_and_files(
+    run: Any, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(moving, "-o", tmp_path / "out") == 0
+    text = capsys.readouterr().out
+    facts = json.loads((tmp_path / "out" / "moving.json").read_text())
+    for words in ("UNCALIBRATED", facts["reason"], "F =", "epipoles", "moving.smear.npz"):
+        assert words in text
+
+
+def test_readme_explains_every_key(run: Any, still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(still, "--json") == 0
+    (facts,) = json.loads(capsys.readouterr().out)["estimates"]
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    assert [key for key in facts if f"`{key}`" not in readme] == []
+
+
+def test_names_of_any_kind_are_printed(run: Any, still: Path, tmp_path: Path) -> None:
+    odd = tmp_path / os.fsdecode(b"\xff photo.png")
+    still.rename(odd)
+    assert run(odd, "-o", tmp_path / "out") == 0
+
+
+def test_link_to_itself_is_one_line(run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
+    assert run(tmp_path / "loop.jpg", "-o", tmp_path / "out") == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_without_output_folder_nothing_is_written(run: Any, moving: Path, tmp_path: Path) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    assert run(moving) == 0
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_json_is_one_document_that_equals_the_file(
+    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(moving, still, "--json", "-o", tmp_path / "out") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["failures"] == []
+    for facts in printed["estimates"]:
+        file = tmp_path / "out" / f"{Path(facts['image']).stem}.json"
+        assert json.loads(file.read_text()) == facts
+
+
+def test_picture_without_motion_is_a_result_with_a_reason(
+    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(still, "-o", tmp_path / "out") == 0
+    facts = json.loads((tmp_path / "out" / "still.json").read_text())
+    assert facts["F"] is None and facts["config"] == "DEGENERATE" and len(facts["reason"]) > 10
+    assert "DEGENERATE" in capsys.readouterr().out
+
+
+def test_one_bad_photograph_costs_one_line_and_not_the_others(
+    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = tmp_path / "empty.jpg"
+    empty.touch()
+    assert run(empty, moving, tmp_path / "absent.jpg", still, "-o", tmp_path / "out") == 1
+    complaints = capsys.readouterr().err.splitlines()
+    assert len(complaints) == 2
+    assert "empty.jpg" in complaints[0] and "absent.jpg" in complaints[1]
+    assert {path.stem for path in (tmp_path / "out").glob("*.json")} == {"moving", "still"}
+
+
+def test_json_names_failures_too(
+    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path / "absent.jpg", still, "--json") == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert len(printed["estimates"]) == 1 and "no such file" in printed["failures"][0]["error"]
+
+
+def test_wrong_network_is_one_line(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["estimate", str(still), "--model", str(still)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "not an ONNX network" in line
+
+
+def test_same_seed_gives_the_same_bytes(run: Any, moving: Path, still: Path, tmp_path: Path) -> None:
+    assert run(moving, "-o", tmp_path / "alone", "--seed", 7) == 0
+    assert run(still, moving, "-o", tmp_path / "second", "--seed", 7) == 0
+    for name in ("moving.smear.npz", "moving.png"):
+        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
+
+
+def test_options_reach_the_steps(run: Any, moving: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    counts = []
+    for beta in (0.1, 0.3):
+        assert run(moving, "--json", "--beta", beta, "--max-error", 0.5) == 0
+        facts = json.loads(capsys.readouterr().out)["estimates"][0]
+        assert facts["beta"] == beta and facts["max_error_px"] == 0.5
+        counts.append(facts["num_matches"])
+    assert counts[0] < counts[1]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--beta", "0"], ["--beta", "2"], ["--max-error", "-1"], ["--seed", "-1"], ["--seed", "x"], []],
+)
+def test_wrong_usage_is_exit_code_2(
+    arguments: list[str], still: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images = [str(still)] if arguments else []
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["estimate", *images, *arguments])
+    assert caught.value.code == 2
+    assert "usage: blur2view estimate" in capsys.readouterr().err
+
+
+def test_defaults_are_those_of_the_dataclasses() -> None:
+    parsed = cli.build_parser().parse_args(["estimate", "a.jpg"])
+    assert parsed.beta == SelectOptions().beta
+    assert parsed.max_error == EstimatorOptions().max_error_px
+
+
+def test_many_photographs_show_progress_to_a_person(
+    run: Any, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert run(still, moving) == 0
+    captured = capsys.readouterr()
+    assert "2/2" in captured.err and "photo" in captured.err
+    assert captured.out.startswith(f"{still}: DEGENERATE")
+    assert run(still) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_interrupt_is_no_traceback(
+    run: Any, still: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(estimate_file, "read_image", interrupt)
+    assert run(still) == 130
+    assert capsys.readouterr().err == "blur2view: interrupted\n"
+
+
+def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path, tmp_path: Path) -> None:
+    root = Path(cli.__file__).parents[2]
+    command = [
+        sys.executable,
+        "-m",
+        "blur2view",
+        "estimate",
+        moving.name,
+        "--model",
+        str(tiny_model),
+        "--json",
+    ]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(root)}, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and done.stderr == ""
+    assert json.loads(done.stdout)["estimates"][0]["config"] == "UNCALIBRATED"
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [("| true", ""), ("> /dev/full", "blur2view: cannot print (No space left on device)")],
+)
+def test_output_that_nobody_takes_is_no_traceback(
+    still: Path, tiny_model: Path, target: str, words: str, buffered: bool
+) -> None:
+    root = Path(cli.__file__).parents[2]
+    command = f"{sys.executable} -m blur2view estimate {still} --model {tiny_model} {target}"
+    environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
+    done = subprocess.run(["bash", "-c", command], cwd=root, env=environment, capture_output=True, text=True)
+    assert done.stderr.startswith(words) and done.stderr.count("\n") == bool(words)
+
+
+def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Path, tmp_path: Path) -> None:
+    assert run(moving, "-o", tmp_path / "out") == 0
+    photo = read_image(moving)
+    found = estimate(photo, network=SmearNetwork(tiny_model))
+    drawn = draw_overlay(photo, found.field, found.matches, found.geometry)
+    np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
+
+
+def test_certainty_of_directions_is_written_where_the_network_tells_it(tmp_path: Path, moving: Path) -> None:
+    for channels, told in ((3, False), (4, True)):
+        onnx.save(colour_code_network(channels=channels), tmp_path / "network.onnx")
+        words = ["estimate", str(moving), "--model", str(tmp_path / "network.onnx"), "--overwrite"]
+        assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
+        with np.load(tmp_path / "out" / f"{moving.stem}.smear.npz") as stored:
+            assert ("sigma_rad" in stored) == told
+            assert not told or stored["sigma_rad"].shape == stored["sigma_px"].shape

@@ -1,0 +1,131 @@
+"""``blur2view segment``: what it prints and writes, and how it fails."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from blur2view.camera.image import read_image
+from blur2view.cli import commands as cli
+from blur2view.cli import outputs as mask_results
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
+from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
+from tests.support.colour_code import colour_code, write_picture
+
+HEIGHT, WIDTH = 160, 208
+BOX = slice(40, 100), slice(100, 180)
+FILES = ("a.mask.png", "a.moving.png", "a.motion.png", "a.motion.json")
+
+
+@pytest.fixture
+def walker(tmp_path: Path) -> Path:
+    """Return a picture in which the tiny network sees a still camera and one moving thing."""
+    smears = np.zeros((HEIGHT, WIDTH, 2))
+    smears[BOX] = (14.0, 3.0)
+    cells = np.random.default_rng(0).uniform(
+        0.6, 1.4, (HEIGHT // 4, WIDTH // 4)
+    )  # a flat picture has no smears
+    return write_picture(tmp_path / "a.png", colour_code(smears, np.kron(cells, np.ones((4, 4)))))
+
+
+@pytest.fixture
+def run(tiny_model: Path) -> Any:
+    """Return ``blur2view segment`` with the tiny network, in this process."""
+
+    def call(*arguments: object) -> int:
+        return cli.main(["segment", "--model", str(tiny_model), *map(str, arguments)])
+
+    return call
+
+
+def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run(walker, "-o", out) == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    image = read_image(walker)
+    mask = segment(estimate(image, network=SmearNetwork(tiny_model)), image)
+    indexed = Image.open(out / "a.mask.png")
+    assert indexed.mode == "P"
+    np.testing.assert_array_equal(np.asarray(indexed), mask.labels)
+    assert indexed.convert("RGB").getpixel((140, 70)) == mask_results.PALETTE[MotionLabel.MOVING]
+    levels = cv2.imread(str(out / "a.moving.png"), cv2.IMREAD_UNCHANGED)
+    assert levels is not None
+    np.testing.assert_allclose(levels / 255, mask.probability, atol=0.5 / 255 + 1e-6)
+    moving = mask.labels == MotionLabel.MOVING
+    true = np.zeros((HEIGHT, WIDTH), bool)
+    true[BOX] = True
+    assert (moving & true).sum() / (moving | true).sum() > 0.85
+
+
+def test_document_describes_the_mask(run: Any, walker: Path, tmp_path: Path) -> None:
+    run(walker, "-o", tmp_path / "out")
+    facts = json.loads((tmp_path / "out" / "a.motion.json").read_text())
+    labels = np.asarray(Image.open(tmp_path / "out" / "a.mask.png"))
+    for name, value in facts["labels"].items():
+        np.testing.assert_allclose(facts["shares"][name], (labels == value).mean())
+    (region,) = facts["regions"]
+    assert region["area_px"] == (labels == 1).sum() and region["F"] is None
+    assert "stands still" in facts["reason"] and facts["timings_s"]["segment"] > 0
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    section = readme[readme.index("## Motion masks") :]
+    for key in (*facts, *region):
+        assert f"`{key}`" in section
+
+
+def test_objects_are_told_in_the_document(run: Any, walker: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(walker, "--objects", "--json") == 0
+    (mask,) = json.loads(capsys.readouterr().out)["masks"]
+    assert mask["regions"][0]["reason"]
+    assert SegmentOptions().objects is False
+
+
+def test_bad_photograph_costs_one_line_and_not_the_others(
+    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.png"
+    bad.write_bytes(b"no picture")
+    assert run(bad, walker) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and str(bad) in printed.err
+    assert "1 moving part," in printed.out
+
+
+def test_nothing_is_overwritten_without_being_asked(
+    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "a.motion.png").write_bytes(b"mine")
+    assert run(walker, "-o", out) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    assert (out / "a.motion.png").read_bytes() == b"mine"
+    assert run(walker, "-o", out, "--overwrite") == 0
+
+
+def test_full_disk_leaves_no_document(
+    run: Any,
+    walker: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def full(path: Path, write: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mask_results, "write_atomically", full)
+    assert run(walker, "-o", tmp_path / "out") == 1
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1 and "No space left" in printed
+    assert not (tmp_path / "out" / "a.motion.json").exists()
+
+
+def test_same_seed_gives_the_same_bytes(run: Any, walker: Path, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        run(walker, "-o", tmp_path / name, "--objects")
+    for file in FILES[:3]:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()

@@ -1,0 +1,181 @@
+"""``blur2view to-colmap``: what it prints and writes, and how it fails."""
+
+import json
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import ExifTags, Image
+
+from blur2view.cli import commands as cli
+from blur2view.cli.to_colmap import fresh_names
+from blur2view.colmap.check import check_database
+from blur2view.geometry.sampson import sampson
+from tests.cli.test_cli_camera import SIZE, smears
+from tests.support.colour_code import colour_code, write_picture
+from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
+
+CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> list[Path]:
+    """Return a picture in which the tiny network sees parallax, and one in which it sees no motion."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    moving = write_picture(folder / "moving.png", colour_code(smears(), 1.0))
+    still = write_picture(folder / "still.png", colour_code(np.zeros((240, 320, 2)), 1.0))
+    return [moving, still]
+
+
+@pytest.fixture
+def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return ``blur2view to-colmap`` with the tiny network: the code, stdout and stderr."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = cli.main(["to-colmap", "--model", str(tiny_model), *map(str, arguments)])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """Return a project that knows both pictures."""
+    path = tmp_path / "project.db"
+    make_project(path, ProjectOptions(images=2, features=400, size=SIZE, prior_focal=False))
+    with closing(sqlite3.connect(path)) as database:
+        database.execute(
+            "UPDATE images SET name = CASE image_id WHEN 1 THEN 'moving.png' ELSE 'still.png' END"
+        )
+        database.commit()
+    return path
+
+
+def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    code, out, err = run("--db", path, *CAMERA, *photos)
+    assert (code, err) == (0, "")
+    moving, still, total = out.splitlines()
+    assert moving.startswith("moving.png: add CALIBRATED") and still.startswith("still.png: add DEGENERATE")
+    assert total == f"{path}: wrote 4 images and 2 pairs of 2 photographs"
+    assert check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        assert len(database.read_two_view_geometry(1, 2).inlier_matches) > 500
+        assert len(database.read_two_view_geometry(3, 4).inlier_matches) == 0
+    code, _, err = run("--db", path, *photos)
+    assert code == 1 and err.count("\n") == 1 and "exists; add to it with --link" in err
+
+
+def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    code, out, _ = run("--db", path, "--skip-degenerate", "--json", *photos)
+    document = json.loads(out)
+    assert code == 0
+    assert [one["name"] for one in document["photographs"]] == ["moving.png"]
+    assert [one["name"] for one in document["skipped"]] == ["still.png"]
+    with pycolmap.Database.open(path) as database:
+        assert [image.name for image in database.read_all_images()] == ["moving.png#open", "moving.png#close"]
+
+
+def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
+    new, before = tmp_path / "new.db", project.read_bytes()
+    code, out, _ = run("--db", new, "--dry-run", *photos)
+    assert code == 0 and "would write 4 images and 2 pairs" in out and not new.exists()
+    code, out, _ = run("--db", project, "--link", "--dry-run", *photos)
+    assert code == 0 and "would write 4 images and 6 pairs" in out
+    assert project.read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"photos", "project.db"}
+
+
+def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[Path], project: Path) -> None:
+    before = user_rows(project)
+    code, out, err = run("--db", project, "--link", *CAMERA, *photos)
+    assert (code, err) == (0, "")
+    assert user_rows(project) == before and check_database(project) == []
+    assert f"backup {project}." in out
+    first = project.read_bytes()
+    code, out, _ = run("--db", project, "--link", *CAMERA, *photos)
+    assert code == 0 and project.read_bytes() == first
+    assert "moving.png: has its views already" in out and "nothing to write" in out
+    code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
+    assert code == 0 and "moving.png: replace CALIBRATED" in out and "backup" not in out
+    assert user_rows(project) == before
+    assert len(list(project.parent.glob("*.bak"))) == 1
+
+
+def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    bad = photos[0].with_name("bad.jpg")
+    bad.write_text("no picture")
+    code, out, err = run("--db", tmp_path / "new.db", bad, photos[0], photos[0])
+    assert code == 1
+    assert err.count("\n") == 2 and "bad.jpg" in err and "named twice" in err
+    assert "wrote 2 images and 1 pairs of 1 photographs" in out
+
+
+def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:
+    write_picture(photos[0], colour_code(np.ones((64, 80, 2)), 1.0))
+    code, _, err = run("--db", project, "--link", photos[0])
+    assert code == 1 and "is of 80x64 pixels" in err and "320x240" in err
+
+
+def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    turned = photos[0].with_name("turned.jpg")
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6  # upright it is 240 wide and 320 high
+    pixels = np.round(255 * colour_code(smears(), 1.0)).astype(np.uint8)
+    Image.fromarray(pixels).save(turned, quality=95, subsampling=0, exif=exif)
+    code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
+    assert (code, err) == (0, "") and "CALIBRATED" in out
+    with pycolmap.Database.open(tmp_path / "new.db") as database:
+        camera = database.read_camera(1)
+        assert (camera.width, camera.height) == (320, 240)
+        assert database.read_keypoints(1)[:, 0].max() > 245
+
+
+def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    target = ["--db", str(tmp_path / "new.db")]
+    wrong = [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
+    wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
+    for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
+        with pytest.raises(SystemExit) as stop:
+            run(*photos, *words)
+        assert stop.value.code == 2
+
+
+def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    folder = tmp_path / "text"
+    code, out, _ = run("--format", "matches", "-o", folder, *CAMERA, *photos)
+    assert code == 0 and f"{folder}: wrote 4 images and 2 pairs" in out
+    lines = (folder / "matches.txt").read_text().splitlines()
+    assert lines[0] == "moving.png#open moving.png#close" and len(lines) > 500
+    pytest.importorskip("h5py")
+    code, _, _ = run("--format", "hloc", "-o", tmp_path / "hloc", *CAMERA, *photos)
+    assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
+
+
+def test_names_are_below_the_folder_that_all_share() -> None:
+    assert fresh_names([Path("/x/a.jpg")]) == ["a.jpg"]
+    assert fresh_names([Path("/x/left/a.jpg"), Path("/x/right/a.jpg")]) == ["left/a.jpg", "right/a.jpg"]
+
+
+def test_corrected_ends_lie_on_the_lines_of_the_geometry(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    database = tmp_path / "new.db"
+    code, _, _ = run("--db", database, "--corrected", *CAMERA, photos[0])
+    assert code == 0
+    with pycolmap.Database.open(database) as opened:
+        first, last = sorted(opened.read_all_images(), key=lambda image: str(image.name), reverse=True)
+        geometry = opened.read_two_view_geometry(first.image_id, last.image_id)
+        ends = [opened.read_keypoints(image.image_id)[:, :2].astype(float) for image in (first, last)]
+    one, two = (end[index] for end, index in zip(ends, np.asarray(geometry.inlier_matches).T, strict=True))
+    assert len(one) > 100
+    assert np.median(np.sqrt(sampson(np.asarray(geometry.F), one, two))) < 1e-3
+    with pytest.raises(SystemExit):
+        run("--db", database, "--link", "--corrected", photos[0])

@@ -1,0 +1,89 @@
+"""hloc's files, read back as hloc's own readers do."""
+
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from blur2view.colmap.hloc_files import certainty, matches0, pair_name, write_hloc
+from blur2view.errors import OutputError
+from tests.support.scenes import some_views
+
+
+def hloc_matches(path: Path, name0: str, name1: str) -> tuple[np.ndarray, np.ndarray]:
+    """Find a pair and turn matches0 into index pairs with scores, as hloc.utils.io.get_matches does."""
+    with h5py.File(path, "r") as file:
+        group = file[name0.replace("/", "-") + "/" + name1.replace("/", "-")]
+        matches, scores = group["matches0"][:], group["matching_scores0"][:]
+    index = np.flatnonzero(matches != -1)
+    return np.stack([index, matches[index]], axis=1), scores[index]
+
+
+def test_hloc_finds_keypoints_and_matches_by_name(tmp_path: Path) -> None:
+    sequence = [some_views("left/one.jpg", 7, 1), some_views("two.jpg", 5, 2)]
+    for _ in range(2):  # a second call replaces the first
+        features, matches, pairs = write_hloc(tmp_path / "out", sequence)
+    listed = [line.split() for line in pairs.read_text().splitlines()]
+    assert listed == [list(views.names) for views in sequence]
+    for views in sequence:
+        index, scores = hloc_matches(matches, *views.names)
+        inliers = np.flatnonzero(views.geometry.inlier_mask)
+        np.testing.assert_array_equal(index, np.stack([inliers, inliers], axis=1))
+        assert ((scores > 0) & (scores <= 1)).all()
+        with h5py.File(features, "r") as file:
+            for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
+                group = file[name]
+                np.testing.assert_allclose(group["keypoints"][:], points, atol=1e-5)  # no half pixel here
+                assert group["keypoints"].attrs["uncertainty"] == pytest.approx(np.median(views.sigma_px) / 2)
+                assert group["image_size"][:].tolist() == [120, 100]
+                assert group["scores"].shape == (len(points),)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "features.h5",
+        "matches.h5",
+        "pairs.txt",
+    ]
+
+
+def test_certain_smears_score_higher() -> None:
+    views = some_views(count=50)
+    order = np.argsort(views.sigma_px)
+    scores = certainty(views)[order]
+    assert (np.diff(scores) <= 0).all() and scores[0] > scores[-1]
+
+
+def test_outliers_are_unmatched() -> None:
+    assert matches0(some_views(count=5)).tolist() == [-1, 1, 2, -1, 4]
+
+
+def test_slashes_of_names_do_not_nest_groups() -> None:
+    assert pair_name("a/b.jpg#open", "a/b.jpg#close") == "a-b.jpg#open/a-b.jpg#close"
+
+
+def test_without_h5py_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(OutputError, match="pip install h5py"):
+        write_hloc(tmp_path / "out", [some_views()])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_blank_in_a_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="blank"):
+        write_hloc(tmp_path / "out", [some_views("my photo.jpg")])
+
+
+def test_a_folder_that_takes_no_files_is_named_and_nothing_is_left(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(OutputError, match="out: cannot be written"):
+        write_hloc(tmp_path / "out", [some_views()])
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_photograph_named_twice_is_refused_and_older_files_stay(tmp_path: Path) -> None:
+    write_hloc(tmp_path / "out", [some_views()])
+    before = (tmp_path / "out" / "matches.h5").read_bytes()
+    with pytest.raises(OutputError, match=r"a\.jpg: is there twice"):
+        write_hloc(tmp_path / "out", [some_views(), some_views()])
+    assert (tmp_path / "out" / "matches.h5").read_bytes() == before
+    assert len(list((tmp_path / "out").iterdir())) == 3

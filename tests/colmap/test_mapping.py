@@ -1,0 +1,118 @@
+"""COLMAP's mappers on exposures: nothing with their defaults, the camera's motion with our options."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.mapping import MIN_ANGLE_DEG, global_options, mapper_options
+from blur2view.metrics import rotation_error, translation_direction_error_deg
+from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
+
+COUNT = 500
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Return an exposure of 20 px smears with half a pixel of noise."""
+    rng = np.random.default_rng(4)
+    return disturb(make_scene(rng, count=COUNT, length_px=20.0, rotation_share=0.5), rng, noise_px=0.5)
+
+
+@pytest.fixture(scope="module")
+def database(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a database of both views, written by pycolmap itself."""
+    path = tmp_path_factory.mktemp("mapping") / "exposure.db"
+    params = [scene.K[0, 0], scene.K[1, 1], *to_colmap(scene.K[:2, 2])]
+    camera = pycolmap.Camera(model="PINHOLE", width=IMAGE_SIZE[0], height=IMAGE_SIZE[1], params=params)
+    camera.has_prior_focal_length = True
+    with pycolmap.Database.open(path) as db:
+        camera.camera_id = db.write_camera(camera)
+        rig = pycolmap.Rig()
+        rig.add_ref_sensor(camera.sensor_id)
+        rig_id = db.write_rig(rig)
+        ids = []
+        for name, points in zip(("a#open", "a#close"), scene.ordered, strict=True):
+            ids.append(db.write_image(pycolmap.Image(name=name, camera_id=camera.camera_id)))
+            frame = pycolmap.Frame()
+            frame.rig_id = rig_id
+            frame.add_data_id(pycolmap.data_t(camera.sensor_id, ids[-1]))
+            db.write_frame(frame)
+            db.write_keypoints(ids[-1], to_colmap(points).astype(np.float32))
+        matches = np.arange(COUNT, dtype=np.uint32)[:, None].repeat(2, axis=1)
+        db.write_matches(ids[0], ids[1], matches)
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+        geometry.inlier_matches = matches
+        db.write_two_view_geometry(ids[0], ids[1], geometry)
+    return path
+
+
+def models(database: Path, options: Any, out: Path) -> dict[int, Any]:
+    options.num_threads = 1
+    found: dict[int, Any] = pycolmap.incremental_mapping(database, database.parent, out, options)
+    return found
+
+
+def test_exposure_becomes_a_model_of_its_motion(scene: Scene, database: Path, tmp_path: Path) -> None:
+    (model,) = models(database, mapper_options(), tmp_path).values()
+    assert model.num_reg_images() == 2 and model.num_points3D() > 0.9 * COUNT
+    views = {image.name: image.cam_from_world() for image in model.images.values()}
+    motion = views["a#close"] * views["a#open"].inverse()
+    assert rotation_error(motion.rotation.matrix(), scene.R)[1] < 0.1
+    assert motion.translation @ scene.t > 0  # open and close are not exchanged
+    assert translation_direction_error_deg(motion.translation, scene.t) < 3
+    (camera,) = model.cameras.values()
+    assert camera.focal_length_x == pytest.approx(scene.K[0, 0], abs=1e-9)  # not refined
+
+
+def test_defaults_find_nothing(database: Path, tmp_path: Path) -> None:
+    options = pycolmap.IncrementalPipelineOptions()
+    options.random_seed = 0
+    assert not models(database, options, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "group, name",
+    [
+        ("triangulation", "ignore_two_view_tracks"),
+        ("mapper", "init_min_tri_angle"),
+        ("mapper", "filter_min_tri_angle"),
+    ],
+)
+def test_each_of_these_options_is_needed(database: Path, tmp_path: Path, group: str, name: str) -> None:
+    options, defaults = mapper_options(), pycolmap.IncrementalPipelineOptions()
+    setattr(getattr(options, group), name, getattr(getattr(defaults, group), name))
+    lost = models(database, options, tmp_path)
+    assert sum(model.num_points3D() for model in lost.values()) < 0.6 * COUNT
+
+
+def test_linked_projects_keep_colmaps_angles() -> None:
+    options, defaults = mapper_options(linked=True), pycolmap.IncrementalPipelineOptions()
+    assert options.triangulation.min_angle == defaults.triangulation.min_angle
+    assert options.triangulation.ignore_two_view_tracks
+    assert options.mapper.init_min_tri_angle == defaults.mapper.init_min_tri_angle > MIN_ANGLE_DEG
+    assert options.ba_refine_focal_length and not mapper_options().ba_refine_focal_length
+    assert not mapper_options(linked=True, refine_intrinsics=False).ba_refine_focal_length
+    kept = mapper_options(linked=True, keep_photographs=True)
+    assert kept.fix_existing_frames and not kept.ba_refine_focal_length and not options.fix_existing_frames
+    for wrong in ({"linked": False}, {"linked": True, "refine_intrinsics": True}):
+        with pytest.raises(ValueError, match="keep_photographs"):
+            mapper_options(keep_photographs=True, **wrong)
+
+
+def test_options_are_valid() -> None:
+    assert mapper_options().check() and mapper_options(linked=True).check()
+    assert isinstance(global_options(), pycolmap.GlobalPipelineOptions)
+    assert not global_options(refine_intrinsics=False).mapper.bundle_adjustment.refine_focal_length
+
+
+def test_mapping_can_be_limited_in_time() -> None:
+    assert mapper_options(max_seconds=7).max_runtime_seconds == 7
+    solver = global_options(solver_seconds=5).mapper.bundle_adjustment.ceres.solver_options
+    assert solver.max_solver_time_in_seconds == 5
+    with pytest.raises(ValueError, match="positive"):
+        global_options(solver_seconds=0)

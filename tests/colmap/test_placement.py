@@ -1,0 +1,166 @@
+"""Views placed into a model of their photographs: an exact walk, a known exposure, photographs left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.placement import Placement, place_views
+from blur2view.errors import DatabaseError
+from blur2view.exposure.linked_views import KeypointViews
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from tests.support.scenes import some_views
+
+FRAMES, FEATURES, SHARE, FOCAL = 7, 60, 0.5, 200.0
+SIZE = (160, 120)
+TURN, MOVE = np.array([0.004, 0.012, -0.002]), np.array([0.05, 0.01, 0.02])
+NAMES = [f"f_{k:03d}.png" for k in range(FRAMES)]
+
+
+def pose_at(time: float) -> Array:
+    R = rotation_matrix(TURN * time)
+    return np.column_stack([R, R @ (MOVE * time)])
+
+
+def seen(pose: Array, points: Array) -> Array:
+    """Our pixels (N, 2)."""
+    X = points @ pose[:, :3].T + pose[:, 3]
+    return FOCAL * X[:, :2] / X[:, 2:] + (np.array(SIZE) - 1) / 2
+
+
+def project(
+    folder: Path, linked: list[int], share: float = SHARE, usable: int = FEATURES
+) -> tuple[Path, Path]:
+    """Write a model of a steady walk and its database, some photographs with views."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
+    camera = pycolmap.Camera(
+        model="SIMPLE_PINHOLE", width=SIZE[0], height=SIZE[1], params=[FOCAL, SIZE[0] / 2, SIZE[1] / 2]
+    )
+    camera.camera_id = 1
+    model, database = pycolmap.Reconstruction(), folder / "walk.db"
+    model.add_camera_with_trivial_rig(camera)
+    tracks = [pycolmap.Track() for _ in points]
+    with pycolmap.Database.open(database) as opened:
+        opened.write_camera(camera)
+        for k, name in enumerate(NAMES):
+            pixels = to_colmap(seen(pose_at(k), points))
+            opened.write_image(pycolmap.Image(name=name, camera_id=1))
+            opened.write_keypoints(k + 1, pixels.astype(np.float32))
+            image = pycolmap.Image(name=name, keypoints=pixels, camera_id=1, image_id=k + 1)
+            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose_at(k)[:, :3]), pose_at(k)[:, 3])
+            model.add_image_with_trivial_frame(image, pose)
+            for i, track in enumerate(tracks):
+                track.add_element(k + 1, i)
+    for point, track in zip(points, tracks, strict=True):
+        model.add_point3D(point, track)
+    jobs = []
+    for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
+        assert isinstance(plan, LinkStep)
+        jobs.append(LinkJob(plan=plan, linked=smears(plan.image.name, points, share, usable)))
+    write_links(database, jobs, backup=False)
+    (folder / "model").mkdir()
+    model.write(folder / "model")
+    return database, folder / "model"
+
+
+def smears(name: str, points: Array, share: float, usable: int) -> KeypointViews:
+    time = NAMES.index(name)
+    first, last = (seen(pose_at(time + side * share / 2), points) for side in (-1, 1))
+    middle = seen(pose_at(time), points)
+    half = 0.5 * (last - first)
+    plain = some_views(name, FEATURES)
+    everything = np.ones(FEATURES, bool)
+    views = replace(
+        plain,
+        size=SIZE,
+        points_open=middle - half,
+        points_close=middle + half,
+        geometry=replace(plain.geometry, inlier_mask=everything),
+    )
+    return KeypointViews(views=views, usable=np.arange(FEATURES) < usable)
+
+
+def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
+    by_name = {image.name: image for image in found.model.images.values()}
+    step = by_name[name + "#close"].cam_from_world() * by_name[name + "#open"].cam_from_world().inverse()
+    return rotation_vector(step.rotation.matrix()), step.translation
+
+
+def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> None:
+    found = place_views(*project(tmp_path, list(range(FRAMES))))
+    assert found.placed == tuple(NAMES) and found.left == ()
+    assert found.fraction == pytest.approx(SHARE, rel=0.02)
+    for name in NAMES:
+        turn, move = motion_of(found, name)
+        np.testing.assert_allclose(turn, SHARE * TURN, atol=2e-4)
+        assert np.linalg.norm(move - SHARE * MOVE) < 0.1 * np.linalg.norm(SHARE * MOVE)
+    assert found.model.num_reg_images() == 3 * FRAMES
+    assert found.model.compute_mean_reprojection_error() < 0.2
+    assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
+
+
+def test_a_known_exposure_scales_the_motion(tmp_path: Path) -> None:
+    found = place_views(*project(tmp_path, list(range(FRAMES))), fraction=0.25)
+    assert found.fraction == 0.25
+    np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
+
+
+@pytest.mark.parametrize(("share", "usable"), [(SHARE, 5), (0.0, FEATURES)], ids=["few", "still"])
+def test_a_known_exposure_counts_where_smears_tell_none(tmp_path: Path, share: float, usable: int) -> None:
+    found = place_views(*project(tmp_path, list(range(FRAMES)), share, usable), fraction=0.25)
+    assert found.placed == tuple(NAMES) and found.fraction == 0.25
+    np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
+
+
+def test_photographs_far_apart_are_placed_by_their_smears_alone(tmp_path: Path) -> None:
+    found = place_views(*project(tmp_path, [0, 3]))
+    assert found.placed == (NAMES[0], NAMES[3]) and np.isnan(found.fraction)
+    turn, _ = motion_of(found, NAMES[3])
+    np.testing.assert_allclose(turn, SHARE * TURN, atol=1e-3)
+    assert found.model.num_reg_images() == FRAMES + 4
+
+
+@pytest.mark.parametrize("lost", ["pose", "views"])
+def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Path, lost: str) -> None:
+    kept = [k for k in range(FRAMES) if k != 3]
+    database, model = project(tmp_path, kept if lost == "views" else list(range(FRAMES)))
+    if lost == "pose":
+        walk = pycolmap.Reconstruction(model)
+        walk.deregister_frame(walk.images[4].frame_id)
+        walk.write(model)
+    found = place_views(database, model, NAMES)
+    assert found.placed == tuple(NAMES[k] for k in kept)
+    assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
+
+
+def test_a_project_without_views_is_refused(tmp_path: Path) -> None:
+    database, model = project(tmp_path, [])
+    with pytest.raises(DatabaseError, match="link them first"):
+        place_views(database, model)
+    with pytest.raises(DatabaseError, match="no such database"):
+        place_views(tmp_path / "none.db", model)
+    with pytest.raises(ValueError, match="positive"):
+        place_views(database, model, fraction=0.0)
+    with pytest.raises(ValueError, match="finite"):
+        place_views(database, model, fraction=np.inf)
+
+
+def test_missing_and_broken_files_are_named_with_a_remedy(tmp_path: Path) -> None:
+    database, model = project(tmp_path, [0, 1])
+    with pytest.raises(DatabaseError, match=r"absent: no such folder; name .*images\.bin"):
+        place_views(database, tmp_path / "absent")
+    garbage = tmp_path / "garbage.db"
+    garbage.write_bytes(b"no database")
+    with pytest.raises(DatabaseError, match=r"garbage\.db: is no database of COLMAP; name .*--link"):
+        place_views(garbage, model)
+    (model / "cameras.bin").write_bytes(b"no cameras")
+    with pytest.raises(DatabaseError, match="model: is no model that can be read; name"):
+        place_views(database, model)

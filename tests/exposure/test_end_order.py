@@ -1,0 +1,85 @@
+"""Depth orders smears that F leaves open."""
+
+import numpy as np
+import pytest
+
+from blur2view import Camera, SmearMatches, TwoViewGeometry, estimate_two_view
+from blur2view.camera.colmap_camera import colmap_camera, distorted_points
+from blur2view.exposure.end_order import forward_share, motion_order
+from blur2view.geometry.sampson import sampson
+from tests.support.scenes import Scene, disturb, make_scene
+
+SEEDS = range(8)
+
+
+def found_in(scene: Scene, camera: Camera | None = None) -> tuple[SmearMatches, TwoViewGeometry]:
+    sigma = np.maximum(0.5, 0.12 * scene.length_px)
+    matches = SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=scene.image_size)
+    return matches, estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+
+
+def right_share(swapped: np.ndarray, scene: Scene) -> float:
+    """Share of the orders that are right, in the better of both flips of time."""
+    return max(float((swapped == scene.swapped).mean()), float((swapped != scene.swapped).mean()))
+
+
+@pytest.mark.parametrize("share", [0.0, None], ids=["translation", "general"])
+def test_depth_orders_what_F_leaves_open(share: float | None) -> None:
+    plain, deep = [], []
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = make_scene(rng, count=800, rotation_share=share)
+        scene = disturb(scene, rng, direction_deg=4, length_share=0.1, noise_px=0.3)
+        matches, geometry = found_in(scene)
+        order = motion_order(geometry, matches, None, scene.image_size)
+        swapped = order.swapped(scene.ends, matches.sigma_px)
+        plain.append(right_share(geometry.swapped, scene))
+        deep.append(right_share(swapped, scene))
+    assert np.median(deep) > 0.98
+    assert min(deep) > 0.94
+    assert np.median(plain) < (0.7 if share == 0 else 0.98)
+
+
+def test_order_follows_F_and_not_its_transpose() -> None:
+    rng = np.random.default_rng(1)
+    scene = make_scene(rng, count=400, length_px=30)
+    matches, geometry = found_in(scene)
+    for given in (geometry, geometry.reversed()):
+        order = motion_order(given, matches, None, scene.image_size)
+        swapped = order.swapped(scene.ends, matches.sigma_px).astype(int)
+        index = np.arange(len(scene.ends))
+        assert given.F is not None
+        residual = sampson(given.F, scene.ends[index, swapped], scene.ends[index, 1 - swapped])
+        assert np.median(residual) < 0.01
+
+
+def test_rotation_orders_by_its_homography() -> None:
+    scene = make_scene(np.random.default_rng(2), count=400, rotation_share=np.inf)
+    matches, geometry = found_in(disturb(scene, np.random.default_rng(2), noise_px=0.2))
+    assert geometry.F is None and geometry.H is not None
+    order = motion_order(geometry, matches, None, scene.image_size)
+    assert right_share(order.swapped(scene.ends, matches.sigma_px), scene) > 0.98
+
+
+def test_nothing_known_orders_nothing() -> None:
+    scene = make_scene(np.random.default_rng(2), count=5)
+    matches, geometry = found_in(scene)
+    assert geometry.F is None and geometry.H is None
+    np.testing.assert_array_equal(forward_share(geometry, scene.ends, matches.sigma_px), 0.5)
+    assert not motion_order(geometry, matches, None, (640, 480)).swapped(scene.ends, matches.sigma_px).any()
+
+
+def test_orders_the_ends_of_a_distorted_camera() -> None:
+    rng = np.random.default_rng(4)
+    scene = make_scene(rng, count=600, length_px=20)
+    width, height = scene.image_size
+    f, cx, cy = scene.K[0, 0], scene.K[0, 2] + 0.5, scene.K[1, 2] + 0.5
+    lens = colmap_camera("SIMPLE_RADIAL", width, height, (f, cx, cy, -0.2))
+    camera = Camera.from_colmap(lens, "test")
+    rays = (scene.ends - scene.K[:2, 2]) / np.diag(scene.K)[:2]
+    bent = distorted_points(lens, rays.reshape(-1, 2)).reshape(rays.shape)
+    matches = SmearMatches(ends=bent, sigma_px=np.full(len(bent), 0.3), image_size=scene.image_size)
+    geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+    order = motion_order(geometry, matches, camera, scene.image_size)
+    assert geometry.cam2_from_cam1 is not None
+    assert right_share(order.swapped(bent, matches.sigma_px), scene) > 0.98

@@ -1,0 +1,129 @@
+"""Features moved to both ends of the exposure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blur2view import estimate_two_view
+from blur2view.camera.camera import Camera
+from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views, sample
+from blur2view.geometry.sampson import sampson
+from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.field import SmearField
+from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.two_view.options import EstimatorOptions
+from tests.support.scenes import make_scene
+from tools.datasets.synthetic_matches import layered_depth, project_smears
+
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
+    """Give an estimate from an exact field, and the true ends of every pixel's smear (H, W, 2) twice."""
+    scene = make_scene(np.random.default_rng(3), count=2000, length_px=20, rotation_share=0.5)
+    width, height = SIZE
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    points = np.asarray(
+        4 * np.stack([x, y], axis=-1).reshape(-1, 2) + 1.5, np.float64
+    )  # the scene's picture is 640x480
+    depth = layered_depth(np.random.default_rng(1), points) * float(np.linalg.norm(scene.t)) * 4
+    K = np.diag([0.25, 0.25, 1.0]) @ scene.K
+    K[:2, 2] -= 0.375  # a quarter of the size: pixel j is 4 j + 1.5
+    ends = project_smears(K, scene.R, scene.t, (points - 1.5) / 4, depth)
+    displacement = (ends[:, 1] - ends[:, 0]).reshape(height, width, 2)
+    sign = np.where(np.random.default_rng(0).random((height, width, 1)) < 0.5, -1, 1)
+    field = SmearField(
+        displacement=(sign * displacement).astype(np.float32),
+        sigma_px=np.full((height, width), 0.2, np.float32),
+    )
+    matches = select_matches(field, SelectOptions(beta=1.0, min_length_px=0.5))
+    camera = Camera(K=K, width=width, height=height)
+    geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+    assert geometry.cam2_from_cam1 is not None
+    timings = Timings(predict_s=0, select_s=0, solve_s=0)
+    estimate = Estimate(
+        field=field, matches=matches, geometry=geometry, model_id="", timings=timings, camera=camera
+    )
+    return estimate, displacement, ends.reshape(height, width, 2, 2)
+
+
+def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, displacement, _ = found
+    keypoints = np.random.default_rng(5).integers(5, 100, (200, 2)).astype(float)
+    linked = keypoint_views("a.jpg", keypoints, estimate)
+    views = linked.views
+    np.testing.assert_allclose((views.points_open + views.points_close) / 2, keypoints, atol=1e-9)
+    cols, rows = keypoints.astype(int).T
+    d = views.points_close - views.points_open
+    agree = (d * displacement[rows, cols]).sum(axis=1) > 0
+    np.testing.assert_allclose(np.abs(d), np.abs(displacement[rows, cols]), atol=1e-4)
+    assert max(agree.mean(), 1 - agree.mean()) > 0.97  # one flip of time for all, chosen by F and depth
+    assert linked.usable.mean() > 0.9
+    assert views.names == ("a.jpg#open", "a.jpg#close") and views.size == SIZE
+    F = views.geometry.F
+    assert F is not None
+    inliers = views.geometry.inlier_mask
+    assert inliers.sum() > 150
+    assert np.median(sampson(F, views.points_open, views.points_close)[inliers]) < 0.05
+
+
+def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = found
+    sigma = estimate.field.sigma_px.copy()
+    length = np.linalg.norm(estimate.field.displacement, axis=-1)
+    sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
+    estimate = replace(estimate, field=SmearField(displacement=estimate.field.displacement, sigma_px=sigma))
+    keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
+    linked = keypoint_views("a.jpg", keypoints, estimate)
+    assert linked.usable.tolist() == [False, True]
+    assert not linked.views.geometry.inlier_mask[0]
+
+
+def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = found
+    keypoints = np.array(
+        [[-3.0, 5.0], [159.4, 119.4], [159.6, 5.0], [np.nan, 4.0], [np.inf, 1e30], [50.0, 50.0]]
+    )
+    linked = keypoint_views("a.jpg", keypoints, estimate)
+    np.testing.assert_array_equal(linked.views.points_open[[0, 2]], keypoints[[0, 2]])
+    assert np.isfinite(linked.views.points_close).all()
+    assert linked.usable[[0, 2, 3, 4]].sum() == 0
+    assert linked.usable[5]
+
+
+def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = found
+    unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)
+    linked = keypoint_views("a.jpg", np.full((3, 2), 50.0), replace(estimate, geometry=unknown))
+    assert not linked.usable.any() and not linked.views.geometry.inlier_mask.any()
+
+
+def test_sigma_is_judged_by_itself_and_against_the_length() -> None:
+    displacement, sigma = np.zeros((1, 6, 2), np.float32), [1.4, 1.6, 4.9, 5.1, 9.9, 10.1]
+    displacement[0, :, 0] = [1, 1, 10, 10, 20, 20]
+    field = SmearField(displacement=displacement, sigma_px=np.array([sigma], np.float32))
+    found = sample(field, np.stack([np.arange(6.0), np.zeros(6)], axis=1))
+    assert found.certain.tolist() == [True, False] * 3
+
+
+def test_inliers_are_judged_by_the_sigmas_that_the_estimator_weighed(
+    found: tuple[Estimate, np.ndarray, np.ndarray],
+) -> None:
+    exact = found[0]
+    told = np.full(exact.field.shape, 1e-4, np.float32)
+    told[:, 80:] = 1.0  # to the right directions are not known
+    field = replace(exact.field, sigma_rad=told)
+    matches = select_matches(field, SelectOptions(beta=1.0, min_length_px=0.5))
+    estimate = replace(exact, field=field, matches=matches)
+    keypoints = matches.midpoint
+    np.testing.assert_allclose(
+        sample(field, keypoints).weighed_px(matches), matches.weighed_across().sigma_px, rtol=1e-6
+    )
+    # turned fields fit only where directions are said to be unsure
+    turned = replace(field, displacement=field.displacement[..., ::-1] * np.array([1, -1], np.float32))
+    options = EstimatorOptions(max_error_px=0.1)
+    fits = keypoint_views("a.jpg", keypoints, replace(estimate, field=turned), options).views.geometry
+    right = keypoints[:, 0] >= 80
+    assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()

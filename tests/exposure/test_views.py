@@ -1,0 +1,156 @@
+"""Both virtual images of a photograph, and the two flips of time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blur2view import estimate_two_view
+from blur2view.camera.camera import Camera
+from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.sampson import sampson
+from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
+from tests.support.scenes import Scene, disturb, make_scene
+
+
+def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
+    width, height = scene.image_size
+    field = SmearField(
+        displacement=np.zeros((height, width, 2), np.float32), sigma_px=np.ones((height, width), np.float32)
+    )
+    camera = Camera(K=scene.K, width=width, height=height) if calibrated else None
+    matches = SmearMatches(
+        ends=scene.ends, sigma_px=np.full(len(scene.ends), 0.3), image_size=scene.image_size
+    )
+    geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+    return Estimate(
+        field=field,
+        matches=matches,
+        geometry=geometry,
+        model_id="none",
+        timings=Timings(predict_s=0, select_s=0, solve_s=0),
+        camera=camera,
+    )
+
+
+@pytest.fixture(scope="module")
+def found() -> Estimate:
+    rng = np.random.default_rng(5)
+    return estimate_of(disturb(make_scene(rng, count=400, length_px=25), rng, noise_px=0.1))
+
+
+def test_points_fit_F_in_the_stated_order(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    F = views.geometry.F
+    assert F is not None
+    right = sampson(F, views.points_open, views.points_close)
+    wrong = sampson(F, views.points_close, views.points_open)
+    assert np.median(right) < 0.1 < np.median(wrong)
+    assert views.size == found.matches.image_size
+    assert views.names == ("a.jpg#open", "a.jpg#close")
+
+
+def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    kept = views.geometry.inlier_mask & (np.arange(len(views.points_open)) >= 50)
+    views = replace(views, geometry=replace(views.geometry, inlier_mask=kept))
+    exact, F = views.corrected(), views.geometry.F
+    assert F is not None and kept.sum() > 200
+    assert sampson(F, exact.points_open, exact.points_close)[kept].max() < 1e-8
+    moved = ((exact.points_open - views.points_open) ** 2).sum(axis=1)
+    moved += ((exact.points_close - views.points_close) ** 2).sum(axis=1)
+    np.testing.assert_allclose(
+        moved[kept], sampson(F, views.points_open, views.points_close)[kept], rtol=0.2, atol=1e-6
+    )
+    assert not moved[~kept].any()
+    again = exact.corrected()
+    np.testing.assert_allclose(again.points_open, exact.points_open, atol=1e-4)
+
+
+def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estimate) -> None:
+    camera = found.camera
+    assert camera is not None
+    f, (width, height) = camera.focal_px, (camera.width, camera.height)
+    lens = Camera.from_string(f"SIMPLE_RADIAL {width} {height} {f} {width / 2} {height / 2} 0.05")
+    views = replace(views_of("a.jpg", found), camera=lens)
+    F, kept = views.geometry.F, views.geometry.inlier_mask
+    assert F is not None
+    before, after = (
+        np.median(sampson(F, lens.undistorted(v.points_open), lens.undistorted(v.points_close))[kept])
+        for v in (views, views.corrected())
+    )
+    assert after < 0.02 * before
+
+
+def test_views_without_F_have_nothing_to_correct(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    lost = replace(views, geometry=replace(views.geometry, F=None))
+    assert lost.corrected() is lost
+
+
+def test_both_flips_of_time_are_one_answer(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    flip = views.reversed()
+    F, G = views.geometry.F, flip.geometry.F
+    assert F is not None and G is not None
+    expected = sampson(F, views.points_open, views.points_close)
+    np.testing.assert_allclose(sampson(G, flip.points_open, flip.points_close), expected, rtol=1e-6)
+    np.testing.assert_array_equal(flip.geometry.swapped, ~views.geometry.swapped)
+    pose, back = views.geometry.cam2_from_cam1, flip.geometry.cam2_from_cam1
+    E = flip.geometry.E
+    assert pose is not None and back is not None and E is not None
+    np.testing.assert_allclose(back.rotation @ pose.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(back.rotation @ pose.translation, -back.translation, atol=1e-12)
+    np.testing.assert_allclose(np.abs(np.sum(E * back.essential)) / np.sum(E**2), 1, atol=1e-9)
+    again = flip.reversed()
+    np.testing.assert_array_equal(again.points_open, views.points_open)
+    np.testing.assert_allclose(again.geometry.cam2_from_cam1.rotation, pose.rotation, atol=1e-15)  # type: ignore[union-attr]
+
+
+def test_homography_is_inverted() -> None:
+    rng = np.random.default_rng(3)
+    scene = make_scene(rng, count=400, length_px=25, rotation_share=np.inf)
+    scene = disturb(scene, rng, noise_px=0.2)
+    views = views_of("a.jpg", estimate_of(scene))
+    flip = views.reversed()
+    assert views.geometry.F is None and views.geometry.H is not None and flip.geometry.H is not None
+    product = views.geometry.H @ flip.geometry.H
+    np.testing.assert_allclose(product / product[0, 0], np.eye(3), atol=1e-9)
+    assert np.linalg.norm(flip.geometry.H) == pytest.approx(1)
+
+
+def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
+    rng = np.random.default_rng(0)
+    t = np.array([0.6, 0.0, 0.8])
+    pose = RigidTransform(rotation=rotation_matrix(np.array([0.3, -0.5, 0.2])), translation=t)
+    tangents = np.array([[0.8, 0, -0.6], [0, 1.0, 0]])
+    root = 1e-4 * rng.normal(size=(5, 5))
+    covariance = PoseCovariance(matrix=root @ root.T, tangents=tangents)
+    inverse = covariance.inverse(pose)
+    for error in rng.normal(size=(20, 5)) @ root.T:
+        direction = t + error[3:] @ tangents
+        true = RigidTransform(
+            rotation=rotation_matrix(error[:3]) @ pose.rotation,
+            translation=direction / np.linalg.norm(direction),
+        )
+        distance = covariance.squared_distance(pose, true)
+        assert inverse.squared_distance(pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
+
+
+@pytest.mark.parametrize("confidence", [-0.1, 1.1, float("nan")])
+def test_refuses_a_confidence_that_is_none(confidence: float) -> None:
+    with pytest.raises(ValueError, match="confidence"):
+        TimeDirection(known=True, confidence=confidence)
+
+
+def test_refuses_points_that_do_not_align(found: Estimate) -> None:
+    views = views_of("a.jpg", found)
+    with pytest.raises(ValueError, match="expected points"):
+        ExposureViews(
+            name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,
+            sigma_px=views.sigma_px, geometry=views.geometry, camera=None,
+        )  # fmt: skip

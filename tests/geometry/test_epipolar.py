@@ -1,0 +1,127 @@
+"""Formulas of two views against exact oracles and their invariances."""
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry import epipolar, sampson
+from blur2view.geometry.sampson import BatchSampson
+from tests.support.scenes import make_scene
+
+SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
+
+
+def random_matrices(seed: int, count: int) -> Array:
+    return epipolar.unit_norm(np.random.default_rng(seed).normal(size=(count, 3, 3)))
+
+
+def test_cross_matrix_is_the_cross_product() -> None:
+    v, w = np.random.default_rng(0).normal(size=(2, 5, 3))
+    assert np.allclose((epipolar.cross_matrix(v) @ w[..., None])[..., 0], np.cross(v, w))
+
+
+def test_split_into_symmetric_and_skew_is_undone_by_joining() -> None:
+    F = random_matrices(1, 4)
+    S, a = epipolar.symmetric_skew(F)
+    assert np.allclose(S, np.swapaxes(S, 1, 2))
+    assert np.allclose(epipolar.join_symmetric_skew(S, a), F)
+    assert np.allclose(epipolar.symmetric_skew(np.swapaxes(F, 1, 2))[1], -a)
+
+
+def test_constraint_is_q_plus_l_and_swapping_flips_l() -> None:
+    F, ends = random_matrices(2, 1)[0], np.random.default_rng(2).normal(size=(20, 2, 2))
+    S, a = epipolar.symmetric_skew(F)
+    vector = S[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    x, y = epipolar.homogeneous(ends[:, 0]), epipolar.homogeneous(ends[:, 1])
+    q, skew = epipolar.quadratic_features(ends)
+    assert np.allclose(q @ vector + skew @ a, np.einsum("ni,ij,nj->n", y, F, x))
+    q_swapped, skew_swapped = epipolar.quadratic_features(ends[:, ::-1])
+    assert np.allclose(q_swapped, q)
+    assert np.allclose(skew_swapped, -skew)
+    assert np.allclose(epipolar.symmetric_from_vector(vector), S)
+
+
+def test_determinant_of_F_is_blind_to_the_sign_of_a() -> None:
+    S, a = epipolar.symmetric_skew(random_matrices(3, 10))
+    expected = np.linalg.det(S) + np.einsum("ni,nij,nj->n", a, S, a)
+    assert np.allclose(np.linalg.det(epipolar.join_symmetric_skew(S, a)), expected)
+    assert np.allclose(np.linalg.det(epipolar.join_symmetric_skew(S, -a)), expected)
+
+
+def test_sampson_is_opencv_s() -> None:
+    F, points = random_matrices(4, 1)[0], np.random.default_rng(4).normal(size=(10, 2, 2))
+    x, y = epipolar.homogeneous(points[:, 0]), epipolar.homogeneous(points[:, 1])
+    theirs = [cv2.sampsonDistance(a.reshape(3, 1), b.reshape(3, 1), F) for a, b in zip(x, y, strict=True)]
+    assert np.allclose(sampson.sampson(F, points[:, 0], points[:, 1]), theirs)
+
+
+def test_sampson_of_a_small_offset_is_its_half_square_across_the_line() -> None:
+    F = epipolar.cross_matrix(np.array([1.0, 0, 0]))  # motion along x: epipolar lines are rows
+    x = np.array([[3.0, 4.0]])
+    assert np.allclose(sampson.sampson(F, x, x + [5.0, 0.2]), 0.2**2 / 2)
+
+
+def test_serrmin_is_blind_to_order_and_transposition() -> None:
+    F, ends = random_matrices(5, 3), np.random.default_rng(5).normal(size=(20, 2, 2))
+    value = sampson.serrmin(F, ends)
+    assert value.shape == (3, 20)
+    assert np.allclose(value, sampson.serrmin(F, ends[:, ::-1]))
+    assert np.allclose(value, sampson.serrmin(np.swapaxes(F, 1, 2), ends))
+    assert (value <= sampson.sampson(F, ends[:, 0], ends[:, 1])).all()
+
+
+def test_true_F_explains_its_smears_and_orders_them() -> None:
+    scene = make_scene(np.random.default_rng(6), rotation_share=0.8)
+    assert sampson.serrmin(scene.F, scene.ends).max() < 1e-18
+    resolved = (
+        np.abs(
+            np.subtract(
+                *[
+                    sampson.sampson(scene.F, *pair)
+                    for pair in ((scene.ends[:, 0], scene.ends[:, 1]), (scene.ends[:, 1], scene.ends[:, 0]))
+                ]
+            )
+        )
+        > 1e-12
+    )
+    swapped = sampson.swapped_order(scene.F, scene.ends)
+    assert resolved.mean() > 0.9
+    assert (swapped == scene.swapped)[resolved].all()
+    assert (sampson.swapped_order(scene.F.T, scene.ends) == ~scene.swapped)[resolved].all()
+
+
+def test_serrmin_scales_with_the_coordinates() -> None:
+    F, ends = random_matrices(7, 1)[0], np.random.default_rng(7).uniform(0, 600, (20, 2, 2))
+    normalised = epipolar.apply_similarity(SIMILARITY, ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    pixels = sampson.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
+    assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
+
+
+def test_batch_scores_equal_serrmin() -> None:
+    scene = make_scene(np.random.default_rng(8), count=200)
+    T = epipolar.shared_normalisation(scene.ends)
+    ends = epipolar.apply_similarity(T, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    F, unit = random_matrices(8, 30), 1 / T[0, 0]
+    exact = np.sqrt(sampson.serrmin(F, ends)) * unit
+    batch = BatchSampson(ends, unit)
+    assert np.allclose(np.sqrt(batch(F)), exact, atol=0.01)
+    assert np.allclose(np.sqrt(batch(F, np.array([5, 3]))), exact[:, [5, 3]], atol=0.01)
+
+
+def test_epipoles_are_the_null_vectors() -> None:
+    F = epipolar.cross_matrix(np.array([[1.0, 2, 3]])) @ random_matrices(10, 3)  # of rank 2
+    e1, e2 = epipolar.epipoles(F)
+    assert np.abs(F @ e1[..., None]).max() < 1e-12
+    assert np.abs(e2[:, None, :] @ F).max() < 1e-12
+    assert np.allclose(np.abs(e2 @ [1, 2, 3]), np.sqrt(14))
+
+
+def test_a_pure_rotation_has_no_F() -> None:
+    with pytest.raises(ValueError, match="pure rotation"):
+        epipolar.fundamental_from_pose(np.eye(3), np.eye(3), np.zeros(3))
+
+
+def test_coincident_points_normalise_to_a_shift() -> None:
+    T = epipolar.shared_normalisation(np.ones((4, 2, 2)))
+    assert np.allclose(T, [[1, 0, -1], [0, 1, -1], [0, 0, 1]])

@@ -1,0 +1,275 @@
+"""The smear network: what it computes, on whole photographs and on tiles, and what it refuses."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from numpy.typing import NDArray
+from onnx import TensorProto, helper
+
+from blur2view.errors import ModelError
+from blur2view.networks.model_file import model_path
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict
+from blur2view.networks.tiles import TileOptions, cells, ramps, spans
+from blur2view.smears.field import to_double_angle
+from tests.support.colour_code import CODE_RANGE_PX, SIGMA_RANGE_PX, colour_code, colour_code_network
+
+TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
+
+
+def turning_field(height: int, width: int) -> NDArray[np.float64]:
+    """Return smears that turn and grow smoothly over the image, (H, W, 2)."""
+    y, x = np.mgrid[:height, :width] / 100
+    length, phi = 20 + 8 * np.sin(y), 0.5 * x + 0.8 * y
+    return np.stack([length * np.cos(phi), length * np.sin(phi)], -1)
+
+
+def difference(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the distance of two fields in double angle, blind to signs."""
+    apart: NDArray[np.floating] = np.hypot(
+        *np.moveaxis(to_double_angle(first) - to_double_angle(second), -1, 0)
+    )
+    return apart
+
+
+@pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (300, 5)])
+def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: tuple[int, int]) -> None:
+    true = turning_field(*size)
+    field = predict(colour_code(true, 2.0), tiny_model)
+    assert field.shape == size
+    # bilinear between cells 4 px apart; half a cell of extrapolation along the border
+    assert difference(field.displacement, true).max() < 2.0
+    assert np.median(difference(field.displacement, true)) < 0.7
+    np.testing.assert_allclose(field.sigma_px, 2.0, atol=1e-4)
+
+
+def test_cell_centres_are_where_the_convention_says(tiny_model: Path) -> None:
+    x = np.arange(128.0)
+    true = np.zeros((64, 128, 2))
+    true[..., 0] = 10 + x / 8  # linear in x, so averaging and interpolating are exact
+    field = predict(colour_code(true, 1.0), tiny_model)
+    np.testing.assert_allclose(field.displacement[32, 2:-2, 0], 10 + x[2:-2] / 8, atol=1e-3)
+
+
+@pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
+def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
+    image = colour_code(turning_field(*size), 1.0)
+    network = SmearNetwork(tiny_model)
+    whole, tiled = network.predict(image), network.predict(image, TILED)
+    assert difference(whole.displacement, tiled.displacement).max() < 1e-3
+    np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-4)
+
+
+def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
+    image = colour_code(turning_field(320, 448), 1.0)
+    network = SmearNetwork(blurring_model)
+    whole, tiled = network.predict(image), network.predict(image, TILED)
+    error = difference(whole.displacement, tiled.displacement)
+    seam_px = 8  # the network sees one cell to each side, and decoding adds a half
+    starts = np.array([64, 128, 192, 256, 320, 384])  # tiles of 128 px every 64 px
+    y, x = np.ogrid[:320, :448]
+    near = np.abs(y[..., None] - starts).min(-1) <= seam_px
+    near = near | (np.abs(x[..., None] - starts).min(-1) <= seam_px)
+    assert (~near).mean() > 0.5
+    assert error[~near].max() < 1e-3
+    # at a tile's own border the zero padding is worth several px; its weight there is nearly zero
+    assert error.max() < 0.2
+
+
+@pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
+def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
+    total = np.zeros(-(-size // 64) * 16)
+    for span, weight in ramps(spans(size, 64, TILED), stride=4):
+        assert len(span) <= 128 and (weight > 0).all()
+        total[cells(span, stride=4)] += weight
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = colour_code(turning_field(300, 70), 1.0)
+    whole = predict(image, tiny_model)
+    for strip_cells in (1, 7):
+        # not by name: blur2view.predict is the function, which hides the module
+        monkeypatch.setattr(sys.modules[SmearNetwork.__module__], "_STRIP_CELLS", strip_cells)
+        np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
+
+
+def biased_network(bias: list[float]) -> onnx.ModelProto:
+    """Return the tiny network with another bias of x, y and sigma."""
+    model = colour_code_network()
+    model.graph.initializer[1].CopyFrom(onnx.numpy_helper.from_array(np.array(bias, np.float32), "bias"))
+    return model
+
+
+@pytest.mark.parametrize(("offset", "expected"), [(0.0, 0.25), (-0.75, 0.0)])
+def test_sigma_is_kept_but_never_negative(tmp_path: Path, offset: float, expected: float) -> None:
+    onnx.save(biased_network([-CODE_RANGE_PX, -CODE_RANGE_PX, offset]), tmp_path / "biased.onnx")
+    field = predict(colour_code(turning_field(64, 64), 0.25), tmp_path / "biased.onnx")
+    np.testing.assert_allclose(field.sigma_px, expected, atol=1e-4)
+
+
+def test_sigma_of_the_direction_is_what_the_fourth_channel_says(tmp_path: Path, tiny_model: Path) -> None:
+    onnx.save(colour_code_network(channels=4), tmp_path / "four.onnx")
+    sigma = np.random.default_rng(0).uniform(1, 7, (64, 96))
+    image = colour_code(turning_field(64, 96), sigma)
+    field, without = predict(image, tmp_path / "four.onnx"), predict(image, tiny_model)
+    assert without.sigma_rad is None and field.sigma_rad is not None
+    np.testing.assert_allclose(field.sigma_rad, 1 - field.sigma_px / SIGMA_RANGE_PX, atol=1e-4)
+    np.testing.assert_array_equal(field.sigma_px, without.sigma_px)
+    plain = predict(np.full((64, 64, 3), 0.5, np.float32), tmp_path / "four.onnx")
+    assert plain.sigma_rad is not None and (plain.sigma_rad == np.float32(np.pi / 2)).all()
+
+
+def test_neighbouring_opposite_codes_blend_without_cancelling(tiny_model: Path) -> None:
+    up_and_down = np.zeros((64, 64, 2))
+    up_and_down[..., 1] = np.where(np.arange(64) % 2, 10, -10)  # one smear, two signs
+    texture = np.random.default_rng(0).uniform(1, 2, (64, 64))
+    field = predict(colour_code(up_and_down, texture), tiny_model)
+    np.testing.assert_allclose(field.length_px, 10, atol=1e-3)
+
+
+def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
+    field = predict(np.zeros((1, 1, 3), np.float32), tiny_model)
+    assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
+
+
+def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
+    image = np.full((70, 90, 3), 0.9, np.float32)
+    image[::7, ::5] += 1 / 255  # noise of one grey level
+    field = predict(image, blurring_model)
+    np.testing.assert_array_equal(field.length_px, 0)
+    np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
+
+
+def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
+    image = colour_code(turning_field(160, 200), 1.0)
+    image[:, 100:] = image[80, 150]
+    field = predict(image, tiny_model)
+    assert (field.sigma_px[:, :112] < 2).all()
+    assert (field.sigma_px[:, 120:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 120:] == 0).all()
+
+
+def test_prediction_is_reproducible(blurring_model: Path) -> None:
+    image = colour_code(turning_field(200, 300), 1.0)
+    first, second = (SmearNetwork(blurring_model).predict(image, TILED) for _ in range(2))
+    assert first.displacement.tobytes() == second.displacement.tobytes()
+
+
+def test_image_is_not_changed(tiny_model: Path) -> None:
+    image = colour_code(turning_field(65, 70), 1.0)
+    before = image.copy()
+    predict(image, tiny_model)
+    np.testing.assert_array_equal(image, before)
+
+
+def test_network_tells_what_it_is(tiny_model: Path) -> None:
+    info = SmearNetwork(tiny_model).info
+    assert (info.model_id, info.stride, info.multiple_of) == ("colour-code", 4, 64)
+    assert info.training == {"seed": 0}
+
+
+def test_shipped_networks_are_found_in_the_source_tree_and_others_by_their_path() -> None:
+    models = Path(__file__).resolve().parents[2] / "models"
+    assert model_path(None) == model_path("default") == model_path("fast")
+    assert model_path("fast") == models / "smear_fast.onnx"
+    assert model_path("float") == models / "smear.onnx"
+    assert model_path("./fast") == model_path(Path("fast")) == Path("fast")
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((64, 64), np.float32), np.zeros((64, 64, 4), np.float32), np.zeros((64, 64, 3))],
+    ids=["grey", "rgba", "float64"],
+)
+def test_arrays_that_are_no_image_are_refused(tiny_model: Path, image: NDArray[np.float32]) -> None:
+    with pytest.raises(ValueError, match=r"float32 image of shape \(H, W, 3\), got"):
+        predict(image, tiny_model)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
+def test_values_that_are_no_shares_of_white_are_refused(tiny_model: Path, value: float) -> None:
+    image = np.zeros((64, 64, 3), np.float32)
+    image[3, 4, 1] = value
+    with pytest.raises(ValueError, match=r"finite values in \[0, 1\], got"):
+        predict(image, tiny_model)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"overlap_px": -1},
+        {"overlap_px": 700, "tile_px": 1280},
+        {"tile_px": 0, "overlap_px": 0},
+        {"max_pixels": 0},
+    ],
+)
+def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        TileOptions(**options)
+
+
+def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
+    """Return a network of our format's metadata whose signature is chosen freely."""
+    ends = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", channels, "h", "w"]) for name in names
+    ]
+    graph = helper.make_graph([helper.make_node("Identity", names[:1], names[1:])], "g", ends[:1], ends[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(
+        model, {"blur2view_format": "1", "stride": "4", "multiple_of": "64", "model_id": "x"}
+    )
+    return model
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot read the network"),
+        (b"", "not an ONNX network"),
+        (b"not a network", "not an ONNX network"),
+        (colour_code_network().SerializeToString()[:200], "not an ONNX network"),
+        (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
+        (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "damaged metadata"),
+        (colour_code_network().SerializeToString().replace(b"smear", b"smea\xff"), "damaged metadata"),
+        (colour_code_network(blur2view_format="2").SerializeToString(), "format 1"),
+        (identity_network(("x", "smear"), 3).SerializeToString(), "other inputs or outputs"),
+        (identity_network(("image", "smear"), 1).SerializeToString(), "other inputs or outputs"),
+        (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),
+        (colour_code_network(stride="0").SerializeToString(), "damaged metadata"),
+        (colour_code_network(multiple_of="30").SerializeToString(), "damaged metadata"),
+        (colour_code_network(training="{").SerializeToString(), "damaged metadata"),
+    ],
+)
+def test_wrong_network_file_is_named_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes | None, words: str
+) -> None:
+    path = tmp_path / "wrong.onnx"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ModelError, match=words) as caught:
+        SmearNetwork(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")  # ONNX Runtime adds no lines of its own
+
+
+def test_network_that_breaks_its_promise_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "identity.onnx"
+    onnx.save(identity_network(("image", "smear"), 3), path)
+    with pytest.raises(ModelError, match=r"gives shape \(1, 3, 64, 64\)"):
+        predict(np.zeros((64, 64, 3), np.float32), path)
+
+
+def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
+    model = colour_code_network()
+    model.graph.node[0].attribute[0].ints[:] = [400, 400]  # a window larger than the picture
+    onnx.save(model, tmp_path / "wide.onnx")
+    with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
+        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")
+
+
+def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
+    onnx.save(biased_network([np.nan] * 3), tmp_path / "nan.onnx")
+    with pytest.raises(ModelError, match="not finite"):
+        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")

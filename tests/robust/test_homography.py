@@ -1,0 +1,210 @@
+"""Homographies without orders: exact oracles, numerical Jacobians, swapped ends, bad samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.robust.homography import (
+    Homographies,
+    PlanarEnds,
+    PlaneH,
+    RotationH,
+    cayley,
+    pixel_homography,
+    refine_homography,
+    residual_jacobian,
+    velocity_basis,
+)
+from blur2view.robust.homography_search import ROTATIONS, find_plane, four_smears, two_smears
+from blur2view.robust.parametrization import CameraPrior
+from blur2view.robust.problem import assumed_camera
+from blur2view.robust.residuals import RefineOptions
+from tests.support.scenes import IMAGE_SIZE, rotation
+
+SOFT = CameraPrior(rotation=(0.1, 0.1, 0.3))
+KNOWN = CameraPrior(rotation=(0.1, 0.1, 0.3), log_focal=0.0, principal=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane:
+    """Smears of one homography H = cayley(A), orders drawn at random, in normalised coordinates."""
+
+    A: Array
+    matches: PlanarEnds
+    swapped: np.ndarray
+
+
+def plane(
+    seed: int, size: float = 0.03, count: int = 200, noise: float = 0.0, outliers: float = 0.0
+) -> Plane:
+    rng = np.random.default_rng(seed)
+    A = size * rng.normal(size=(3, 3))
+    A[2, 2] = 0
+    points = rng.uniform([-0.4, -0.3], [0.4, 0.3], (count, 2))
+    moved = homogeneous(points) @ cayley(A).T
+    ends = np.stack([points, moved[:, :2] / moved[:, 2:]], axis=1)
+    wrong = rng.random(count) < outliers
+    ends[wrong, 1] = ends[wrong, 0] + size * rng.normal(size=(wrong.sum(), 2))
+    ends += noise * rng.normal(size=ends.shape)
+    swapped = rng.random(count) < 0.5
+    ends[swapped] = ends[swapped, ::-1]
+    return Plane(A=A, matches=PlanarEnds(ends=ends, sigma=np.full(count, max(noise, 1e-4))), swapped=swapped)
+
+
+def up_to_time(found: Array, true: Array) -> float:
+    """Greatest difference of the entries, H or its inverse."""
+    return min(float(np.abs(found - true).max()), float(np.abs(found + true).max()))
+
+
+def test_cayley_of_minus_A_is_the_inverse() -> None:
+    A = plane(0, size=0.1).A
+    assert np.allclose(cayley(A) @ cayley(-A), np.eye(3), atol=1e-14)
+
+
+def test_rotation_family_holds_exactly_the_rotations() -> None:
+    K = np.array([[1.1, 0, 0.02], [0, 1.1, -0.01], [0, 0, 1]])
+    axis, angle = np.array([0.6, 0.0, 0.8]), 0.2
+    family = RotationH(
+        turn=2 * np.tan(angle / 2) * axis, log_focal=np.log(1.1), principal=K[:2, 2], spread=SOFT
+    )
+    assert np.allclose(cayley(family.generator()), K @ rotation(angle * axis) @ np.linalg.inv(K), atol=1e-14)
+
+
+def test_start_of_the_rotation_is_the_skew_part() -> None:
+    w = np.array([0.01, -0.02, 0.03])
+    assert np.allclose(RotationH.from_generator(cross_matrix(w), SOFT).turn, w)
+
+
+@pytest.mark.parametrize(
+    "family",
+    [
+        PlaneH(entries=plane(1).A.ravel()[:8]),
+        RotationH(
+            turn=np.array([0.02, 0.03, -0.05]), log_focal=0.2, principal=np.array([0.03, -0.02]), spread=SOFT
+        ),
+    ],
+)
+def test_tangents_and_prior_match_differences(family: Homographies) -> None:
+    step = 1e-6
+    for i, direction in enumerate(np.eye(family.dimension)):
+        ahead, behind = family.step(step * direction), family.step(-step * direction)
+        numeric = (ahead.generator() - behind.generator()) / (2 * step)
+        assert np.allclose(family.tangent()[i], numeric, atol=1e-8)
+        numeric_prior = (ahead.prior()[0] - behind.prior()[0]) / (2 * step)
+        assert np.allclose(family.prior()[1][:, i], numeric_prior, atol=1e-6)
+
+
+def test_residual_jacobian_matches_differences() -> None:
+    scene, rng = plane(2), np.random.default_rng(2)
+    A = scene.A + 0.01 * rng.normal(size=(3, 3))
+    tangent, step = rng.normal(size=(4, 3, 3)), 1e-6
+    x, y = scene.matches.points
+    analytic = residual_jacobian(A, tangent, x, y)
+    for i, direction in enumerate(tangent):
+        ahead = scene.matches.residuals(A + step * direction)[0]
+        behind = scene.matches.residuals(A - step * direction)[0]
+        assert np.allclose(analytic[i], (ahead - behind) / (2 * step), atol=1e-8)
+
+
+def test_true_homography_leaves_no_residual_in_the_true_order() -> None:
+    scene = plane(3)
+    residual = np.abs(scene.matches.residuals(scene.A)).max(axis=1)  # (order, smear)
+    true = np.where(scene.swapped, residual[1], residual[0])
+    assert true.max() < 1e-15
+    assert np.median(np.where(scene.swapped, residual[0], residual[1])) > 0.01
+
+
+def test_swapping_the_ends_is_changing_the_sign_of_A() -> None:
+    scene = plane(4)
+    turned = PlanarEnds(ends=scene.matches.ends[:, ::-1], sigma=scene.matches.sigma)
+    A = scene.A + 0.01
+    assert np.allclose(turned.residuals(A), scene.matches.residuals(A)[::-1])
+    assert np.allclose(scene.matches.residuals(-A), -scene.matches.residuals(A)[::-1])
+
+
+def test_residual_has_the_standard_deviation_of_a_sampson_distance() -> None:
+    scene = plane(5, size=0.03, count=4000, noise=1e-3)
+    forward, backward = scene.matches.residuals(scene.A)
+    assert np.allclose(np.std(np.where(scene.swapped, backward, forward), axis=1), 1e-3, rtol=0.05)
+
+
+def test_velocity_is_the_displacement_to_second_order() -> None:
+    scene = plane(6, size=0.01)
+    middle = scene.matches.ends.mean(axis=1)
+    d = scene.matches.ends[:, 1] - scene.matches.ends[:, 0]
+    d[scene.swapped] *= -1
+    assert np.abs(velocity_basis(middle) @ scene.A.ravel()[:8] - d).max() < 2e-6
+
+
+def test_refinement_recovers_an_exact_homography() -> None:
+    for seed in range(5):
+        scene = plane(seed)
+        start = PlaneH(entries=scene.A.ravel()[:8] + 1e-3 * np.random.default_rng(seed).normal(size=8))
+        found, cost = refine_homography(start, scene.matches, RefineOptions(tolerance=0.0))
+        assert up_to_time(found.generator(), scene.A) < 1e-9
+        assert cost < 2 * np.log(2) * 200 + 1e-6  # what deciding 200 orders costs
+
+
+def test_refinement_of_a_rotation_finds_turn_and_focal_length() -> None:
+    K, turn = np.diag([1.25, 1.25, 1.0]), np.array([0.02, -0.03, 0.05])
+    points = np.random.default_rng(0).uniform([-0.4, -0.3], [0.4, 0.3], (300, 2))
+    moved = homogeneous(points) @ (K @ rotation(turn) @ np.linalg.inv(K)).T
+    ends = np.stack([points, moved[:, :2] / moved[:, 2:]], axis=1)
+    matches = PlanarEnds(ends=ends, sigma=np.full(300, 1e-4))
+    options = RefineOptions(max_iterations=50, tolerance=0.0, cutoff=30.0)
+    start = RotationH.from_generator(cross_matrix(np.array([0.025, -0.037, 0.05])), SOFT)
+    found, _ = refine_homography(start, matches, options)
+    assert np.isclose(np.exp(found.log_focal), 1.25, rtol=0.01)
+    assert np.allclose(np.abs(found.turn), np.abs(turn), rtol=0.01)
+    held, _ = refine_homography(RotationH.from_generator(start.generator(), KNOWN), matches, options)
+    assert abs(held.log_focal) < 1e-9 and np.abs(held.principal).max() < 1e-9
+
+
+@pytest.mark.parametrize("size", [4, 2])
+def test_minimal_solvers_hold_the_true_entries(size: int) -> None:
+    rng = np.random.default_rng(7)
+    entries = 0.03 * (rng.normal(size=8) if size == 4 else ROTATIONS @ rng.normal(size=3))
+    basis = velocity_basis(rng.uniform(-0.4, 0.4, (20 * size, 2)))
+    d = basis @ entries * rng.choice([-1, 1], (20 * size, 1))
+    solver = four_smears if size == 4 else two_smears
+    found = solver(basis.reshape(20, size, 2, 8), d.reshape(20, size, 2)).reshape(20, -1, 8)
+    assert found.shape[1] == {4: 8, 2: 2}[size]
+    error = np.minimum(np.abs(found - entries), np.abs(found + entries)).max(axis=2).min(axis=1)
+    assert np.median(error) < 1e-7
+    assert error.max() < 1e-3
+
+
+def test_samples_of_identical_smears_break_nothing() -> None:
+    basis = np.repeat(velocity_basis(np.full((1, 2), 0.1)), 4, axis=0)[None]
+    d = np.full((1, 4, 2), 0.01)
+    assert np.isfinite(four_smears(basis, d)).all()
+    assert np.isfinite(two_smears(basis[:, :2], d[:, :2])).all()
+
+
+def test_search_survives_outliers_and_noise() -> None:
+    for seed in range(10, 20):
+        scene = plane(seed, count=400, noise=6e-4, outliers=0.4)
+        found = find_plane(scene.matches, 3.0, seed % 2 == 0, np.random.default_rng(0))
+        assert found is not None
+        assert up_to_time(found.generator(), scene.A) < 3e-3
+
+
+def test_search_needs_four_smears() -> None:
+    few = PlanarEnds(ends=np.zeros((3, 2, 2)), sigma=np.ones(3))
+    with pytest.raises(ValueError, match="need at least 4"):
+        find_plane(few, 3.0, False, np.random.default_rng(0))
+
+
+def test_pixel_homography_maps_pixels() -> None:
+    scene, T = plane(8), assumed_camera(IMAGE_SIZE)
+    H = pixel_homography(scene.A, T)
+    assert np.isclose(np.linalg.norm(H), 1)
+    pixels = homogeneous(scene.matches.ends.reshape(-1, 2)) @ np.linalg.inv(T).T
+    x, y = pixels.reshape(-1, 2, 3).swapaxes(0, 1)
+    x, y = np.where(scene.swapped[:, None], y, x), np.where(scene.swapped[:, None], x, y)
+    mapped = x @ H.T
+    assert np.allclose(mapped[:, :2] / mapped[:, 2:], y[:, :2], atol=1e-9)
+    assert np.allclose(pixel_homography(-scene.A, T), unit_norm(np.asarray(np.linalg.inv(H))), atol=1e-12)

@@ -1,0 +1,69 @@
+"""Starts for the robust loop, on exact smears."""
+
+import numpy as np
+import pytest
+
+from blur2view.geometry.epipolar import apply_similarity
+from blur2view.geometry.rotation import half_sphere
+from blur2view.metrics import rho
+from blur2view.robust.minimal_solvers import meeting_points, turning_hypotheses
+from blur2view.robust.ransac import weighted_samples
+from tests.support.scenes import make_scene
+
+
+def test_half_sphere_is_even_and_of_unit_length() -> None:
+    directions = half_sphere(150)
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+    assert (directions[:, 2] > 0).all()
+    between = directions @ directions.T - 2 * np.eye(150)
+    nearest = np.degrees(np.arccos(between.max(axis=1)))
+    assert nearest.min() > 6
+    assert nearest.max() < 14
+
+
+def test_three_smears_and_the_true_direction_give_nearly_the_true_F() -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        scene = make_scene(rng, count=200, length_px=8, rotation_share=0.8)
+        normalised = apply_similarity(
+            np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)
+        ).reshape(-1, 2, 2)
+        direction = scene.t[None] / np.linalg.norm(scene.t)
+        samples = normalised[rng.integers(0, 200, (20, 3))]
+        F = turning_hypotheses(samples, direction, np.full(3, 0.2))
+        assert np.abs(np.linalg.det(F)).max() < 1e-12
+        assert np.median(rho(F, normalised), axis=1).min() < 0.02
+
+
+def test_rotations_beyond_the_limit_are_dropped() -> None:
+    scene = make_scene(np.random.default_rng(0), count=30)
+    samples = apply_similarity(np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)).reshape(
+        10, 3, 2, 2
+    )
+    everything, some = (
+        len(turning_hypotheses(samples, half_sphere(20), np.full(3, limit))) for limit in (1e6, 0.05)
+    )
+    assert everything == 10 * 20 * 4
+    assert 0 < some < everything
+
+
+def test_dependent_smears_give_no_hypothesis() -> None:
+    same = np.broadcast_to(np.array([[0.1, 0.1], [0.12, 0.1]]), (1, 3, 2, 2))
+    assert len(turning_hypotheses(same, half_sphere(10), np.ones(3))) == 0
+
+
+def test_smears_of_a_translation_meet_in_its_epipole() -> None:
+    scene = make_scene(np.random.default_rng(1), count=40, rotation_share=0.0)
+    points = meeting_points(scene.ends.reshape(20, 2, 2, 2))
+    epipole = scene.K @ scene.t
+    assert np.median(np.abs(points @ (epipole / np.linalg.norm(epipole)))) > 1 - 1e-9
+    assert np.allclose(meeting_points(np.zeros((1, 2, 2, 2))), 0)
+
+
+def test_samples_do_not_repeat_and_follow_the_weights() -> None:
+    weights = np.r_[np.full(10, 1.0), np.full(10, 9.0)]
+    drawn = weighted_samples(weights, 7, 500, np.random.default_rng(0))
+    assert (np.diff(np.sort(drawn, axis=1), axis=1) > 0).all()
+    assert 0.7 < (drawn >= 10).mean() < 0.95
+    with pytest.raises(ValueError, match="at least 7"):
+        weighted_samples(np.ones(6), 7, 1, np.random.default_rng(0))

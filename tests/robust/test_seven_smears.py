@@ -1,0 +1,155 @@
+"""The minimal solver on exact samples, and its invariances."""
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import denormalise
+from blur2view.robust.minimal_solvers import ALL_SIGNS, homogeneous_cubic_roots, solve_seven_smears
+from tests.support.scenes import Scene, make_scene
+
+
+def samples(count: int, seed: int = 0) -> tuple[Array, Array, list[Scene]]:
+    rng = np.random.default_rng(seed)
+    scenes = [make_scene(rng, count=60, length_px=rng.uniform(4, 60)) for _ in range(count)]
+    ends = np.stack([scene.ends[rng.choice(60, 7, replace=False)] for scene in scenes])
+    return ends, np.stack([scene.F for scene in scenes]), scenes
+
+
+def distance(F: Array, truth: Array) -> Array:
+    """Relative difference of unit matrices (..., 3, 3) up to sign."""
+    both = np.linalg.norm(F - truth, axis=(-2, -1)), np.linalg.norm(F + truth, axis=(-2, -1))
+    least: Array = np.minimum(*both)
+    return least
+
+
+def errors(ends: Array, truth: Array, signs: Array | None = None) -> Array:
+    """Least distance, per sample, of a candidate to F or its transpose."""
+    F, sample = solve_seven_smears(ends, signs)
+    least = np.full(len(ends), np.inf)
+    either = np.minimum(distance(F, truth[sample]), distance(F, np.swapaxes(truth, 1, 2)[sample]))
+    np.minimum.at(least, sample, either)
+    return least
+
+
+def test_truth_is_among_the_candidates_of_1000_exact_samples() -> None:
+    ends, truth, _ = samples(1000)
+    error = errors(ends, truth)
+    assert error.max() < 1e-3
+    assert (error < 1e-6).mean() >= 0.999
+
+
+def test_candidates_have_rank_two_and_fit_their_sample() -> None:
+    ends, _, _ = samples(5)
+    F, sample = solve_seven_smears(ends)
+    singular = np.linalg.svd(F)[1]
+    assert np.median(singular[:, 2] / singular[:, 1]) < 1e-9
+    x, y = (np.concatenate([ends[sample][:, :, i], np.ones((len(F), 7, 1))], axis=-1) for i in (0, 1))
+    forward, backward = (np.abs(np.einsum("mni,mij,mnj->mn", *triple)) for triple in ((y, F, x), (x, F, y)))
+    scale = np.linalg.norm(x, axis=-1) * np.linalg.norm(y, axis=-1)
+    assert np.median((np.minimum(forward, backward) / scale).max(axis=1)) < 1e-12
+    assert 100 < len(F) / 5 < 192
+
+
+def same_sets(one: Array, other: Array) -> bool:
+    """Whether 97 % of each set are, up to sign and transposition, close to one of the other."""
+    pairs = np.minimum(
+        distance(one[:, None], other[None]), distance(one[:, None], np.swapaxes(other, 1, 2)[None])
+    )
+    return bool((pairs.min(0) < 1e-6).mean() > 0.97 and (pairs.min(1) < 1e-6).mean() > 0.97)
+
+
+def test_swapping_the_ends_of_any_smear_leaves_the_candidates() -> None:
+    ends, _, _ = samples(1, seed=3)
+    reference, _ = solve_seven_smears(ends)
+    for swap in ([0], [3], [1, 4, 6], range(7)):
+        swapped = ends.copy()
+        swapped[:, list(swap)] = swapped[:, list(swap), ::-1]
+        assert same_sets(solve_seven_smears(swapped)[0], reference)
+
+
+def test_swapping_all_ends_with_one_pattern_transposes() -> None:
+    ends, _, _ = samples(3, seed=4)
+    pattern = np.array([[1.0, -1, 1, 1, -1, 1, 1]])
+    F, _ = solve_seven_smears(ends, pattern)
+    transposed, _ = solve_seven_smears(ends[:, :, ::-1], pattern)
+    assert len(F) and len(F) == len(transposed)
+    pairs = distance(F[:, None], np.swapaxes(transposed, 1, 2)[None])
+    assert pairs.min(axis=0).max() < 1e-6
+
+
+def test_candidates_follow_a_similarity_of_the_coordinates() -> None:
+    ends, _, _ = samples(1, seed=5)
+    T = np.array([[0.02, 0, -5.0], [0, 0.02, 4.0], [0, 0, 1]])
+    moved, _ = solve_seven_smears(ends * 0.02 + [-5.0, 4.0])
+    assert same_sets(denormalise(moved, T), solve_seven_smears(ends)[0])
+
+
+def test_the_true_pattern_alone_suffices() -> None:
+    ends, truth, _ = samples(50, seed=6)
+    x, y = (np.concatenate([ends[:, :, i], np.ones((50, 7, 1))], axis=-1) for i in (0, 1))
+    forward = np.einsum("bni,bij,bnj->bn", y, truth, x)
+    backward = np.einsum("bni,bij,bnj->bn", x, truth, y)
+    signs = np.where(np.abs(forward) < np.abs(backward), 1.0, -1.0)
+    found = [solve_seven_smears(ends[i : i + 1], signs[i : i + 1])[0] for i in range(50)]
+    # +1: ends[:, 0] is the open end; so F itself is there, not its transpose
+    assert max(distance(F, true).min() for F, true in zip(found, truth, strict=True)) < 1e-6
+
+
+def test_patterns_of_each_sample_are_its_own() -> None:
+    ends, _, _ = samples(70, seed=8)  # more than one chunk
+    rng = np.random.default_rng(8)
+    signs = rng.choice([-1.0, 1.0], (70, 40, 7))
+    F, sample = solve_seven_smears(ends, signs)
+    assert len(F) == len(sample) > 70 * 40
+    for i in (0, 33, 69):
+        alone, _ = solve_seven_smears(ends[i : i + 1], signs[i])
+        together = F[sample == i]
+        assert len(alone) == len(together)
+        assert distance(alone[:, None], together[None]).min(axis=1).max() < 1e-9
+
+
+def test_no_patterns_give_no_candidates() -> None:
+    ends, _, _ = samples(2)
+    for signs in (np.zeros((0, 7)), np.zeros((2, 0, 7))):
+        F, sample = solve_seven_smears(ends, signs)
+        assert F.shape == (0, 3, 3) and sample.shape == (0,)
+
+
+def test_samples_without_information_give_no_candidate() -> None:
+    same = np.ones((1, 7, 2, 2))
+    still = np.random.default_rng(7).uniform(0, 500, (1, 7, 1, 2)).repeat(2, axis=2)
+    for ends in (same, still, np.zeros((0, 7, 2, 2))):
+        F, sample = solve_seven_smears(ends)
+        assert F.shape == (0, 3, 3) and sample.shape == (0,)
+
+
+def test_wrong_shapes_are_refused_with_the_shape() -> None:
+    with pytest.raises(ValueError, match=r"\(2, 6, 2, 2\)"):
+        solve_seven_smears(np.zeros((2, 6, 2, 2)))
+    with pytest.raises(ValueError, match=r"\(7,\)"):
+        solve_seven_smears(np.zeros((2, 7, 2, 2)), np.ones(7))
+    with pytest.raises(ValueError, match=r"\(3, 4, 7\)"):
+        solve_seven_smears(np.zeros((2, 7, 2, 2)), np.ones((3, 4, 7)))
+
+
+def test_all_patterns_start_positive_and_differ() -> None:
+    assert ALL_SIGNS.shape == (64, 7)
+    assert (ALL_SIGNS[:, 0] == 1).all()
+    assert len(np.unique(ALL_SIGNS, axis=0)) == 64
+
+
+@pytest.mark.parametrize("roots", [(1.0, 2.0, 3.0), (-5.0, 1e-3, 2.0), (2.0, 2.0, -1.0), (1e4, 1.0, -1e-4)])
+def test_cubic_finds_known_roots(roots: tuple[float, ...]) -> None:
+    coefficients = np.asarray(np.poly(roots), float)[:, None]
+    alpha, beta = homogeneous_cubic_roots(coefficients)
+    assert np.allclose(np.sort((alpha / beta)[:, 0]), np.sort(roots), rtol=1e-6)
+
+
+def test_cubic_finds_roots_at_infinity_and_leaves_complex_ones_out() -> None:
+    alpha, beta = homogeneous_cubic_roots(np.array([[0.0], [0], [1], [-2]]))  # beta^2 (alpha - 2 beta)
+    ratio = (beta / alpha)[:, 0]
+    assert np.allclose(np.sort(ratio[np.isfinite(ratio)])[[0, -1]], [0, 0.5], atol=1e-4)
+    alpha, _ = homogeneous_cubic_roots(np.array([[1.0], [0], [1], [0]]))  # alpha (alpha^2 + beta^2)
+    assert np.isfinite(alpha).sum() == 1
+    assert np.isnan(homogeneous_cubic_roots(np.zeros((4, 1)))[0]).all()

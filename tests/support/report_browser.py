@@ -1,0 +1,153 @@
+"""What the tests of the report in headless Chromium share: opening it, using it, reading it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Browser, Page
+
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.smears.field import smear_ends
+from blur2view.visualization.report import Entry, report
+from tests.support.report_scenes import WIDTH, made_up, turning_F
+
+READY = "performance.getEntriesByName('blur2view-ready').length > 0"
+CYAN, AMBER = (34, 211, 238), (251, 191, 36)  # of the ends 1 and 2 and of the lines in their views
+
+Opener = Callable[..., Page]
+
+
+@dataclass(kw_only=True)
+class Visits:
+    """Reports that were opened; what their pages say and ask for is noted."""
+
+    browser: Browser
+    folder: Path
+    pages: list[Page] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def open(
+        self, *entries: Entry, address: str = "", size: tuple[int, int] = (1280, 800), **how: Any
+    ) -> Page:
+        """Open a report of these photographs and wait until it is drawn."""
+        file = self.folder / f"report{len(self.pages)}.html"
+        file.write_bytes(report(entries, "1.0"))
+        context = self.browser.new_context(viewport={"width": size[0], "height": size[1]}, **how)
+        context.set_default_timeout(15_000)
+        page = context.new_page()
+        self.pages.append(page)
+        page.on("console", lambda message: self.messages.append(message.text))
+        page.on("pageerror", lambda error: self.messages.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.goto(file.as_uri() + address)
+        wait_until_drawn(page)
+        return page
+
+    def close(self) -> None:
+        """Close the pages, none of which may have complained or asked for anything but itself."""
+        for page in self.pages:
+            page.context.close()
+        assert self.messages == []
+        assert all(url.startswith(("file:", "data:", "blob:")) for url in self.requests)
+        assert sum(url.startswith("file:") for url in self.requests) == len(self.pages)
+
+
+def wait_until_drawn(page: Page, polls: int = 750) -> None:
+    """Ask every 20 ms from outside; Playwright's own waiting is against the page's policy."""
+    for _ in range(polls):
+        if page.evaluate(READY):
+            return
+        page.wait_for_timeout(20)
+    raise AssertionError("the report was not drawn in time")
+
+
+def settle(page: Page) -> None:
+    """Wait until what was asked for is drawn."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def toggle(page: Page, *layers: str) -> None:
+    """Click on the layers' checkboxes."""
+    for layer in layers:
+        page.locator(f"[data-layer={layer}]").click()
+    settle(page)
+
+
+def stage_pixels(page: Page) -> NDArray[np.float64]:
+    """Return the stage as it is seen, without its buttons, (h, w, 3) of 0 to 255."""
+    page.evaluate("document.querySelector('.zoom').style.visibility = 'hidden'")
+    shot = page.locator("#stage").screenshot(animations="disabled")
+    return np.asarray(Image.open(BytesIO(shot)).convert("RGB"), float)
+
+
+def scale_of(page: Page) -> float:
+    """Screen pixels per pixel of the photograph, the whole photograph being shown."""
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    return box["width"] / WIDTH
+
+
+def click_at(page: Page, point: tuple[float, float], zoom: float = 1.0) -> None:
+    """Click on a pixel of a photograph that is shown whole."""
+    scale = scale_of(page)
+    page.locator("#stage").click(position={"x": (point[0] + 0.5) * scale, "y": (point[1] + 0.5) * scale})
+    settle(page)
+
+
+def near(
+    pixels: NDArray[np.float64], colour: tuple[int, int, int], tolerance: float = 70
+) -> NDArray[np.bool_]:
+    """Pixels of a colour."""
+    close: NDArray[np.bool_] = abs(pixels - colour).max(axis=-1) < tolerance
+    return close
+
+
+def value(page: Page, key: str, of: str = "chosen") -> str:
+    """Return a value of the table."""
+    return page.locator(f"[data-value={key}][data-of={of}]").inner_text()
+
+
+def numbers(text: str) -> list[float]:
+    """Return the numbers in a text."""
+    kept = "".join(letter if letter.isdigit() or letter in ".-" else " " for letter in text)
+    return [float(word) for word in kept.split() if word != "-"]
+
+
+def quantised_ends(point: tuple[int, int], displacement: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the ends of the smear at a pixel, its displacement rounded to 1/64 pixel as the page has it."""
+    rounded = np.round(64.0 * displacement.astype(float)) / 64
+    ends: NDArray[np.float64] = smear_ends(np.array([point], float), rounded[None])[0]
+    return ends
+
+
+def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Both ends, the one of view 1 first, by the smaller Sampson distance."""
+    forward, backward = (sampson(F, *(end[None] for end in pair))[0] for pair in (ends, ends[::-1]))
+    return ends if forward <= backward else ends[::-1]
+
+
+def on_screen(line: NDArray[np.float64], scale: float, corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a line of the photograph on the screen, where pixel (0, 0) lies at ``corner``."""
+    a, b, c = line
+    return np.array([a, b, c * scale - a * corner[0] - b * corner[1]])
+
+
+def gallery_entries() -> list[Entry]:
+    """Four photographs and a failure."""
+    F = turning_F()
+    return [
+        Entry.of(made_up("b10.png", F=F)),
+        Entry.of(made_up("b9.png", config=Configuration.DEGENERATE, scale=0.2)),
+        Entry.failed("a.png", "a.png: is damaged"),
+        Entry.of(made_up("c.png", F=F, config=Configuration.CALIBRATED, scale=2)),
+        Entry.of(made_up("d.png", F=F, config=Configuration.MULTIPLE, scale=0.5)),
+    ]

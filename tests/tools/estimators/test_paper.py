@@ -1,0 +1,167 @@
+"""The paper's estimator: its cost, its constraints, Nister's preemption, and what it reaches."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous, unit_norm
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.paper import (
+    PaperOptions,
+    ambiguous_cost,
+    cofactors,
+    constraint_rows,
+    determinant,
+    minimise_seven,
+    nearest_rank_two,
+    paper_fundamental,
+    preemptive_best,
+)
+from tests.support.scenes import IMAGE_SIZE, make_scene, with_outliers
+
+
+def matches_of(ends: Array) -> SmearMatches:
+    return SmearMatches(ends=ends, sigma_px=np.ones(len(ends)), image_size=IMAGE_SIZE)
+
+
+def exact_sample(seed: int) -> tuple[Array, Array]:
+    """Seven exact smears and their true F."""
+    scene = make_scene(np.random.default_rng(seed), count=40)
+    return scene.ends[:7], scene.F
+
+
+def test_cost_is_the_sum_of_the_lesser_residuals_of_F_and_its_transpose() -> None:
+    rng = np.random.default_rng(0)
+    ends, F = rng.normal(size=(7, 2, 2)), rng.normal(size=(3, 3))
+    x, y = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
+    forward, backward = (np.einsum("ni,ij,nj->n", y, matrix, x) for matrix in (F, F.T))
+    expected = (np.minimum(np.abs(forward), np.abs(backward)) ** 2).sum()
+    cost, _ = ambiguous_cost(F.ravel(), *constraint_rows(ends))
+    assert np.isclose(cost, expected)
+
+
+def test_cost_is_zero_at_the_truth_and_blind_to_transposition() -> None:
+    ends, F = exact_sample(1)
+    rows = constraint_rows(ends)
+    scale = np.abs(rows[0] @ F.ravel()).max() ** 2
+    assert ambiguous_cost(F.ravel(), *rows)[0] < 1e-9 * max(scale, 1.0)
+    other = np.random.default_rng(1).normal(size=(3, 3))
+    assert np.isclose(ambiguous_cost(other.ravel(), *rows)[0], ambiguous_cost(other.T.ravel(), *rows)[0])
+
+
+def test_derivatives_agree_with_differences() -> None:
+    rng = np.random.default_rng(2)
+    rows, f = constraint_rows(rng.normal(size=(7, 2, 2))), rng.normal(size=9)
+    for value, gradient in (
+        (lambda f: ambiguous_cost(f, *rows)[0], ambiguous_cost(f, *rows)[1]),
+        (determinant, cofactors(f)),
+    ):
+        numeric = [(value(f + step) - value(f - step)) / 2e-6 for step in 1e-6 * np.eye(9)]
+        assert np.allclose(gradient, numeric, rtol=1e-5, atol=1e-6)
+    assert np.isclose(determinant(f), np.linalg.det(f.reshape(3, 3)))
+
+
+def test_minimum_has_rank_two_unit_norm_and_mostly_fits_its_sample() -> None:
+    fits = []
+    for seed in range(20):
+        ends, _ = exact_sample(seed)
+        F = minimise_seven(ends, np.random.default_rng(seed))
+        assert F is not None
+        assert np.isclose(np.linalg.norm(F), 1)
+        assert np.linalg.svd(F)[1][2] < 1e-12
+        fits.append(serrmin(F, ends).max() < 1e-4)
+    assert np.mean(fits) > 0.6
+
+
+def test_one_start_rarely_finds_the_true_F() -> None:
+    """Seven smears have some 155 solutions: what the exact solver of all patterns is for."""
+    hits = 0
+    for seed in range(20):
+        ends, truth = exact_sample(seed)
+        F = minimise_seven(ends, np.random.default_rng(seed))
+        assert F is not None
+        hits += bool(min(np.linalg.norm(F - sign * f) for sign in (1, -1) for f in (truth, truth.T)) < 1e-3)
+    assert hits <= 3
+
+
+def test_preemption_keeps_the_model_with_most_inliers() -> None:
+    rng = np.random.default_rng(3)
+    scene = make_scene(rng, count=800)
+    wrong = np.stack([nearest_rank_two(rng.normal(size=(3, 3))) for _ in range(200)])
+    models = np.insert(wrong, 77, unit_norm(scene.F), axis=0)
+    assert (preemptive_best(models, scene.ends, PaperOptions()) == models[77]).all()
+    assert (preemptive_best(models[:1], scene.ends, PaperOptions()) == models[0]).all()
+
+
+@pytest.mark.parametrize("iterations", [1, 12])
+def test_iterations_are_respected(iterations: int) -> None:
+    scene = with_outliers(make_scene(np.random.default_rng(4), count=200), np.random.default_rng(4), 0.6)
+    options = PaperOptions(max_iterations=iterations)
+    F, drawn = paper_fundamental(scene.ends, options, np.random.default_rng(0))
+    assert drawn == iterations
+    assert F is not None and F.shape == (3, 3)
+
+
+def test_search_stops_once_enough_fits() -> None:
+    scene = make_scene(np.random.default_rng(5), count=200, length_px=2.0)
+    options = PaperOptions(stop_share=0.5)
+    F, drawn = paper_fundamental(scene.ends, options, np.random.default_rng(0))
+    assert drawn < 1000
+    assert F is not None
+    assert (serrmin(F, scene.ends) < 1).mean() >= 0.5
+
+
+def test_same_seed_same_bytes() -> None:
+    ends = make_scene(np.random.default_rng(6), count=100).ends
+    one, two = (
+        paper_fundamental(ends, PaperOptions(max_iterations=5), np.random.default_rng(1))[0] for _ in (0, 1)
+    )
+    assert one is not None and two is not None
+    assert one.tobytes() == two.tobytes()
+
+
+def test_estimator_offers_it_as_a_solver() -> None:
+    scene = make_scene(np.random.default_rng(7), count=300)
+    options = EstimatorOptions(solver="scipy", max_iterations=20)
+    geometry = estimate_two_view(matches_of(scene.ends), options, np.random.default_rng(0))
+    assert (geometry.config, geometry.model) == (Configuration.UNCALIBRATED, "paper")
+    assert geometry.iterations <= 20
+    assert geometry.F is not None
+    assert (geometry.inlier_mask == (serrmin(geometry.F, scene.ends) < 3)).all()
+    assert geometry.scores == () and geometry.runner_up is None
+
+
+def test_its_refusals_are_those_of_ours() -> None:
+    options = EstimatorOptions(solver="scipy", max_iterations=5)
+    few = make_scene(np.random.default_rng(8), count=20).ends
+    still = np.random.default_rng(8).uniform(0, 400, (100, 1, 2)).repeat(2, axis=1)
+    for ends in (few, still):
+        geometry = estimate_two_view(matches_of(ends), options)
+        assert geometry.config is Configuration.DEGENERATE
+        assert geometry.F is None and geometry.reason
+
+
+def test_samples_without_information_are_no_trouble() -> None:
+    ends = np.zeros((50, 2, 2))
+    F, drawn = paper_fundamental(ends, PaperOptions(max_iterations=3), np.random.default_rng(0))
+    assert drawn <= 3
+    assert F is None or np.isfinite(F).all()
+    with pytest.raises(ValueError, match="at least 7"):
+        paper_fundamental(ends[:6], PaperOptions(), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("wrong", [{"max_iterations": 0}, {"stop_share": 0.0}, {"fit_error_px": 0.0}])
+def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be|need"):
+        PaperOptions(**wrong)
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(ValueError, match="solver"):
+        EstimatorOptions(solver="eight")  # type: ignore[arg-type]

@@ -1,0 +1,149 @@
+"""The evaluation of motion masks: its figures on cases whose answer is known."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import SmearNetwork
+from tests.support.motion_scenes import BOX, SIDEWAYS, by_scores, estimate_of, photo, sideways, with_mover
+from tools.datasets import mover_scenes
+from tools.datasets.testset import TestScene, read_test_set
+from tools.evaluation import segmentation
+from tools.evaluation.segmentation import (
+    OUTLINE,
+    Judged,
+    average_precision,
+    judge,
+    mean,
+    overlap,
+    panel,
+    split_rows,
+    squared_residual,
+    true_estimate,
+)
+from tools.rendering.render import RenderOptions
+
+
+def test_average_precision_of_known_rankings() -> None:
+    moving = np.array([True, True, False, False])
+    assert average_precision(np.array([4.0, 3, 2, 1]), moving) == 1
+    np.testing.assert_allclose(average_precision(np.array([1.0, 2, 3, 4]), moving), (1 / 3 + 2 / 4) / 2)
+    np.testing.assert_allclose(average_precision(np.zeros(4), moving), 0.5)  # ties: the share of movers
+    assert np.isnan(average_precision(np.zeros(4), np.zeros(4, bool)))
+
+
+def test_overlap_of_known_masks() -> None:
+    one, other = np.array([True, True, False, False]), np.array([True, False, True, False])
+    assert overlap(one, one) == 1 and overlap(one, ~one) == 0
+    np.testing.assert_allclose(overlap(one, other), 1 / 3)
+    assert np.isnan(overlap(one & ~one, one & ~one))
+
+
+def scene() -> TestScene:
+    static = np.ones((240, 320), bool)
+    static[BOX] = False
+    return TestScene(
+        name="0000",
+        image_path=Path("none"),
+        displacement=with_mover()[1::4, 1::4],
+        valid=np.ones((60, 80), bool),
+        static=static[1::4, 1::4],
+        K=np.eye(3),
+        R=np.eye(3),
+        t=np.array([1.0, 0, 0]),
+        F=SIDEWAYS,
+        kind="translation",
+    )
+
+
+def test_perfect_smears_are_judged_nearly_perfect() -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    figures = judge(scene(), found, by_scores(found, photo()))
+    assert figures.iou > 0.9 and figures.precision == 1 and figures.called > 0
+    assert figures.iou_baseline == 1 and figures.unobservable == 0  # residuals are 0 and 162 squared pixels
+    np.testing.assert_allclose(figures.share, 20 * 23 / 4800, rtol=0.05)
+
+
+def test_blind_smears_are_judged_so() -> None:
+    found = estimate_of(sideways(), F=SIDEWAYS)  # which do not show the mover
+    figures = judge(scene(), found, by_scores(found, photo()))
+    assert figures.iou == 0 and figures.called == 0 and figures.precision < 0.2
+
+
+def one_motion() -> TwoViewGeometry:
+    return estimate_of(sideways(), F=SIDEWAYS).geometry
+
+
+def test_true_smears_take_the_place_of_the_networks() -> None:
+    holes = scene().valid.copy()
+    holes[:, 10:12] = False
+    broken = np.where(holes[..., None], scene().displacement, np.nan)
+    one = replace(scene(), valid=holes, displacement=broken)
+    truly = true_estimate(one, estimate_of(sideways(), F=SIDEWAYS))
+    np.testing.assert_array_equal(truly.field.displacement[1::4, 1::4], scene().displacement)
+    assert len(truly.matches) > 100 and truly.geometry.reason.startswith("constant field")
+    np.testing.assert_allclose(squared_residual(replace(truly, geometry=one_motion()))[:60], 0, atol=1e-9)
+
+
+def test_table_and_panel_hold_the_scene() -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    mask = by_scores(found, photo())
+    figures = judge(scene(), found, mask)
+    one = Judged(scene=scene(), image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
+    rows = split_rows("test", [one])
+    assert len(rows) == 9 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
+    assert f"{figures.iou:.3f}" in rows[0]
+    assert rows[-1].count("| -") == 8  # no scene without movers
+    assert panel([one]).shape == (120, 640, 3)
+    assert np.isnan(mean([], lambda figure: figure.iou))
+
+
+def test_without_movers_the_table_is_written_and_no_panel(
+    tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = estimate_of(sideways(), F=SIDEWAYS)
+    calm, mask = replace(scene(), static=np.ones((60, 80), bool)), by_scores(found, photo())
+    figures = judge(calm, found, mask)
+    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
+    monkeypatch.setattr(segmentation, "SmearNetwork", lambda: SmearNetwork(tiny_model))
+    monkeypatch.setattr(segmentation, "judged_scenes", lambda *_: [(tmp_path, one)])
+    monkeypatch.setattr(
+        "sys.argv", f"segmentation {tmp_path} --real {tmp_path}/no --out {tmp_path}/out".split()
+    )
+    segmentation.main()
+    assert [path.name for path in tmp_path.iterdir()] == ["out.md"]
+    assert "no movers, predicted smears | 1 |" in (tmp_path / "out.md").read_text()
+
+
+def test_outline_of_the_walker_is_a_simple_shape_of_a_person() -> None:
+    outline = json.loads((Path(__file__).parents[3] / OUTLINE).read_text())
+    polygon = np.array(outline["polygon"], np.int32)
+    assert (polygon >= 0).all() and (polygon < [outline["width"], outline["height"]]).all()
+    width, height = np.ptp(polygon, axis=0)
+    assert 1.5 < height / width < 2 and 0.3 < cv2.contourArea(polygon) / (width * height) < 0.5
+
+
+def test_mover_scenes_hold_movers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mover_scenes, "SMALLEST", 0.02)
+    options = RenderOptions(size=(96, 64), smear_px=(3.0, 20.0), sharp_share=0, split="test", mover_share=1.0)
+    mover_scenes.write_mover_scenes(tmp_path, 2, options)
+    scenes = list(read_test_set(tmp_path))
+    assert [one.name for one in scenes] == ["0000", "0001"]
+    for one in scenes:
+        assert 0.02 <= (one.valid & ~one.static).mean() <= mover_scenes.LARGEST
+        assert cv2.imread(str(one.image_path)) is not None
+    with pytest.raises(SystemExit, match="not empty"):
+        mover_scenes.write_mover_scenes(tmp_path, 2, options)
+
+
+def test_mover_scenes_give_up_where_no_seed_suits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mover_scenes, "suits", lambda scene, options: False)
+    monkeypatch.setattr(mover_scenes, "TRIES", 2)
+    with pytest.raises(SystemExit, match="only 0 of 1 scenes suit, of 2 seeds"):
+        mover_scenes.write_mover_scenes(tmp_path, 1, RenderOptions(size=(48, 32), split="test"))
+    assert not list(tmp_path.iterdir())

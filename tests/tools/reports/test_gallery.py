@@ -1,0 +1,31 @@
+"""The page of overlays: every photograph once, and none of its content where it must not be shown."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.support.colour_code import colour_code, write_picture
+from tools.reports import gallery
+
+
+def test_plain_page_shows_smears_but_no_photograph(
+    tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    phi = np.mgrid[:96, :128].sum(0) * 0.01
+    picture = colour_code(12 * np.stack([np.cos(phi), np.sin(phi)], -1), 1.0)
+    paths = [write_picture(tmp_path / f"{k}.png", picture) for k in range(3)]
+    pages = {}
+    for flags in ("", "--plain"):
+        words = f"gallery {' '.join(map(str, paths))} --out {tmp_path}/page.png --model {tiny_model} {flags}"
+        monkeypatch.setattr("sys.argv", words.split())
+        gallery.main()
+        pages[flags] = cv2.imread(str(tmp_path / "page.png"))
+    shown, plain = pages[""], pages["--plain"]
+    assert shown is not None and plain is not None and shown.shape == plain.shape
+    assert shown.shape[1] == gallery.COLUMNS * gallery.TILE_PX
+    right = shown[shown.shape[0] * 2 // 3 :, gallery.TILE_PX :]
+    assert (right == 0).all()  # three photographs leave the last place empty
+    saturation = [page[40:400, 8:632].astype(float).std(2) for page in (shown, plain)]
+    assert np.median(saturation[0]) > 5 and np.median(saturation[1]) == 0  # only smears are coloured

@@ -1,0 +1,255 @@
+"""The choice of models, end to end: what six kinds of scenes are called, H, and what cannot be answered."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import homogeneous, unit_norm
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.metrics import rho
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.degeneracy import collinear, within_errors
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.verdict import WITHOUT_F, Structure
+from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
+from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
+
+SEEDS = range(6)
+
+
+def solve(scene: DegenerateScene) -> TwoViewGeometry:
+    return estimate_two_view(scene.matches)
+
+
+def transfer_px(H: Array, scene: DegenerateScene) -> float:
+    """Median error of H on the true smears, in the better direction of time."""
+    errors = []
+    for first in (0, 1):
+        mapped = homogeneous(scene.true_ends[:, first]) @ H.T
+        errors.append(np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - scene.true_ends[:, 1 - first], axis=1))
+    return float(min(np.median(error) for error in errors))
+
+
+@pytest.mark.parametrize(
+    ("kind", "config", "model"),
+    [("pure rotation", Configuration.PANORAMIC, "rotation"), ("plane", Configuration.PLANAR, "plane")],
+)
+def test_no_parallax_gives_H_and_no_F(kind: Kind, config: Configuration, model: str) -> None:
+    for seed in SEEDS:
+        scene = draw_scene(kind, seed)
+        geometry = solve(scene)
+        assert geometry.F is None and geometry.H is not None
+        assert geometry.config is config
+        assert geometry.model == model
+        assert model in geometry.reason and "explains" in geometry.reason
+        assert np.isclose(np.linalg.norm(geometry.H), 1)
+        assert transfer_px(geometry.H, scene) < 0.3
+        assert 0.65 < geometry.support <= 1  # 0 to 30 % outliers
+        assert geometry.scores[0][0] == model
+
+
+def test_orders_are_those_of_the_homography() -> None:
+    scene = draw_scene("plane", 1)
+    first = homogeneous(scene.matches.ends[:, 0])
+    geometry = solve(scene)
+    assert geometry.H is not None
+    mapped = first @ geometry.H.T
+    near = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - scene.matches.ends[:, 1], axis=1) < 4
+    inlier = geometry.inlier_mask
+    assert (near[inlier] == ~geometry.swapped[inlier]).mean() > 0.95
+
+
+def test_parallax_gives_F_and_no_H() -> None:
+    for seed in SEEDS:
+        scene = draw_scene("general", seed)
+        geometry = solve(scene)
+        assert geometry.config is Configuration.UNCALIBRATED
+        assert geometry.F is not None and geometry.H is None
+        assert np.median(rho(geometry.F, scene.true_ends)) < 0.03
+        assert "parallax gains" in geometry.reason
+        assert dict(geometry.scores)["plane"] > dict(geometry.scores)[geometry.model]
+
+
+def test_still_camera_is_no_motion_whatever_its_noise() -> None:
+    for seed in SEEDS:
+        geometry = solve(draw_scene("no motion", seed))
+        assert geometry.config is Configuration.DEGENERATE
+        assert geometry.F is None and geometry.H is None
+        assert "no motion" in geometry.reason
+
+
+def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
+    found = [solve(draw_scene("several or none", seed)) for seed in range(0, 16, 2)]
+    named = [geometry for geometry in found if geometry.config is Configuration.MULTIPLE]
+    assert len(named) >= 5
+    for geometry in named:
+        assert geometry.F is not None
+        assert geometry.model in ("camera", "translation", "general")
+        assert "two motions" in geometry.reason
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = disturb(make_scene(rng, length_px=20), rng, noise_px=0.3)
+        scene = with_second_motion(scene, (250, 180, 400, 320), np.array([-15.0, 18.0]))
+        matches = SmearMatches(ends=scene.ends, sigma_px=np.full(2000, 0.6), image_size=IMAGE_SIZE)
+        assert estimate_two_view(matches).config is Configuration.UNCALIBRATED
+
+
+@pytest.mark.parametrize("correlation_px", [40.0, 80.0, 120.0])
+def test_smooth_fields_without_geometry_mostly_get_no_confident_F(correlation_px: float) -> None:
+    configs = []
+    for seed in range(6):
+        ends = noise_field_ends(np.random.default_rng(seed), count=1500, correlation_px=correlation_px)
+        ends = ends + 0.5 * np.random.default_rng(seed).normal(size=ends.shape)
+        matches = SmearMatches(ends=ends, sigma_px=np.ones(1500), image_size=IMAGE_SIZE)
+        configs.append(estimate_two_view(matches).config)
+    assert sum(config is Configuration.UNCALIBRATED for config in configs) <= 1
+
+
+def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
+    """Rotations with a network's errors: never a confident F; scenes with depth keep theirs."""
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        for share in (np.inf, 0.3):
+            scene = disturb(
+                make_scene(rng, count=1500, length_px=20, rotation_share=share),
+                rng,
+                direction_deg=4.0,
+                length_share=0.15,
+            )
+            sigma_px = 0.17 * scene.length_px + 0.1
+            matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+            geometry = estimate_two_view(matches)
+            if np.isinf(share):
+                assert geometry.config is not Configuration.UNCALIBRATED
+            else:
+                assert geometry.F is not None
+                assert np.median(rho(geometry.F, scene.true_ends)) < 0.1
+
+
+def test_with_overstated_errors_F_is_given_but_said_not_to_be_proven() -> None:
+    """Real smears err far less than their sigma says: then nothing tells errors from small parallax."""
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = disturb(
+            make_scene(rng, count=1500, length_px=20, rotation_share=np.inf),
+            rng,
+            direction_deg=4.0,
+            length_share=0.15,
+        )
+        sigma_px = 0.8 * scene.length_px
+        matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+        geometry = estimate_two_view(matches)
+        assert geometry.config is Configuration.UNCALIBRATED
+        assert geometry.F is not None and geometry.H is not None
+        assert "not proven" in geometry.reason
+
+
+def test_without_an_image_size_a_rotation_is_not_told_from_a_plane() -> None:
+    scene = draw_scene("pure rotation", 2)
+    geometry = estimate_two_view(replace(scene.matches, image_size=None))
+    assert geometry.config is Configuration.PLANAR_OR_PANORAMIC
+    assert geometry.F is None and geometry.H is not None
+    assert "image size" in geometry.reason
+
+
+def test_similarity_of_the_pixels_carries_H_along() -> None:
+    scene = draw_scene("plane", 3)
+    scaled = replace(
+        scene.matches,
+        ends=2 * scene.matches.ends,
+        sigma_px=2 * scene.matches.sigma_px,
+        image_size=(1280, 960),
+    )
+    one, other = solve(scene), estimate_two_view(scaled)
+    assert one.H is not None and other.H is not None
+    S = np.diag([2.0, 2.0, 1.0])
+    back = unit_norm(np.linalg.inv(S) @ other.H @ S)
+    inverse = unit_norm(np.asarray(np.linalg.inv(one.H)))
+    assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 1e-5
+
+
+def refused(matches: SmearMatches, words: str) -> None:
+    geometry = estimate_two_view(matches)
+    assert geometry.config is Configuration.DEGENERATE
+    assert geometry.F is None and geometry.H is None
+    assert words in geometry.reason
+    assert geometry.support == 0
+
+
+@pytest.mark.parametrize("image_size", [IMAGE_SIZE, None])
+def test_smears_along_one_line_are_degenerate(image_size: tuple[int, int] | None) -> None:
+    rng = np.random.default_rng(0)
+    middle = np.stack([rng.uniform(0, 640, 300), np.full(300, 200.0)], axis=1)
+    middle[:, 1] += 0.2 * middle[:, 0]
+    half = rng.normal(0, 5, (300, 2))
+    matches = SmearMatches(
+        ends=np.stack([middle - half, middle + half], axis=1), sigma_px=np.ones(300), image_size=image_size
+    )
+    assert collinear(matches) is not None
+    refused(matches, "line" if image_size is None else "smears")
+
+
+def test_identical_smears_are_degenerate() -> None:
+    ends = np.tile([[100.0, 100.0], [110.0, 105.0]], (200, 1, 1))
+    refused(SmearMatches(ends=ends, sigma_px=np.ones(200)), "constant field")
+
+
+def test_smears_of_no_length_are_no_motion() -> None:
+    points = np.random.default_rng(0).uniform(0, 400, (200, 2))
+    refused(SmearMatches.from_points(points, points, image_size=IMAGE_SIZE), "no motion")
+
+
+def test_some_smears_of_no_length_break_nothing() -> None:
+    scene = draw_scene("general", 1)
+    ends = scene.matches.ends.copy()
+    ends[:200, 1] = ends[:200, 0]
+    geometry = estimate_two_view(replace(scene.matches, ends=ends))
+    assert geometry.F is not None
+    assert np.isfinite(geometry.F).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 7, 29])
+def test_few_smears_are_degenerate(count: int) -> None:
+    scene = draw_scene("general", 1)
+    refused(scene.matches.subset(np.arange(count)), "too few smears")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"sigma_px": np.zeros(40)},
+        {"sigma_px": np.full(40, np.inf)},
+        {"sigma_px": np.full(40, np.nan)},
+        {"sigma_px": np.full(40, -1.0)},
+        {"ends": np.full((40, 2, 2), np.nan)},
+        {"ends": np.full((40, 2, 2), np.inf)},
+    ],
+)
+def test_what_is_no_number_is_refused(wrong: dict[str, Any]) -> None:
+    values: dict[str, Any] = {"ends": np.zeros((40, 2, 2)), "sigma_px": np.ones(40)} | wrong
+    with pytest.raises(ValueError, match="finite"):
+        SmearMatches(**values)
+
+
+def test_thirty_smears_of_a_plane_are_enough() -> None:
+    options = DegenerateOptions(count=(40, 41), noise_px=(0.2, 0.3), outliers=(0.0, 0.0), length_px=(20, 21))
+    for seed in SEEDS:
+        geometry = solve(draw_scene("plane", seed, options))
+        assert geometry.config in (Configuration.PLANAR, Configuration.PLANAR_OR_PANORAMIC)
+
+
+def test_within_errors_counts_on_the_stated_standard_deviations() -> None:
+    scene = draw_scene("general", 0)
+    assert not within_errors(scene.matches)
+    assert within_errors(replace(scene.matches, sigma_px=4 * scene.matches.length_px + 1e-9))
+    assert within_errors(draw_scene("no motion", 0).matches)
+
+
+def test_every_structure_has_a_configuration() -> None:
+    from blur2view.two_view.estimate import CONFIGURATIONS
+
+    assert set(CONFIGURATIONS) == set(Structure)
+    assert set(Structure) >= WITHOUT_F

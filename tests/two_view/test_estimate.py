@@ -1,0 +1,267 @@
+"""The whole estimator on synthetic smears: exact ones, noisy ones over named seeds, and ones without an F."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.sampson import swapped_order
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.metrics import epipole_angle_deg, rho
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import agreement, constant_field
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import two_parameter_fundamental
+from tests.support.scenes import (
+    IMAGE_SIZE,
+    Scene,
+    disturb,
+    make_scene,
+    noise_field_ends,
+    with_outliers,
+    with_second_motion,
+)
+
+SEEDS = range(8)
+
+
+def matches_of(scene: Scene, sigma_px: float | Array = 1.0, camera: bool = True) -> SmearMatches:
+    sigma = np.broadcast_to(np.asarray(sigma_px, float), len(scene.ends))
+    return SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=IMAGE_SIZE if camera else None)
+
+
+def solve(matches: SmearMatches, seed: int = 0, **options: Any) -> TwoViewGeometry:
+    return estimate_two_view(matches, EstimatorOptions(**options), np.random.default_rng(seed))
+
+
+def network_like(seed: int, direction_deg: float, **scene: Any) -> tuple[Scene, SmearMatches]:
+    """Smears erring like a network's: alike over 40 px, lengths by 15 %."""
+    rng = np.random.default_rng(seed)
+    clean = make_scene(rng, count=1200, length_px=rng.uniform(6, 40), **scene)
+    noisy = disturb(clean, rng, direction_deg=direction_deg, length_share=0.15)
+    return noisy, matches_of(noisy, np.hypot(np.radians(direction_deg), 0.15) * noisy.length_px + 0.1)
+
+
+def median_rho(F: Array | None, scene: Scene) -> float:
+    return 1.0 if F is None else float(np.median(rho(F, scene.true_ends)))
+
+
+def opencv(points1: Array, points2: Array) -> Array | None:
+    F, _ = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, 1.0, 0.999, 5000)
+    return None if F is None or F.shape[0] < 3 else np.asarray(F[:3], float)
+
+
+@pytest.mark.parametrize("camera", [True, False])
+def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
+    for seed in SEEDS:
+        scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
+        geometry = solve(matches_of(scene, 0.2, camera))
+        assert geometry.config is Configuration.UNCALIBRATED
+        assert geometry.F is not None
+        assert np.isclose(np.linalg.norm(geometry.F), 1)
+        assert np.linalg.svd(geometry.F)[1][2] < 1e-9
+        assert median_rho(geometry.F, scene) < 2e-3
+        assert geometry.inlier_mask.mean() > 0.99
+        right = (geometry.swapped == scene.swapped).mean()
+        assert max(right, 1 - right) > 0.9
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    _, matches = network_like(0, 4)
+    one, two = solve(matches, 3), solve(matches, 3)
+    assert one.F is not None and two.F is not None
+    assert one.F.tobytes() == two.F.tobytes()
+    assert one.reason == two.reason
+
+
+def test_the_order_of_the_given_ends_does_not_matter() -> None:
+    scene, matches = network_like(1, 2)
+    turned = solve(replace(matches, ends=matches.ends[:, ::-1]))
+    straight = solve(matches)
+    assert turned.F is not None and straight.F is not None
+    assert abs(median_rho(turned.F, scene) - median_rho(straight.F, scene)) < 2e-3
+    F = straight.F
+    assert (swapped_order(F, matches.ends[:, ::-1]) != swapped_order(F, matches.ends)).mean() > 0.99
+
+
+@pytest.mark.parametrize("direction_deg", [1.0, 4.0, 8.0])
+def test_network_like_smears_beat_the_plain_baselines(direction_deg: float) -> None:
+    """Median rho over 16 scenes: ours, two-parameter F, OpenCV on unordered and on ordered ends."""
+    table = []
+    for seed in range(16):
+        scene, matches = network_like(seed, direction_deg)
+        table.append([
+            median_rho(solve(matches).F, scene),
+            median_rho(two_parameter_fundamental(matches), scene),
+            median_rho(opencv(scene.ends[:, 0], scene.ends[:, 1]), scene),
+            median_rho(opencv(*scene.ordered), scene),
+        ])  # fmt: skip
+    ours, two_parameter, unordered, ordered = np.median(table, axis=0)
+    assert ours < {1.0: 0.02, 4.0: 0.035, 8.0: 0.05}[direction_deg]
+    assert ours < 0.75 * two_parameter
+    assert ours < 0.9 * unordered
+    assert ours < 1.1 * ordered  # which was told every order
+
+
+def test_pure_translation_does_not_invent_rotation() -> None:
+    """Where the two-parameter F is the truth, ours is hardly worse and its epipole as good."""
+    values = []
+    for seed in range(24):
+        scene, matches = network_like(seed, 4.0, rotation_share=0.0)
+        F, simple = solve(matches).F, two_parameter_fundamental(matches)
+        assert F is not None and simple is not None
+        values.append(
+            [median_rho(F, scene), median_rho(simple, scene), epipole_angle_deg(F, scene.F, scene.K)]
+        )
+    ours, two_parameter, angle = np.median(values, axis=0)
+    assert ours < 1.5 * two_parameter
+    assert angle < 8
+
+
+def test_sixty_percent_outliers_and_a_pixel_of_noise() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = with_outliers(disturb(make_scene(rng, length_px=25), rng, noise_px=1.0), rng, 0.6)
+        geometry = solve(matches_of(scene, 2.0))
+        assert median_rho(geometry.F, scene) < 0.03
+        assert geometry.inlier_mask[~scene.outlier].mean() > 0.85
+
+
+def test_a_moving_object_does_not_pull_F() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        scene = disturb(make_scene(rng, length_px=20), rng, noise_px=0.3)
+        scene = with_second_motion(scene, (200, 150, 400, 350), np.array([-15.0, 18.0]))
+        assert scene.outlier.mean() > 0.08
+        assert median_rho(solve(matches_of(scene, 0.6)).F, scene) < 0.02
+
+
+def test_matches_from_elsewhere_need_no_image_size() -> None:
+    scene = disturb(
+        make_scene(np.random.default_rng(5), length_px=30), np.random.default_rng(5), noise_px=0.2
+    )
+    geometry = solve(SmearMatches.from_points(scene.ends[:, 0], scene.ends[:, 1], 0.4))
+    assert geometry.model in ("general", "translation")
+    assert median_rho(geometry.F, scene) < 0.01
+
+
+def test_families_are_reported_with_their_costs() -> None:
+    geometry = solve(network_like(2, 2)[1])
+    assert {name for name, _ in geometry.scores} == {"translation", "camera", "general", "plane"}
+    assert geometry.scores[0][0] == geometry.model
+    assert geometry.runner_up == geometry.scores[1]
+    assert geometry.runner_up[1] >= geometry.scores[0][1]
+    assert geometry.model in geometry.reason
+
+
+def assert_refused(geometry: TwoViewGeometry, config: Configuration, words: str) -> None:
+    assert geometry.F is None
+    assert geometry.config is config
+    assert words in geometry.reason
+    assert geometry.model == "none"
+    assert not geometry.inlier_mask.any() and not geometry.swapped.any()
+
+
+def test_too_few_smears() -> None:
+    scene = make_scene(np.random.default_rng(0), count=20)
+    assert_refused(solve(matches_of(scene)), Configuration.DEGENERATE, "too few smears: 20")
+    empty = SmearMatches(ends=np.zeros((0, 2, 2)), sigma_px=np.zeros(0), image_size=IMAGE_SIZE)
+    assert_refused(solve(empty), Configuration.DEGENERATE, "too few")
+    assert two_parameter_fundamental(empty) is None
+
+
+def test_no_motion() -> None:
+    scene = make_scene(np.random.default_rng(1), length_px=0.3)
+    assert_refused(solve(matches_of(scene, 0.1)), Configuration.DEGENERATE, "no motion")
+    points = scene.ends[:, 0]
+    assert_refused(solve(SmearMatches.from_points(points, points)), Configuration.DEGENERATE, "no motion")
+
+
+def test_a_constant_field_fits_anything() -> None:
+    points = np.random.default_rng(2).uniform(0, 400, (500, 2))
+    matches = SmearMatches.from_points(points, points + [8.0, 3.0], image_size=IMAGE_SIZE)
+    assert constant_field(matches)
+    turned = np.arange(500)[:, None, None] % 2 == 0
+    assert constant_field(replace(matches, ends=np.where(turned, matches.ends, matches.ends[:, ::-1])))
+    assert_refused(solve(matches), Configuration.DEGENERATE, "constant field")
+    assert not constant_field(matches_of(make_scene(np.random.default_rng(2))))
+
+
+def test_a_still_background_with_a_small_moving_person_gives_no_F() -> None:
+    middle = np.random.default_rng(3).uniform([300, 200], [360, 340], (400, 2))
+    ends = np.stack([middle - [6.0, 1], middle + [6.0, 1]], axis=1)
+    ends += np.random.default_rng(4).normal(0, 0.4, ends.shape)
+    walker = SmearMatches(ends=ends, sigma_px=np.ones(400), image_size=IMAGE_SIZE)
+    assert_refused(solve(walker), Configuration.DEGENERATE, "one moving object")
+    still = replace(walker, still_share=0.9)
+    assert_refused(solve(still), Configuration.DEGENERATE, "no motion of the camera: 90%")
+    assert_refused(solve(replace(walker, sure_share=0.03)), Configuration.DEGENERATE, "told in 3.0% of the")
+
+
+@pytest.mark.parametrize(("scale", "count"), [(20, 2000), (3, 60)])
+def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int) -> None:
+    scene = make_scene(np.random.default_rng(5))
+    few = SmearMatches(
+        ends=scene.ends[:count] * scale,
+        sigma_px=np.full(len(scene.ends[:count]), 0.1 * scale),
+        image_size=(IMAGE_SIZE[0] * scale, IMAGE_SIZE[1] * scale),
+    )
+    assert solve(few).F is not None
+
+
+@pytest.mark.parametrize("correlation_px", [0.0, 20.0])
+def test_random_smears_give_no_F(correlation_px: float) -> None:
+    for seed in range(4):
+        ends = noise_field_ends(np.random.default_rng(seed), count=1500, correlation_px=correlation_px)
+        matches = SmearMatches(ends=ends, sigma_px=np.full(1500, 2.0), image_size=IMAGE_SIZE)
+        assert_refused(solve(matches), Configuration.UNDEFINED, "no consensus")
+        assert "half" not in solve(matches).reason  # chance alone refuses it
+
+
+def test_chance_agreement_is_measured_and_subtracted() -> None:
+    scene = make_scene(np.random.default_rng(4), rotation_share=0.0)
+    beyond, share, chance = agreement(scene.F, matches_of(scene), np.random.default_rng(0))
+    assert (share, beyond) == (1, 1)
+    assert 0.05 < chance < 0.15  # 2 / pi * asin(0.1 * sqrt(2)) = 0.09
+    other = unit_norm(np.random.default_rng(0).normal(size=(3, 3)))
+    assert agreement(other, matches_of(scene), np.random.default_rng(0))[0] < 0.2
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"max_error_px": 0.0},
+        {"max_error_px": np.inf},
+        {"fit_error_px": np.nan},
+        {"relative_sigma": np.nan},
+        {"coverage_blocks": 0},
+        {"min_matches": 7},
+        {"min_agreement": 1.5},
+        {"max_iterations": 0},
+        {"confidence": 1.0},
+    ],
+)
+def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        EstimatorOptions(**wrong)
+
+
+def test_errors_across_the_smears_weigh_them() -> None:
+    better = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        scene = make_scene(rng, count=400, length_px=20)
+        noise_px = np.where(np.arange(400) % 2 == 0, 0.2, 4.0)
+        ends = scene.ends + rng.normal(0, 1, scene.ends.shape) * noise_px[:, None, None]
+        told = SmearMatches(ends=ends, sigma_px=np.full(400, 4.0), image_size=IMAGE_SIZE, across_px=noise_px)
+        errors = []
+        for matches in (told, replace(told, across_px=None)):
+            F = solve(matches).F
+            errors.append(1.0 if F is None else np.median(rho(F, scene.ends)))
+        better.append(errors[0] < errors[1])
+    assert np.mean(better) > 0.8
