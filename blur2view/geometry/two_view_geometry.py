@@ -47,7 +47,7 @@ class TwoViewGeometry:
         Samples drawn.
     model : str
         The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7), "paper" (7, by the paper's estimator), "calibrated" (5, known intrinsics,
+        a prior), "general" (7), "calibrated" (5, known intrinsics,
         started from one of ``scores``). Without F what H is: "rotation" (3
         parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
     scores : tuple of (str, float)

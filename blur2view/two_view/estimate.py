@@ -21,7 +21,6 @@ from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess, collinear
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.paper import PaperOptions, paper_fundamental
 from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
@@ -73,8 +72,6 @@ def estimate_two_view(
         return without_F(matches, Configuration.DEGENERATE, refusal)
     if camera is not None:
         matches = undistorted(matches, camera)
-    if options.solver == "scipy":
-        return paper_two_view(matches, options, rng)
     matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
@@ -137,30 +134,6 @@ def rotation_of(H: Array, T: Array) -> RigidTransform:
     normalised = T @ H @ np.linalg.inv(T)
     U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
     return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
-
-
-def paper_two_view(
-    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator
-) -> TwoViewGeometry:
-    """Estimate F as the paper does; believed as it is, or UNDEFINED where no sample gave any."""
-    settings = PaperOptions(
-        max_iterations=options.max_iterations,
-        stop_share=options.stop_inlier_share,
-        fit_error_px=options.fit_error_px,
-    )
-    F, iterations = paper_fundamental(matches.ends, settings, rng)
-    if F is None:
-        return without_F(matches, Configuration.UNDEFINED, "the optimiser found no F", iterations)
-    inlier_mask = serrmin(F, matches.ends) < options.max_error_px**2
-    return TwoViewGeometry(
-        F=F,
-        config=Configuration.UNCALIBRATED,
-        reason=f"the paper's estimator, not tested: {inlier_mask.mean():.0%} of the smears are inliers",
-        inlier_mask=inlier_mask,
-        swapped=swapped_order(F, matches.ends),
-        iterations=iterations,
-        model="paper",
-    )
 
 
 def judge(

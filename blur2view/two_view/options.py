@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 
 from blur2view.robust.ransac import RansacOptions
-
-Solver = Literal["seven", "scipy"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,9 +17,8 @@ class EstimatorOptions:
     pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
-    on ``stop_inlier_share``; ``solver`` "seven" is ours, "scipy" the paper's estimator (`paper`), for
-    comparison: slow, one family, the same refusals but no test against chance; ``components`` whether
-    neighbouring smears tell each other's order; ``confidence`` 0.99 is enough: a sample gives many starts.
+    on ``stop_inlier_share``; ``components`` whether neighbouring smears tell each other's order;
+    ``confidence`` 0.99 is enough: a sample gives many starts.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``min_sure_share`` of the image in which
     blur has a direction; ``max_still_share`` of the measurable image; ``min_coverage`` the least share of the
     image's square blocks with matches, ``coverage_blocks`` of which lie along its longer side;
@@ -41,7 +37,6 @@ class EstimatorOptions:
     confidence: float = 0.99
     stop_inlier_share: float = 0.9
     fit_error_px: float = 1.0
-    solver: Solver = "seven"
     min_matches: int = 30
     min_length_px: float = 1.0
     min_sure_share: float = 0.04
@@ -61,8 +56,6 @@ class EstimatorOptions:
                 raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         if self.min_matches < 8:
             raise ValueError(f"min_matches must be at least 8, got {self.min_matches}")
-        if self.solver not in get_args(Solver):
-            raise ValueError(f"solver must be one of {get_args(Solver)}, got {self.solver!r}")
         if self.coverage_blocks < 1:
             raise ValueError(f"coverage_blocks must be at least 1, got {self.coverage_blocks}")
         shares = ("min_sure_share", "max_still_share", "min_coverage")

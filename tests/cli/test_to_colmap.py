@@ -13,10 +13,10 @@ from PIL import ExifTags, Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.to_colmap import fresh_names
-from blur2view.colmap.check import check_database
 from blur2view.geometry.sampson import sampson
 from tests.cli.test_cli_camera import SIZE, smears
 from tests.support.colour_code import colour_code, write_picture
+from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")

@@ -11,7 +11,6 @@ import pytest
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
-from blur2view.colmap.check import check_database
 from blur2view.colmap.database import write_database
 from blur2view.colmap.rows import camera_facts
 from blur2view.errors import DatabaseError
@@ -19,6 +18,7 @@ from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from tools.database_safety.colmap_check import check_database
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(525.0, SIZE)

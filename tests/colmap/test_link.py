@@ -9,12 +9,12 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap.check import check_database
 from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import image_names, name_in_project, open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.geometry.epipolar import unit_norm
+from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.database_safety.kill_writes import kill_many, random_views
 from tools.database_safety.malformed_projects import SQL_FAULTS, malform

@@ -22,6 +22,7 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import two_parameter_fundamental
 from tools.estimators import baselines
+from tools.estimators.paper import paper_two_view
 
 Array = NDArray[Any]
 
@@ -65,6 +66,11 @@ def with_camera(problem: Problem) -> Array | None:
 
 def _estimate(matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None) -> Array | None:
     return estimate_two_view(matches, options, np.random.default_rng(0), camera).F
+
+
+def papers(problem: Problem) -> Array | None:
+    """Estimate as the paper does."""
+    return paper_two_view(problem.matches).F
 
 
 def two_parameters(problem: Problem) -> Array | None:
@@ -114,7 +120,7 @@ METHODS: dict[str, Method] = {
     "ours, no image size": without_size,
     "ours, K given": with_camera,
     "two-parameter F": two_parameters,
-    PAPER: partial(ours, solver="scipy"),
+    PAPER: papers,
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
     **TOLD,

@@ -25,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.colmap.check import check_database
 from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
 IMAGES, FEATURES = 3, 500

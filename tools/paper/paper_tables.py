@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 import blur2view
 from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import PAPER_INLIER, cumulative_curve
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
@@ -37,12 +38,16 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
 from tools.datasets.testset import TestScene, read_test_set
+from tools.estimators.paper import paper_two_view
 
 Array = NDArray[Any]
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
-ESTIMATORS = {"paper": EstimatorOptions(solver="scipy"), "ours": EstimatorOptions()}
+ESTIMATORS: dict[str, Callable[[SmearMatches, np.random.Generator], TwoViewGeometry]] = {
+    "paper": lambda matches, rng: paper_two_view(matches, rng=rng),
+    "ours": lambda matches, rng: estimate_two_view(matches, rng=rng),
+}
 BOUNDS_PX2 = np.geomspace(1e-3, 1e3, 61)
 """Where cumulative curves are taken."""
 CUTOFF = 3.0
@@ -93,12 +98,12 @@ def cost(F: Array | None, matches: SmearMatches) -> float:
 def estimates(scene: TestScene, field: SmearField, model_id: str, known: set[Any]) -> Iterable[Found]:
     """Yield what is not known yet of one photograph."""
     all_matches = select_matches(field, SelectOptions(beta=max(BETAS)))
-    for name, options in ESTIMATORS.items():
+    for name, estimator in ESTIMATORS.items():
         for beta in BETAS:
             if (model_id, scene.name, name, beta) in known:
                 continue
             matches, began = select_matches(field, SelectOptions(beta=beta)), time.perf_counter()
-            F = estimate_two_view(matches, options, np.random.default_rng(0)).F
+            F = estimator(matches, np.random.default_rng(0)).F
             yield Found(
                 model_id=model_id,
                 scene=scene.name,

@@ -10,9 +10,8 @@ from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.paper import (
+from tests.support.scenes import IMAGE_SIZE, make_scene, with_outliers
+from tools.estimators.paper import (
     PaperOptions,
     ambiguous_cost,
     cofactors,
@@ -21,9 +20,9 @@ from blur2view.two_view.paper import (
     minimise_seven,
     nearest_rank_two,
     paper_fundamental,
+    paper_two_view,
     preemptive_best,
 )
-from tests.support.scenes import IMAGE_SIZE, make_scene, with_outliers
 
 
 def matches_of(ends: Array) -> SmearMatches:
@@ -126,10 +125,9 @@ def test_same_seed_same_bytes() -> None:
     assert one.tobytes() == two.tobytes()
 
 
-def test_estimator_offers_it_as_a_solver() -> None:
+def test_its_answer_has_the_form_of_ours() -> None:
     scene = make_scene(np.random.default_rng(7), count=300)
-    options = EstimatorOptions(solver="scipy", max_iterations=20)
-    geometry = estimate_two_view(matches_of(scene.ends), options, np.random.default_rng(0))
+    geometry = paper_two_view(matches_of(scene.ends), PaperOptions(max_iterations=20))
     assert (geometry.config, geometry.model) == (Configuration.UNCALIBRATED, "paper")
     assert geometry.iterations <= 20
     assert geometry.F is not None
@@ -138,11 +136,10 @@ def test_estimator_offers_it_as_a_solver() -> None:
 
 
 def test_its_refusals_are_those_of_ours() -> None:
-    options = EstimatorOptions(solver="scipy", max_iterations=5)
     few = make_scene(np.random.default_rng(8), count=20).ends
     still = np.random.default_rng(8).uniform(0, 400, (100, 1, 2)).repeat(2, axis=1)
     for ends in (few, still):
-        geometry = estimate_two_view(matches_of(ends), options)
+        geometry = paper_two_view(matches_of(ends), PaperOptions(max_iterations=5))
         assert geometry.config is Configuration.DEGENERATE
         assert geometry.F is None and geometry.reason
 
@@ -160,8 +157,3 @@ def test_samples_without_information_are_no_trouble() -> None:
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be|need"):
         PaperOptions(**wrong)
-
-
-def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(ValueError, match="solver"):
-        EstimatorOptions(solver="eight")  # type: ignore[arg-type]

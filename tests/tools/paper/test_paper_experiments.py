@@ -13,8 +13,11 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
 from tools.datasets import testset
 from tools.datasets.testset import TestScene, read_test_set
+from tools.estimators.paper import PaperOptions, paper_two_view
 from tools.paper import experiments as paper
 from tools.paper import failure_cases, paper_report, paper_summary, paper_tables
 from tools.paper.convolution_blur import blurs, convolve
@@ -79,7 +82,10 @@ def test_cost_prefers_the_true_F_and_bounds_outliers(scene: TestScene) -> None:
 def test_table_2_is_resumed_and_drawn(
     folder: Path, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    quick = {name: replace(o, max_iterations=2) for name, o in paper_tables.ESTIMATORS.items()}
+    quick = {
+        "paper": lambda matches, rng: paper_two_view(matches, PaperOptions(max_iterations=2), rng),
+        "ours": lambda matches, rng: estimate_two_view(matches, EstimatorOptions(max_iterations=2), rng),
+    }
     monkeypatch.setattr(paper_tables, "ESTIMATORS", quick)
     work, out = tmp_path / "work" / "table2.jsonl", tmp_path / "out" / "table2"
     words = f"tables {folder} --work {work} --out {out} --model {tiny_model}".split()

@@ -22,9 +22,15 @@ from blur2view.geometry.epipolar import (
     symmetric_from_vector,
     unit_norm,
 )
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import refuse
+from blur2view.two_view.degeneracy import collinear
+from blur2view.two_view.estimate import without_F
+from blur2view.two_view.options import EstimatorOptions
 
 # Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
 SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)
@@ -98,6 +104,37 @@ def paper_fundamental(
     if not found:
         return None, iterations
     return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))], options), iterations
+
+
+def paper_two_view(
+    matches: SmearMatches, options: PaperOptions | None = None, rng: np.random.Generator | None = None
+) -> TwoViewGeometry:
+    """Estimate F as the paper does, with our refusals; believed as it is, UNDEFINED where no sample gave any.
+
+    Parameters
+    ----------
+    matches : SmearMatches
+    options : PaperOptions, optional
+    rng : numpy.random.Generator, optional
+        Default: seed 0.
+    """
+    trust, rng = EstimatorOptions(), np.random.default_rng(0) if rng is None else rng
+    refusal = refuse(matches, trust) or collinear(matches)
+    if refusal is not None:
+        return without_F(matches, Configuration.DEGENERATE, refusal)
+    F, iterations = paper_fundamental(matches.ends, options or PaperOptions(), rng)
+    if F is None:
+        return without_F(matches, Configuration.UNDEFINED, "the optimiser found no F", iterations)
+    inlier_mask = serrmin(F, matches.ends) < trust.max_error_px**2
+    return TwoViewGeometry(
+        F=F,
+        config=Configuration.UNCALIBRATED,
+        reason=f"the paper's estimator, not tested: {inlier_mask.mean():.0%} of the smears are inliers",
+        inlier_mask=inlier_mask,
+        swapped=swapped_order(F, matches.ends),
+        iterations=iterations,
+        model="paper",
+    )
 
 
 def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
