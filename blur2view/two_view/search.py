@@ -27,7 +27,6 @@ def search_and_fit(
 
     With a camera the ends are its undistorted pixels.
     """
-    keep_memory()
     estimator = build_estimator(matches, options, camera)
     found = ransac(estimator, options.search(), rng)
     return *fit_families(estimator, found, rng), found.iterations
@@ -45,14 +44,6 @@ def build_estimator(
         fit_error_px=options.fit_error_px,
         components=components,
     )
-
-
-def keep_memory() -> None:
-    """Make glibc keep freed arrays: it gives back less once it has seen a large one freed.
-
-    Without, the arrays of every step are paged in anew (21 700 page faults, 50 of 190 ms of one estimate).
-    """
-    np.empty(31 << 20, np.uint8)
 
 
 def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:

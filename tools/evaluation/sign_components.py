@@ -29,7 +29,7 @@ from blur2view.smears.sampling import select_matches
 from blur2view.smears.sign_components import SignComponents, no_components, sample_patterns, sign_components
 from blur2view.two_view.model_selection import fit_families
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.search import build_estimator, keep_memory
+from blur2view.two_view.search import build_estimator
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
@@ -216,7 +216,6 @@ def wrong_rows(name: str, options: SyntheticOptions, count: int) -> Iterator[str
 
 def report(scenes: Path | None, redkitchen: Path | None, count: int) -> str:
     """Write both tables as Markdown."""
-    keep_memory()
     rows = [study_row(name, synthetic_cases(options, count)) for name, options in SYNTHETIC.items()]
     if scenes is not None:
         rows.append(study_row("network, rendered test split", rendered_cases(scenes)))
