@@ -97,12 +97,6 @@ def inlier_share(F: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
     return share_under(serrmin(F, ends), bound)
 
 
-def true_inlier_fraction(F: Array, F_true: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
-    """Inlier share of F over that of the true F (the paper's fraction; above 1 if F explains more)."""
-    reached = inlier_share(F_true, ends, bound)
-    return inlier_share(F, ends, bound) / reached if reached > 0 else 0.0
-
-
 def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
     """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
 

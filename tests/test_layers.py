@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import blur2view
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "blur2view"
 
@@ -124,7 +126,7 @@ def test_dependencies_are_what_the_package_imports() -> None:
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[0] == "tools"], ids=str)
 def test_tools_do_not_use_tests(path: Path) -> None:
-    assert not {"tests", "conftest", "scenes"} & {name.split(".")[0] for name in imported(path)}
+    assert not {"tests", "conftest"} & {name.split(".")[0] for name in imported(path)}
 
 
 def test_import_of_the_package_is_light() -> None:
@@ -137,7 +139,13 @@ def test_import_of_the_package_is_light() -> None:
 
 
 def test_public_names_are_where_the_package_says() -> None:
-    import blur2view
-
     assert all(getattr(blur2view, name) is not None for name in blur2view.__all__)
     assert set(blur2view.__all__) == {"__version__", *blur2view._MODULE_OF}
+
+
+def test_short_paths_lead_to_the_rooms() -> None:
+    from blur2view import mapping, matches_text, view_placement
+
+    for module in (mapping, matches_text, view_placement):
+        assert all(name in vars(module) for name in module.__all__)
+    assert mapping.mapper_options is blur2view.mapper_options

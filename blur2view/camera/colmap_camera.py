@@ -118,12 +118,6 @@ def normalised_points(camera: Any, points: Array) -> Array:
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
 
 
-def distorted_points(camera: Any, rays: Array) -> Array:
-    """Our pixels (N, 2) of rays (N, 2) = (x/z, y/z): the inverse of `normalised_points`."""
-    directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    return from_colmap(np.asarray(camera.img_from_cam(directions), float).reshape(-1, 2))
-
-
 Row = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, params
 
 

@@ -13,7 +13,6 @@ from PIL import ExifTags, Image
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import (
-    distorted_points,
     from_colmap,
     parse_camera,
     rescaled_matrix,
@@ -22,6 +21,7 @@ from blur2view.camera.colmap_camera import (
 from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 from blur2view.errors import CameraError
+from tests.support.lens import distorted_points
 
 SIZE = (640, 480)
 RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"

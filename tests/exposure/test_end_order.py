@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from blur2view import Camera, SmearMatches, TwoViewGeometry, estimate_two_view
-from blur2view.camera.colmap_camera import colmap_camera, distorted_points
+from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.exposure.end_order import forward_share, motion_order
 from blur2view.geometry.sampson import sampson
+from tests.support.lens import distorted_points
 from tests.support.scenes import Scene, disturb, make_scene
 
 SEEDS = range(8)
