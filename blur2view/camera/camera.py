@@ -12,7 +12,6 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import (
     calibration_matrix,
-    choose_camera,
     colmap_camera,
     normalised_points,
     parse_camera,
@@ -20,6 +19,7 @@ from blur2view.camera.colmap_camera import (
     rescaled_matrix,
     to_colmap,
 )
+from blur2view.camera.colmap_database import choose_camera
 from blur2view.errors import CameraError
 
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
@@ -110,7 +110,7 @@ class Camera:
         Raises
         ------
         CameraError
-            If the database or the camera cannot be used; see `colmap_camera.choose_camera`.
+            If the database or the camera cannot be used; see `colmap_database.choose_camera`.
         """
         chosen, camera = choose_camera(path, camera_id, image_name)
         return cls.from_colmap(camera, f"database, camera {chosen}")

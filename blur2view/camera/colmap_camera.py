@@ -1,4 +1,4 @@
-"""COLMAP's conventions in one place: its pixels, its camera models, the cameras of its databases.
+"""COLMAP's conventions in one place: its pixels and its camera models.
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there. Every number that goes to or
 comes from COLMAP passes through this module, F and H through `colmap_geometry`; nothing else in the package
@@ -7,10 +7,7 @@ adds or takes a half.
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
-from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -116,91 +113,3 @@ def normalised_points(camera: Any, points: Array) -> Array:
     """Rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
     # a point list comes back with NaN where a single point gives None
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
-
-
-Row = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, params
-
-
-def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
-    """Read the cameras of a COLMAP database and the camera of every image, without writing to it.
-
-    pycolmap's ``Database.open`` would upgrade the file, so SQLite reads it here. It is opened for writing all
-    the same: a read-only connection leaves the files of a write-ahead log behind.
-
-    Returns
-    -------
-    cameras : list of (camera_id, model, width, height, params)
-        ``model`` is COLMAP's number, ``params`` its float64 bytes.
-    of_image : dict
-        Camera id by image name.
-
-    Raises
-    ------
-    CameraError
-        If there is no such file, it is locked or damaged, or is no COLMAP database.
-    """
-    if not path.is_file():
-        raise CameraError(f"{path}: no such database; check the path")
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)) as database:
-            database.text_factory = lambda name: name.decode("utf-8", "surrogateescape")  # some other image's
-            rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
-            images = database.execute("SELECT name, camera_id FROM images").fetchall()
-    except (sqlite3.Error, UnicodeError) as error:
-        hint = "wait for the program that uses it" if "locked" in str(error) else "is it COLMAP's?"
-        raise CameraError(f"{path}: cannot be read as a COLMAP database ({error}); {hint}") from None
-    return cast(list[Row], rows), dict(images)
-
-
-def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[int, Any]:
-    """Id and pycolmap.Camera of a database: the one named, the image's, or the only one.
-
-    Parameters
-    ----------
-    path : Path
-        The database.
-    camera_id : int or None
-        None chooses by the image.
-    image_name : str
-        The photograph's path; the database's image whose name it ends with is taken for it.
-
-    Raises
-    ------
-    CameraError
-        If the database cannot be read, has no such camera, or leaves the choice open.
-    """
-    rows, of_image = database_cameras(path)
-    by_id = {row[0]: row for row in rows}
-    if camera_id is None:
-        camera_id = _camera_of(path, list(by_id), of_image, image_name)
-    if camera_id not in by_id:
-        have = ", ".join(map(str, by_id)) or "none"
-        raise CameraError(f"{path}: has no camera {camera_id}; it has {have}")
-    _, model, width, height, params = by_id[camera_id]
-    try:
-        import pycolmap
-
-        name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
-        values = tuple(np.frombuffer(params, np.float64).tolist())
-        width, height = int(width), int(height)
-    except (KeyError, TypeError, ValueError):
-        raise CameraError(
-            f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
-        ) from None
-    return camera_id, colmap_camera(name, width, height, values)
-
-
-def _camera_of(path: Path, ids: list[int], of_image: dict[str, int], image_name: str) -> int:
-    """Camera of the image whose name is the longest ending of ``image_name``; else the only camera."""
-    parts = Path(image_name).parts
-    for start in range(len(parts)):
-        name = "/".join(parts[start:])
-        if name in of_image:
-            return of_image[name]
-    if len(ids) == 1:
-        return ids[0]
-    have = ", ".join(map(str, ids)) or "none"
-    raise CameraError(
-        f"{path}: knows no image {Path(image_name).name} and has several cameras or none ({have}); "
-        f"name one as {path}:ID"
-    )

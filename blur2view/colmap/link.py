@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from blur2view.camera.colmap_database import connect, longest_suffix
 from blur2view.colmap.database import mark_views
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
     image_names,
-    name_in_project,
     open_project,
     own_views,
     read_image,
@@ -88,7 +88,7 @@ def plan_links(
     with open_project(path) as database:
         names = image_names(database)
         for photograph in photographs:
-            name = name_in_project(names, photograph)
+            name = longest_suffix(names, photograph)
             if name is None:
                 plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; leave it out"))
             elif name in first_of:
@@ -208,9 +208,9 @@ def back_up(path: Path) -> Path:
     )
     copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
     beside = copy.with_name(f".{copy.name}.tmp")
-    uri = f"{path.resolve().as_uri()}?mode=ro"
     try:
-        with closing(sqlite3.connect(uri, uri=True)) as source, closing(sqlite3.connect(beside)) as target:
+        # not `open_read_only`, whose look at the header would end the lock of this process's transaction
+        with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
             source.backup(target)
         beside.replace(copy)
     except (sqlite3.Error, OSError) as error:

@@ -1,9 +1,9 @@
-"""A user's COLMAP database: opened without changing it, looked over, and read.
+"""A user's COLMAP project: its database opened, checked, and the images in it.
 
-SQLite opens the file, in place, and one transaction changes it or nothing does: its journal outlives a kill
-at any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over
-the original would lose what others write meanwhile, and would come apart from a log beside the file.
-pycolmap is not asked, because its ``Database.open`` writes (see `schema`).
+It is opened for reading only (`blur2view.camera.colmap_database`) but where views are linked. Then SQLite
+writes to the file, in place, and one transaction changes it or nothing does: its journal outlives a kill at
+any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over the
+original would lose what others write meanwhile, and would come apart from a log beside the file.
 """
 
 from __future__ import annotations
@@ -18,17 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
+from blur2view.camera.colmap_database import connect, database_errors, open_read_only
 from blur2view.colmap.schema import COLUMNS, NEWEST_KNOWN, RIG_COLUMNS, keypoints_from_blob
 from blur2view.errors import DatabaseError
 
-PATIENCE_S = 2.0  # for the lock of another program
 OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
-HINTS = {
-    "locked": "another program uses it; close that and try again",
-    "readonly": "it cannot be written; check permissions",
-    "unable to open": "check permissions of the file and its folder",
-    "disk is full": "make room",
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,30 +51,26 @@ class ProjectImage:
 
 @contextmanager
 def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connection]:
-    """Open a COLMAP database; with ``write`` inside one transaction that is kept only if nothing fails.
-
-    Without ``write`` the file is opened for writing all the same, so that SQLite can finish or undo what a
-    killed program left behind, but nothing is written.
+    """Open a COLMAP database for reading only; with ``write`` inside one transaction, undone by any failure.
 
     Raises
     ------
     DatabaseError
         If there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
     """
-    if not path.is_file():
-        raise DatabaseError(f"{path}: no such database; check the path, or leave out --link for a new one")
-    try:
-        uri = f"{path.resolve().as_uri()}?mode=rw"
-        with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE_S, isolation_level=None)) as database:
-            database.text_factory = _text
-            database.execute("PRAGMA foreign_keys = ON")
-            database.execute("BEGIN IMMEDIATE" if write else "BEGIN")
-            look_over(path, database)
-            yield database
-            database.execute("COMMIT" if write else "ROLLBACK")
-    except (sqlite3.Error, OverflowError, UnicodeError) as error:  # of a schema that is no text
-        hint = next((hint for key, hint in HINTS.items() if key in str(error)), "is it whole, and COLMAP's?")
-        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({error}); {hint}") from None
+    with _write_transaction(path) if write else open_read_only(path) as database:
+        look_over(path, database)
+        yield database
+
+
+@contextmanager
+def _write_transaction(path: Path) -> Iterator[sqlite3.Connection]:
+    """Begin a transaction in the file itself and commit it; a failure inside rolls it back."""
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA foreign_keys = ON")
+        database.execute("BEGIN IMMEDIATE")
+        yield database
+        database.execute("COMMIT")
 
 
 def look_over(path: Path, database: sqlite3.Connection) -> None:
@@ -128,21 +118,14 @@ def _look_over_columns(
 
 
 def image_names(database: sqlite3.Connection) -> dict[str, int]:
-    """Read the id of every image by its name."""
-    rows = database.execute("SELECT name, image_id FROM images").fetchall()
+    """Return the id of every image by its name, in the order of ids; names that are no UTF-8 are left out."""
+    rows = database.execute("SELECT name, image_id FROM images ORDER BY image_id").fetchall()
     return {name: number for name, number in rows if isinstance(name, str) and storable(name)}
 
 
 def storable(name: str) -> bool:
     """Whether SQLite can hold a name; a path of bytes that are no UTF-8 it cannot."""
     return not any("\ud800" <= character <= "\udfff" for character in name)
-
-
-def name_in_project(names: dict[str, int], photograph: Path) -> str | None:
-    """Name of a photograph: the longest ending of its path that the project knows, None if there is none."""
-    parts = photograph.absolute().parts
-    endings = ("/".join(parts[start:]) for start in range(1, len(parts)))
-    return next((name for name in endings if name in names), None)
 
 
 def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectImage:
@@ -196,8 +179,3 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
         "WHERE photograph = ? AND name = photograph || '#' || role"
     )
     return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
-
-
-def _text(data: bytes) -> str:
-    """Decode a text of any bytes without loss."""
-    return data.decode("utf-8", "surrogateescape")

@@ -9,8 +9,9 @@ import numpy as np
 import pycolmap
 import pytest
 
+from blur2view.camera.colmap_database import longest_suffix
 from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
-from blur2view.colmap.project import image_names, name_in_project, open_project
+from blur2view.colmap.project import image_names, open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.geometry.epipolar import unit_norm
@@ -210,7 +211,7 @@ def test_a_failure_midway_undoes_all(tmp_path: Path) -> None:
 def test_a_locked_database_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "project.db"
     make_project(path, ProjectOptions(wal=False))
-    monkeypatch.setattr("blur2view.colmap.project.PATIENCE_S", 0.05)
+    monkeypatch.setattr("blur2view.camera.colmap_database.LOCK_TIMEOUT_S", 0.05)
     job = job_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
@@ -224,9 +225,9 @@ def test_a_locked_database_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_a_photograph_is_found_by_the_longest_ending(tmp_path: Path) -> None:
     names = {"a.jpg": 1, "left/a.jpg": 2, "b.jpg": 3}
-    assert name_in_project(names, tmp_path / "left" / "a.jpg") == "left/a.jpg"
-    assert name_in_project(names, tmp_path / "right" / "a.jpg") == "a.jpg"
-    assert name_in_project(names, tmp_path / "c.jpg") is None
+    assert longest_suffix(names, tmp_path / "left" / "a.jpg") == "left/a.jpg"
+    assert longest_suffix(names, tmp_path / "right" / "a.jpg") == "a.jpg"
+    assert longest_suffix(names, tmp_path / "c.jpg") is None
 
 
 def test_unknown_and_repeated_photographs_are_named(tmp_path: Path) -> None:
