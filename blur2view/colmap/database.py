@@ -48,7 +48,7 @@ def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
-    with _fresh(path) as database:
+    with new_database(path) as database:
         cameras: dict[CameraFacts, int] = {}
         for views in photographs:
             facts = camera_facts(views.camera, views.size)
@@ -72,8 +72,14 @@ def refuse_existing(path: Path) -> None:
 
 
 @contextmanager
-def _fresh(path: Path) -> Iterator[sqlite3.Connection]:
-    """Give an empty database beside the path, and rename it when all is written."""
+def new_database(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open an empty COLMAP database beside the path, and rename it when all is written.
+
+    Raises
+    ------
+    DatabaseError
+        If the file exists or cannot be written.
+    """
     refuse_existing(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

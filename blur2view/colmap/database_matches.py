@@ -1,10 +1,9 @@
-"""Matched pixels of neighbouring photographs, read from a COLMAP database."""
+"""Keypoints of photographs and their matches, read from a COLMAP database."""
 
 from __future__ import annotations
 
 import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
+from blur2view.camera.colmap_database import open_read_only
+from blur2view.colmap.project import image_names
+from blur2view.colmap.schema import keypoints_from_blob, matches_from_blob, pair_id
 from blur2view.errors import DatabaseError
-from blur2view.exposure.neighbours import NONE
-
-PAIR_BASE = 2147483647  # COLMAP: pair_id = PAIR_BASE * smaller image_id + larger
+from blur2view.exposure.neighbours import NO_POINTS
 
 
 class DatabaseMatcher:
@@ -24,7 +24,7 @@ class DatabaseMatcher:
     Parameters
     ----------
     path : Path
-        The database; it is opened for each pair and only read.
+        The database; it is opened for each pair, for reading only.
     names : sequence of str
         Of the photographs, as the database has them.
     """
@@ -33,7 +33,7 @@ class DatabaseMatcher:
         self._path, self._names = path, names
 
     def __call__(self, first: int, second: int) -> tuple[Array, Array]:
-        """Give matched pixels (M, 2) of two photographs by their indices, none where it has none.
+        """Return matched pixels (M, 2) of two photographs by their indices, none where it has none.
 
         Raises
         ------
@@ -41,70 +41,71 @@ class DatabaseMatcher:
             If the database cannot be read.
         """
         try:
-            with closing(_opened(self._path)) as database:
-                return _database_matches(database, self._names[first], self._names[second])
-        except (sqlite3.Error, TypeError, ValueError) as error:
-            raise DatabaseError(
-                f"{self._path}: matches cannot be read ({error}); is it a COLMAP database?"
-            ) from None
+            with open_read_only(self._path) as database:
+                return _matched_points(database, self._names[first], self._names[second])
+        except ValueError as error:
+            raise DatabaseError(f"{self._path}: matches cannot be read ({error}); match again") from None
 
 
 def database_names(path: Path) -> list[str]:
-    """Names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out.
+    """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out.
 
     Raises
     ------
     DatabaseError
         If the database cannot be read.
     """
-    try:
-        with closing(_opened(path)) as database:
-            database.text_factory = lambda name: name.decode() if _is_text(name) else name
-            rows = database.execute("SELECT name FROM images ORDER BY image_id").fetchall()
-    except (sqlite3.Error, UnicodeError) as error:
-        raise DatabaseError(f"{path}: images cannot be read ({error}); is it a COLMAP database?") from None
-    return [name for (name,) in rows if isinstance(name, str)]
+    with open_read_only(path) as database:
+        return list(image_names(database))
 
 
-def _is_text(name: bytes) -> bool:
-    """Whether bytes are UTF-8."""
-    return name.decode("utf-8", "ignore").encode() == name
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    # for writing, which is not done: a read-only connection leaves the files of a write-ahead log behind
-    return sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=2)
-
-
-def _database_matches(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:
-    id1, id2 = (_image_id(database, name) for name in (name1, name2))
+def _matched_points(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:
+    id1, id2 = (image_id_of(database, name) for name in (name1, name2))
     if id1 is None or id2 is None or id1 == id2:
-        return NONE, NONE
-    index = _pair_rows(database, PAIR_BASE * min(id1, id2) + max(id1, id2))
-    index = index if id1 < id2 else index[:, ::-1]  # COLMAP's pairs begin with the smaller id
-    points1, points2 = _keypoints(database, id1), _keypoints(database, id2)
+        return NO_POINTS, NO_POINTS
+    index = read_matches(database, "two_view_geometries", id1, id2)
+    if len(index) == 0:  # not verified
+        index = read_matches(database, "matches", id1, id2)
+    points1, points2 = (from_colmap(read_keypoints(database, image_id)) for image_id in (id1, id2))
     inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
     return points1[index[inside, 0]], points2[index[inside, 1]]
 
 
-def _image_id(database: sqlite3.Connection, name: str) -> int | None:
+def image_id_of(database: sqlite3.Connection, name: str) -> int | None:
+    """Return the id of the image of this name, None if there is none."""
     row = database.execute("SELECT image_id FROM images WHERE name = ?", (name,)).fetchone()
     return None if row is None else int(row[0])
 
 
-def _pair_rows(database: sqlite3.Connection, pair_id: int) -> NDArray[np.uint32]:
-    """Give the indices (M, 2) of a pair's inliers, or of its matches where none were verified."""
-    for table in ("two_view_geometries", "matches"):
-        row = database.execute(f"SELECT data FROM {table} WHERE pair_id = ?", (pair_id,)).fetchone()
-        if row is not None and row[0]:
-            return np.frombuffer(row[0], np.uint32).reshape(-1, 2)
-    return np.zeros((0, 2), np.uint32)
+def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+    table : str
+        "matches", or "two_view_geometries" for the inliers.
+    id1, id2 : int
+
+    Raises
+    ------
+    ValueError
+        If the row contradicts itself.
+    """
+    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+    row = database.execute(query, (pair_id(min(id1, id2), max(id1, id2)),)).fetchone()
+    index = np.zeros((0, 2), np.int64) if row is None else matches_from_blob(*row)
+    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
 
 
-def _keypoints(database: sqlite3.Connection, image_id: int) -> Array:
-    """Give our pixels (N, 2) of an image's keypoints."""
+def read_keypoints(database: sqlite3.Connection, image_id: int) -> NDArray[np.float64]:
+    """Return COLMAP's pixels (N, 2) of an image's keypoints, none where it has none.
+
+    Raises
+    ------
+    ValueError
+        If the row contradicts itself.
+    """
     query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
     row = database.execute(query, (image_id,)).fetchone()
-    if row is None or not row[2]:
-        return NONE
-    return from_colmap(np.frombuffer(row[2], np.float32).reshape(row[0], row[1])[:, :2].astype(float))
+    return NO_POINTS if row is None else keypoints_from_blob(*row)

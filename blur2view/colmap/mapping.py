@@ -16,6 +16,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from blur2view.colmap.database import new_database
+from blur2view.colmap.database_matches import image_id_of
+from blur2view.colmap.project import open_project
+from blur2view.colmap.schema import COLUMNS, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 
@@ -158,7 +162,7 @@ def triangulate_exposure(database: Path, name: str) -> Any:
     Parameters
     ----------
     database : Path
-        That ``blur2view to-colmap`` wrote with known intrinsics; pycolmap opens it.
+        That ``blur2view to-colmap`` wrote with known intrinsics; it is only read.
     name : str
         Of the photograph.
 
@@ -175,29 +179,42 @@ def triangulate_exposure(database: Path, name: str) -> Any:
     """
     import pycolmap
 
-    if not database.is_file():
-        raise DatabaseError(f"{database}: no such database; write it with blur2view to-colmap")
-    camera, images, geometry = _read_exposure(database, name)
-    model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(camera)
-    for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
-        view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
-        model.add_image_with_trivial_frame(view, pose)
-    options = mapper_options()
     with tempfile.TemporaryDirectory() as folder:
-        return pycolmap.triangulate_points(model, database, folder, folder, True, options, False)
-
-
-def _read_exposure(database: Path, name: str) -> tuple[Any, list[Any], Any]:
-    """Read camera, both images and the geometry between them."""
-    import pycolmap
-
-    with pycolmap.Database.open(database) as opened:
-        views = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
-        images = [view for view in views if view is not None]
-        if len(images) < 2:
-            raise DatabaseError(f"{database}: has no views of {name}; add them with blur2view to-colmap")
-        geometry = opened.read_two_view_geometry(*(image.image_id for image in images))
+        copy = Path(folder) / "exposure.db"  # pycolmap writes to what it opens
+        image_ids = _copy_exposure(database, name, copy)
+        with pycolmap.Database.open(copy) as opened:
+            images = [opened.read_image(image_id) for image_id in image_ids]
+            camera = opened.read_camera(images[0].camera_id)
+            geometry = opened.read_two_view_geometry(*image_ids)
         if geometry.cam2_from_cam1 is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
-        return opened.read_camera(images[0].camera_id), images, geometry
+        model = pycolmap.Reconstruction()
+        model.add_camera_with_trivial_rig(camera)
+        for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
+            view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+            model.add_image_with_trivial_frame(view, pose)
+        return pycolmap.triangulate_points(model, copy, folder, folder, True, mapper_options(), False)
+
+
+def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
+    """Copy both views of a photograph and their pair to a database of their own; return the images' ids."""
+    with open_project(path) as database:
+        first, last = (image_id_of(database, name + end) for end in (OPEN, CLOSE))
+        if first is None or last is None:
+            raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
+        camera = "SELECT camera_id FROM images WHERE image_id = ?"
+        pair = pair_id(min(first, last), max(first, last))
+        conditions: dict[str, tuple[str, tuple[int, ...]]] = {
+            "cameras": (f"camera_id IN ({camera})", (first,)),
+            "images": ("image_id IN (?, ?)", (first, last)),
+            "keypoints": ("image_id IN (?, ?)", (first, last)),
+            "matches": ("pair_id = ?", (pair,)),
+            "two_view_geometries": ("pair_id = ?", (pair,)),
+        }
+        with new_database(copy) as target:
+            for table, (condition, values) in conditions.items():
+                columns = ", ".join(COLUMNS[table])
+                rows = database.execute(f"SELECT {columns} FROM {table} WHERE {condition}", values)
+                marks = ", ".join("?" * len(COLUMNS[table]))
+                target.executemany(f"INSERT INTO {table}({columns}) VALUES ({marks})", rows)
+    return first, last

@@ -7,6 +7,7 @@ hardly harms, are the trajectory, and smears say what share of it an exposure is
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
+from blur2view.colmap.database_matches import image_id_of, read_keypoints, read_matches
+from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import (
@@ -59,9 +62,9 @@ class Placement:
 class _Linked:
     """A registered photograph and its two images in the database."""
 
-    photograph: Any
-    views: tuple[Any, Any]
-    points: tuple[Array, Array]
+    photograph: Any  # pycolmap.Image
+    ids: tuple[int, int]  # of the open and the close view
+    points: tuple[Array, Array]  # COLMAP's pixels (N, 2) in them
     matched: NDArray[np.int64]  # indices of features that have both ends
 
     @property
@@ -101,22 +104,18 @@ def place_views(
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     placed = _read_model(model)
-    with _open_database(database) as opened:
-        linked = _linked(opened, placed, names)
-        if not linked:
-            raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-        frames, spreads = _frames(placed, linked, names)
-        told, scale = _told(frames, fraction)
-        motions = [
-            exposure_motion(frame, told, spread) for frame, spread in zip(frames, spreads, strict=True)
-        ]
-        motions = [None if motion is None else motion * scale for motion in motions]
-        for one, motion in zip(linked, motions, strict=True):
-            if motion is not None:
-                _add_views(opened, placed, one, motion)
+    linked = _read_linked(database, placed, names)
+    if not linked:
+        raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
+    frames, spreads = _frames(placed, linked, names)
+    used, scale = _fraction_and_scale(frames, fraction)
+    motions = [exposure_motion(frame, used, spread) for frame, spread in zip(frames, spreads, strict=True)]
+    for one, motion in zip(linked, motions, strict=True):
+        if motion is not None:
+            _add_views(placed, one, motion * scale)
     return Placement(
         model=placed,
-        fraction=told if fraction is None else fraction,
+        fraction=used if fraction is None else fraction,
         placed=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is not None),
         left=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is None),
     )
@@ -134,49 +133,44 @@ def _read_model(folder: Path) -> Any:
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
 
 
-def _open_database(path: Path) -> Any:
-    """Open a database, which is there."""
-    import pycolmap
+def _fraction_and_scale(frames: list[ExposedFrame], known: float | None) -> tuple[float, float]:
+    """Return the fraction to weigh smears with, and the factor that scales the motions to a known one.
 
-    remedy = "add views with blur2view to-colmap --link"
-    if not path.is_file():
-        raise DatabaseError(f"{path}: no such database; {remedy}")
-    try:
-        return pycolmap.Database.open(path)
-    except RuntimeError:
-        raise DatabaseError(f"{path}: is no database of COLMAP; name another, or {remedy}") from None
-
-
-def _told(frames: list[ExposedFrame], fraction: float | None) -> tuple[float, float]:
-    """Exposure over frame interval to weigh smears with, and what scales the motions to a given one.
-
-    It is the given one if smears tell none, or too little to be scaled.
+    The fraction is the known one, and the factor 1, if the smears are too few or too short to measure it.
     """
-    told = common_fraction(frames)
-    if fraction is None:
-        return told, 1.0
-    return (told, fraction / told) if told * MOST_SCALED > fraction else (fraction, 1.0)
+    measured = common_fraction(frames)
+    if known is None:
+        return measured, 1.0
+    return (measured, known / measured) if measured * MOST_SCALED > known else (known, 1.0)
 
 
-def _linked(opened: Any, model: Any, names: Sequence[str] | None) -> list[_Linked]:
-    """Find registered photographs that have both views in the database and not yet in the model."""
+def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:
+    """Return the registered photographs that have both views in the database and none in the model."""
     registered = {image.name: image for image in model.images.values() if image.has_pose}
-    found = []
-    for name in sorted(registered) if names is None else names:
-        views = [opened.read_image_with_name(name + end) for end in (OPEN, CLOSE)]
-        if name not in registered or None in views or name + OPEN in registered:
-            continue
-        first, last = (from_colmap(opened.read_keypoints(view.image_id)[:, :2]) for view in views)
-        pair = opened.read_matches(registered[name].image_id, views[0].image_id)
-        found.append(
-            _Linked(
-                photograph=registered[name],
-                views=(views[0], views[1]),
-                points=(first, last),
-                matched=np.asarray(pair, np.int64).reshape(-1, 2)[:, 0],
-            )
-        )
-    return found
+    wanted = [
+        name
+        for name in (sorted(registered) if names is None else names)
+        if name in registered and name + OPEN not in registered
+    ]
+    with open_project(database) as opened:
+        try:
+            linked = [_read_one(opened, registered[name]) for name in wanted]
+        except ValueError as error:
+            raise DatabaseError(f"{database}: is damaged ({error}); link the photographs again") from None
+    return [one for one in linked if one is not None]
+
+
+def _read_one(opened: sqlite3.Connection, photograph: Any) -> _Linked | None:
+    """Return a photograph with its views as the database has them, None if it lacks one."""
+    ids = [image_id_of(opened, photograph.name + end) for end in (OPEN, CLOSE)]
+    if ids[0] is None or ids[1] is None:
+        return None
+    points = read_keypoints(opened, ids[0]), read_keypoints(opened, ids[1])
+    matched = read_matches(opened, "matches", photograph.image_id, ids[0])[:, 0]
+    count = min(photograph.num_points2D(), *map(len, points))
+    return _Linked(
+        photograph=photograph, ids=(ids[0], ids[1]), points=points, matched=matched[matched < count]
+    )
 
 
 def _runs(linked: list[_Linked], names: Sequence[str] | None) -> list[list[int]]:
@@ -211,7 +205,8 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     world = np.array([model.points3D[points[int(i)].point3D_id].xyz for i in seen]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (
-        normalised_points(camera, ends[seen]) if len(seen) else np.zeros((0, 2)) for ends in one.points
+        normalised_points(camera, from_colmap(ends[seen])) if len(seen) else np.zeros((0, 2))
+        for ends in one.points
     )
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
@@ -222,21 +217,19 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     )
 
 
-def _add_views(opened: Any, model: Any, one: _Linked, motion: Array) -> None:
+def _add_views(model: Any, one: _Linked, motion: Array) -> None:
     """Add both images half of the motion before and after the photograph, and what they observe."""
     import pycolmap
 
-    middle = one.photograph.cam_from_world()
-    turn, move = 0.5 * motion[:3], 0.5 * motion[3:]
-    half = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation_matrix(turn)), move)
-    back = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation_matrix(-turn)), -move)
-    for view, step in zip(one.views, (back, half), strict=True):
-        keypoints = opened.read_keypoints(view.image_id)[:, :2].astype(float)
-        image = pycolmap.Image(
-            name=view.name, keypoints=keypoints, camera_id=view.camera_id, image_id=view.image_id
+    middle, camera_id = one.photograph.cam_from_world(), one.photograph.camera_id
+    for end, sign, image_id, keypoints in zip((OPEN, CLOSE), (-1, 1), one.ids, one.points, strict=True):
+        rotation, translation = rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:]
+        half = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
+        view = pycolmap.Image(
+            name=one.name + end, keypoints=keypoints, camera_id=camera_id, image_id=image_id
         )
-        model.add_image_with_trivial_frame(image, step * middle)
-        _observe(model, one, view.image_id)
+        model.add_image_with_trivial_frame(view, half * middle)
+        _observe(model, one, image_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

@@ -147,6 +147,22 @@ def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.
     return np.frombuffer(blob, "<f4").reshape(rows, cols)[:, :2].astype(np.float64)
 
 
+def matches_from_blob(rows: object, cols: object, data: object) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of a row of matches or of inliers.
+
+    Raises
+    ------
+    ValueError
+        If the row contradicts itself.
+    """
+    blob = b"" if data is None else data
+    if not (isinstance(rows, int) and isinstance(blob, bytes)):
+        raise ValueError("matches of another type")
+    if cols != 2 or rows < 0 or len(blob) != 8 * rows:
+        raise ValueError(f"{len(blob)} bytes of matches for {rows} rows of {cols}")
+    return np.frombuffer(blob, "<u4").reshape(rows, 2).astype(np.int64)
+
+
 def matches_blob(indices: NDArray[np.integer]) -> bytes | None:
     """Pack index-aligned matches (i, i); no data of none, as COLMAP has it."""
     if len(indices) == 0:

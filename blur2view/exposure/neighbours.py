@@ -20,7 +20,7 @@ FAINT = 0.01  # SIFT's contrast threshold: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
 FEWEST = 12  # verified matches; fewer may be chance
-NONE = np.zeros((0, 2))
+NO_POINTS = np.zeros((0, 2))
 
 
 class PhotographMatcher:
@@ -61,7 +61,7 @@ def detect(grey: NDArray[np.uint8]) -> Features:
     sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=FAINT, enable_precise_upscale=True)
     found, descriptors = sift.detectAndCompute(grey, None)
     if not found:
-        return NONE, np.zeros((0, 128), np.float32)
+        return NO_POINTS, np.zeros((0, 128), np.float32)
     points = (np.array([feature.pt for feature in found]) + 0.5) / scale - 0.5
     return points, np.asarray(descriptors, np.float32)
 
@@ -70,7 +70,7 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     """Match mutual nearest neighbours that pass the ratio test; keep what one epipolar geometry explains."""
     (points1, descriptors1), (points2, descriptors2) = one, other
     if min(len(points1), len(points2)) < FEWEST:
-        return NONE, NONE
+        return NO_POINTS, NO_POINTS
     similarity = unit(descriptors1) @ unit(descriptors2).T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
@@ -79,7 +79,7 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
     chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
     if len(chosen) < FEWEST:
-        return NONE, NONE
+        return NO_POINTS, NO_POINTS
     return verified(points1[chosen], points2[best[chosen]])
 
 
@@ -94,6 +94,6 @@ def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
     bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
     _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)
     if inliers is None or inliers.sum() < FEWEST:
-        return NONE, NONE
+        return NO_POINTS, NO_POINTS
     kept = inliers.ravel().astype(bool)
     return points1[kept], points2[kept]

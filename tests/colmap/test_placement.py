@@ -159,7 +159,10 @@ def test_missing_and_broken_files_are_named_with_a_remedy(tmp_path: Path) -> Non
         place_views(database, tmp_path / "absent")
     garbage = tmp_path / "garbage.db"
     garbage.write_bytes(b"no database")
-    with pytest.raises(DatabaseError, match=r"garbage\.db: is no database of COLMAP; name .*--link"):
+    with pytest.raises(
+        DatabaseError,
+        match=r"garbage\.db: cannot be used as a COLMAP database \(file is not a database\); is it whole",
+    ):
         place_views(garbage, model)
     (model / "cameras.bin").write_bytes(b"no cameras")
     with pytest.raises(DatabaseError, match="model: is no model that can be read; name"):

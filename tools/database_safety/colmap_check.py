@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
+from blur2view.camera.colmap_database import open_read_only
 from blur2view.colmap.schema import CAMERA_SENSOR, images_of_pair
 
 SIZES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
@@ -30,7 +30,7 @@ def check_database(path: Path) -> list[str]:
         beyond the keypoints, occur twice or belong to no images; inliers that are no matches; geometries
         with a matrix that is not finite or a quaternion that is none.
     """
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+    with open_read_only(path) as database:
         found = [f"integrity: {row[0]}" for row in database.execute("PRAGMA integrity_check")]
         if found != ["integrity: ok"]:
             return found

@@ -1,0 +1,236 @@
+"""What reads a user's COLMAP database leaves the file and its folder as they were, and says what is wrong."""
+
+import shutil
+import sqlite3
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_database import open_read_only
+from blur2view.camera.exif import ExifFacts
+from blur2view.camera.intrinsics import Intrinsics
+from blur2view.cli.commands import main
+from blur2view.colmap.database_matches import DatabaseMatcher, database_names
+from blur2view.colmap.link import LinkStep, Step, plan_links
+from blur2view.colmap.mapping import triangulate_exposure
+from blur2view.colmap.placement import place_views
+from blur2view.errors import Blur2ViewError
+from tests.colmap.test_placement import FRAMES, NAMES, SIZE, project
+from tools.database_safety.colmap_check import check_database
+
+Folder = dict[str, bytes]
+
+
+def camera_of(path: Path) -> None:
+    assert Camera.from_database(path, None, f"/data/{NAMES[0]}").width == SIZE[0]
+
+
+def camera_option(path: Path) -> None:
+    camera = Intrinsics(camera=f"{path}:1").of(Path("a.jpg"), SIZE, ExifFacts())
+    assert camera is not None and camera.known
+
+
+def matches(path: Path) -> None:
+    first, last = DatabaseMatcher(path, [NAMES[0], f"{NAMES[0]}#open"])(0, 1)
+    assert len(first) == len(last) > 0
+
+
+def names(path: Path) -> None:
+    assert set(NAMES) < set(database_names(path))
+
+
+def plans(path: Path) -> None:
+    (plan,) = plan_links(path, [Path(NAMES[0])])
+    assert isinstance(plan, LinkStep) and plan.step is Step.KEEP
+
+
+def placed(path: Path) -> None:
+    assert len(place_views(path, path.parent.parent / "model").placed) == FRAMES
+
+
+def triangulated(path: Path) -> None:
+    assert triangulate_exposure(path, NAMES[0]).num_reg_images() == 2
+
+
+def dry_run(path: Path) -> None:
+    photograph = path.parent.parent / NAMES[0]
+    photograph.write_bytes(b"")
+    assert main(["to-colmap", str(photograph), "--db", str(path), "--link", "--dry-run"]) == 0
+
+
+READERS: list[Callable[[Path], object]] = [
+    camera_of, camera_option, matches, names, plans, placed, triangulated, dry_run, check_database,
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def linked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder that holds "db", a linked project's database with a write-ahead log, and "model"."""
+    folder = tmp_path_factory.mktemp("linked")
+    database, model = project(folder, list(range(FRAMES)))
+    (folder / "db").mkdir()
+    with closing(sqlite3.connect(database)) as opened:
+        pose = struct.pack("<4d", 1, 0, 0, 0), struct.pack("<3d", 1, 0, 0)
+        opened.execute("UPDATE two_view_geometries SET qvec = ?, tvec = ?", pose)
+        opened.execute("PRAGMA user_version = 4020100")
+        opened.commit()
+        assert opened.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",)
+    database.rename(folder / "db" / "walk.db")
+    return folder
+
+
+def contents(path: Path) -> Folder:
+    return {file.name: file.read_bytes() for file in path.parent.iterdir()}
+
+
+def copied(linked: Path, tmp_path: Path) -> Path:
+    shutil.copytree(linked / "model", tmp_path / "model")
+    shutil.copytree(linked / "db", tmp_path / "db")
+    return tmp_path / "db" / "walk.db"
+
+
+def rollback_journal(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("PRAGMA journal_mode = DELETE").fetchone() == ("delete",)
+
+
+def killed(path: Path, sql: str) -> None:
+    """Let another process write and die without a word."""
+    program = (
+        "import os, sqlite3, sys; database = sqlite3.connect(sys.argv[1], isolation_level=None);"
+        f"[database.execute(line) for line in {sql!r}.split(';')]; os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", program, path]).returncode == -9
+
+
+def killed_with_log(path: Path) -> None:
+    killed(path, "CREATE TABLE more (x); INSERT INTO more VALUES (7)")
+    assert path.with_name("walk.db-wal").stat().st_size > 0
+
+
+def log_alone(path: Path) -> None:
+    killed_with_log(path)
+    path.with_name("walk.db-shm").unlink()
+
+
+def killed_midway(path: Path) -> None:
+    rollback_journal(path)
+    killed(
+        path, "PRAGMA cache_size = 1; BEGIN; DELETE FROM keypoints; DELETE FROM images; CREATE TABLE more (x)"
+    )
+    assert path.with_name("walk.db-journal").stat().st_size > 0
+
+
+STATES: list[Callable[[Path], None]] = [
+    lambda path: None, rollback_journal, killed_with_log, log_alone, killed_midway
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("state", STATES, ids=["log", "journal", "killed", "log alone", "killed midway"])
+def test_every_reader_leaves_file_and_folder_as_they_were(
+    linked: Path, tmp_path: Path, state: Callable[[Path], None]
+) -> None:
+    path = copied(linked, tmp_path)
+    state(path)
+    before, time = contents(path), path.stat().st_mtime_ns
+    for reader in READERS:
+        reader(path)
+        assert contents(path) == before, reader.__name__
+    assert path.stat().st_mtime_ns == time
+
+
+def test_a_log_is_read_and_a_half_written_transaction_is_not(linked: Path, tmp_path: Path) -> None:
+    for state, tables in ((killed_with_log, 1), (log_alone, 1), (killed_midway, 0)):
+        path = copied(linked, tmp_path / state.__name__)
+        state(path)
+        with open_read_only(path) as database:
+            sql = "SELECT count(*) FROM sqlite_master WHERE name = 'more'"
+            assert database.execute(sql).fetchone() == (tables,)
+            assert database.execute("SELECT count(*) FROM keypoints").fetchone() == (3 * FRAMES,)
+
+
+def test_a_database_that_another_program_writes_to_is_read_as_it_was(linked: Path, tmp_path: Path) -> None:
+    path = copied(linked, tmp_path)
+    program = (
+        "import sqlite3, sys; database = sqlite3.connect(sys.argv[1], isolation_level=None);"
+        "database.execute('BEGIN IMMEDIATE'); database.execute('DELETE FROM images');"
+        "print('ready', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", program, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None and other.stdout.readline() == b"ready\n"
+        before = contents(path)
+        for reader in READERS:
+            reader(path)
+            assert contents(path) == before, reader.__name__
+        other.communicate(b"")
+
+
+def test_reading_does_not_write(linked: Path, tmp_path: Path) -> None:
+    path = copied(linked, tmp_path)
+    rollback_journal(path)
+    with pytest.raises(Blur2ViewError, match="readonly"), open_read_only(path) as database:
+        database.execute("DELETE FROM images")
+
+
+def locked(path: Path) -> sqlite3.Connection:
+    rollback_journal(path)
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN EXCLUSIVE")
+    return other
+
+
+def foreign(path: Path) -> None:
+    path.unlink()
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE images (title TEXT)")
+
+
+def newer(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA user_version = 9000000")
+
+
+def damaged(path: Path) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[:100] + np.random.default_rng(0).bytes(len(data) - 100))
+
+
+FAULTS: dict[Callable[[Path], object], str] = {
+    locked: "another program uses it; close that and try again",
+    foreign: "COLMAP",
+    newer: "newer COLMAP .*; update blur2view",
+    damaged: "cannot be used as a COLMAP database|is damaged",
+    Path.unlink: "no such database; check the path",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+@pytest.mark.parametrize("reader", READERS[:7], ids=lambda reader: reader.__name__)
+def test_what_is_wrong_is_one_clear_line(
+    linked: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Callable[[Path], object],
+    reader: Callable[[Path], object],
+) -> None:
+    monkeypatch.setattr("blur2view.camera.colmap_database.LOCK_TIMEOUT_S", 0.05)
+    path = copied(linked, tmp_path)
+    other = fault(path)
+    before = contents(path)
+    if fault is newer and reader in (camera_of, camera_option, matches, names):
+        reader(path)  # cameras, names and matches are read as long as the columns are there
+    else:
+        with pytest.raises(Blur2ViewError, match=FAULTS[fault]) as caught:
+            reader(path)
+        assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    if isinstance(other, sqlite3.Connection):
+        other.close()
+    assert contents(path) == before
