@@ -119,12 +119,13 @@ def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, repl
     ----------
     database : Connection
     image1, image2 : int
-        Ids, image1 < image2.
+        Ids; a row leads from the smaller one, so that of image1 > image2 holds the reversed geometry.
     pair : Pair
     replace : bool
         Whether a row there may be overwritten; otherwise it raises sqlite3.IntegrityError.
     """
-    key, geometry = pair_id(image1, image2), pair.geometry
+    geometry = pair.geometry if image1 < image2 else pair.geometry.reversed()
+    key = pair_id(min(image1, image2), max(image1, image2))
     if replace:
         for table in ("matches", "two_view_geometries"):
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))

@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera.colmap_database import longest_suffix
+from blur2view.camera.colmap_geometry import fundamental_to_colmap
 from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import image_names, open_project
 from blur2view.errors import DatabaseError
@@ -151,14 +152,22 @@ def test_new_features_ask_for_replace(tmp_path: Path) -> None:
     assert isinstance(plan, LinkStep) and plan.step is Step.REPLACE
 
 
-def test_a_view_that_was_deleted_is_made_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("end", ["open", "close"])
+def test_a_view_that_was_deleted_is_made_again(tmp_path: Path, end: str) -> None:
     path = tmp_path / "project.db"
     make_project(path)
     link(path, "a_001.jpg")
     before = user_rows(path)
-    _run(path, "DELETE FROM images WHERE name = 'a_001.jpg#close'")  # cascades to keypoints, not to pairs
+    _run(path, f"DELETE FROM images WHERE name = 'a_001.jpg#{end}'")  # cascades to keypoints, not to pairs
     link(path, "a_001.jpg", replace=True)
-    assert set(_names(path)) >= {"a_001.jpg#open", "a_001.jpg#close"}
+    ids = _names(path)
+    first, last = ids["a_001.jpg#open"], ids["a_001.jpg#close"]
+    assert (first < last) == (end == "close")  # the new one has the larger id
+    expected = job_of(only_plan(path, replace=True)).linked.views.geometry.F
+    with pycolmap.Database.open(path) as database:
+        F = database.read_two_view_geometry(first, last).F
+    assert F is not None and expected is not None
+    np.testing.assert_allclose(unit_norm(np.asarray(F, float)), fundamental_to_colmap(expected))
     assert {name: rows for name, rows in user_rows(path).items() if name in ("images", "keypoints")} == {
         name: before[name] for name in ("images", "keypoints")
     }
