@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.colmap.rows import (
-    CameraFacts,
+    CameraColumns,
     Pair,
     add_camera,
     add_image,
-    camera_facts,
+    camera_columns,
     put_keypoints,
     put_pair,
 )
@@ -28,8 +28,8 @@ from blur2view.exposure.views import ExposureViews
 def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. The time direction that is not known is marked so in the table
-    ``blur2view_views``.
+    Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
+    direction is known.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
     with new_database(path) as database:
-        cameras: dict[CameraFacts, int] = {}
+        cameras: dict[CameraColumns, int] = {}
         for views in photographs:
-            facts = camera_facts(views.camera, views.size)
-            if facts not in cameras:
-                cameras[facts] = add_camera(database, facts)
-            _add_views(database, views, cameras[facts])
+            columns = camera_columns(views.camera, views.size)
+            if columns not in cameras:
+                cameras[columns] = add_camera(database, columns)
+            _add_views(database, views, cameras[columns])
 
 
 def refuse_existing(path: Path) -> None:
@@ -110,20 +110,20 @@ def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: in
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:
-    """Give the indices of all points if their order means anything, else of none."""
+    """Return the indices of all points if their order is known up to time reversal, else of none."""
     known = views.geometry.F is not None or views.geometry.H is not None
     return np.arange(len(views.points_open) if known else 0)
 
 
 def inliers(views: ExposureViews) -> NDArray[np.int_]:
-    """Give the indices of the matches that fit the geometry."""
+    """Return the indices of the matches that fit the geometry."""
     return np.flatnonzero(views.geometry.inlier_mask) if len(matched(views)) else matched(views)
 
 
 def mark_views(
     database: sqlite3.Connection, views: ExposureViews, ids: Sequence[int], source: bytes | None = None
 ) -> None:
-    """Note in our own table that both images are ours, how sure their time is, what they were made from."""
+    """Write to ``blur2view_views`` whose views both images are, how sure their order is, their source."""
     for image_id, role in zip(ids, ("open", "close"), strict=True):
         time = int(views.time.known), views.time.confidence
         row = (image_id, views.name, role, views.geometry.config.name, *time, source)

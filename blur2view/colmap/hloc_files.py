@@ -1,7 +1,7 @@
 """hloc's files: ``features.h5``, ``matches.h5`` and ``pairs.txt``, as its extractors and matchers write them.
 
 hloc (Hierarchical-Localization 1.5) keeps a group of datasets per image name in one HDF5 file, and one per
-pair of names, "/" in them turned to "-", in another. Its pixels are ours, (0, 0) at the centre of the first
+pair of names, "/" in them replaced by "-", in another. Its pixels are ours, (0, 0) at the centre of the first
 one; it adds the half pixel itself when it fills a database. For that (``hloc.triangulation.import_features``
 and ``import_matches``) a database must hold the views' names: ``hloc.reconstruction.import_images`` makes one
 from the pictures of ``--format matches``.
@@ -25,18 +25,18 @@ UNMATCHED = -1
 
 
 def pair_name(name1: str, name2: str) -> str:
-    """Give the group that hloc looks for in a file of matches."""
+    """Return the name of the group in which hloc looks for the matches of two images."""
     return "/".join(name.replace("/", "-") for name in (name1, name2))
 
 
 def matches0(views: ExposureViews) -> NDArray[np.int32]:
-    """For every keypoint of the open view, (N,), its keypoint of the close view, or -1 for an outlier."""
+    """Return for every keypoint of the open view, (N,), its keypoint of the close view, -1 for an outlier."""
     index = np.arange(len(views.sigma_px), dtype=np.int32)
     return np.where(views.geometry.inlier_mask, index, np.int32(UNMATCHED))
 
 
 def certainty(views: ExposureViews) -> NDArray[np.float16]:
-    """Scores (N,) in (0, 1] that fall with sigma_px: 1 / (1 + sigma^2), half at one pixel."""
+    """Return scores (N,) in (0, 1] that fall with sigma_px: 1 / (1 + sigma^2), half at one pixel."""
     return (1 / (1 + views.sigma_px**2)).astype(np.float16)
 
 
@@ -72,7 +72,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
 
 def _h5py() -> Any:
-    """Import h5py, which only this needs.
+    """Return the module h5py, which only this needs.
 
     Raises
     ------

@@ -37,7 +37,7 @@ from blur2view.exposure.views import CLOSE, OPEN
 
 
 class Step(StrEnum):
-    """What is to be done with a photograph."""
+    """What linking does with a photograph."""
 
     ADD = "add"
     REPLACE = "replace"
@@ -63,7 +63,7 @@ class LinkJob:
 def plan_links(
     path: Path, photographs: Sequence[Path], *, replace: bool = False
 ) -> list[LinkStep | DatabaseError]:
-    """Look up photographs in a project and decide what to do with each; nothing is written.
+    """Return what linking will do with each photograph of a project; nothing is written.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def plan_links(
         The database.
     photographs : sequence of Path
     replace : bool
-        Whether views that we wrote earlier are to be written anew.
+        Whether views that an earlier call wrote are written anew.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def plan_links(
 def _plan_one(
     path: Path, database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool
 ) -> LinkStep | DatabaseError:
-    """Decide about one image of the project."""
+    """Return the plan for one image of the project, or why it has none."""
     try:
         image = read_image(path, database, name)
     except DatabaseError as error:
@@ -111,7 +111,9 @@ def _plan_one(
     ours = {number for number, _ in own.values()}
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in ours:
-            return DatabaseError(f"{path}: holds an image {view} that is not ours; rename or delete it")
+            return DatabaseError(
+                f"{path}: holds an image {view} that blur2view did not write; rename or delete it"
+            )
     if not own or replace:
         return LinkStep(step=Step.REPLACE if own else Step.ADD, image=image)
     if len(own) == 2 and all(source == digest(image) for _, source in own.values()):
@@ -120,7 +122,7 @@ def _plan_one(
 
 
 def digest(image: ProjectImage) -> bytes:
-    """Digest what the virtual views of an image are made from: its camera and its keypoints."""
+    """Return a digest of what the virtual views of an image are made from: its camera and its keypoints."""
     return hashlib.sha256(f"{image.camera_id} ".encode() + image.source).digest()
 
 
@@ -159,7 +161,7 @@ def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> 
 
 
 def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep) -> None:
-    """Refuse a plan that another program has overtaken."""
+    """Refuse a plan whose image another program has changed since."""
     names = image_names(database)
     name = plan.image.name
     now = _plan_one(path, database, names, name, plan.step is Step.REPLACE) if name in names else None
@@ -189,7 +191,9 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     }
     for (one, other), geometry in geometries.items():
         pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        known = {number for number, _ in own.values()}  # a pair of a new image can be no row of ours
+        known = {
+            number for number, _ in own.values()
+        }  # no row of a pair of a new image is from an earlier call
         put_pair(database, one, other, pair, replace={one, other} <= known | {image.image_id})
     mark_views(database, views, ids, digest(image))
 

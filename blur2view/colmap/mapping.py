@@ -5,9 +5,9 @@ the rays of a point meet at hundredths or tenths of a degree, where COLMAP asks 
 model and for 1.5 to keep a point; and without other images every track has two views, which COLMAP ignores.
 The options are pycolmap's own, to be changed at will.
 
-A mapper adjusts both poses to all smears alike: it knows neither their standard deviations, nor that
-neighbours err together, nor how a hand moves, all of which our estimate uses. `triangulate_exposure` keeps
-the estimate's poses and makes the points alone.
+A mapper weighs all smears the same in its bundle adjustment: it knows neither their standard deviations, nor
+that the errors of neighbours are correlated, nor how a hand moves, all of which our estimate uses.
+`triangulate_exposure` keeps the estimated poses and only triangulates the points.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 
 MIN_ANGLE_DEG = 0.02
-"""Least angle between the rays of a point: a hand that moves by 5 mm sees 3 m away at 0.1 degrees."""
+"""Least triangulation angle: a hand that moves by 5 mm sees a point 3 m away at 0.1 degrees."""
 
 
 def mapper_options(
@@ -35,7 +35,7 @@ def mapper_options(
     seed: int = 0,
     max_seconds: int = -1,
 ) -> Any:
-    """Options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
+    """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def mapper_options(
         than features do, cannot bend it.
     refine_intrinsics : bool, optional
         Whether bundle adjustment refines focal length and distortion. Default: in linked projects, as COLMAP
-        does. Two views of one exposure cannot tell a focal length from a depth: give it to ``to-colmap``.
+        does. Two views of one exposure do not determine the focal length: pass it to ``to-colmap``.
     seed : int
         Of the mapper's samples, so that a run with one thread repeats; -1 leaves it to the clock.
     max_seconds : int
@@ -107,7 +107,7 @@ def mapper_options(
 
 
 def _accept_exposures(options: Any) -> None:
-    """Let pycolmap.IncrementalPipelineOptions build models of single exposures, in place."""
+    """Change pycolmap.IncrementalPipelineOptions in place to build models of single exposures."""
     options.min_model_size = 2
     options.triangulation.ignore_two_view_tracks = False
     options.triangulation.min_angle = MIN_ANGLE_DEG
@@ -119,11 +119,11 @@ def _accept_exposures(options: Any) -> None:
 
 
 def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seconds: float = 600.0) -> Any:
-    """Options for ``pycolmap.global_mapping`` of a database with linked views.
+    """Return options for ``pycolmap.global_mapping`` of a database with linked views.
 
     The recipe: ``blur2view to-colmap --link --db DB IMG...``, then ``pycolmap.global_mapping(DB, IMAGES, OUT,
-    global_options())``. The mapper averages rotations over the two-view geometries of photographs and views
-    alike, so ours must be there.
+    global_options())``. The mapper averages rotations over all two-view geometries, of photographs and of
+    views, so those of the views must be there.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seco
 
 
 def triangulate_exposure(database: Path, name: str) -> Any:
-    """Build the model of one exposure with the poses of our estimate, as they are.
+    """Return the model of one exposure with the estimated poses, unchanged, and triangulated points.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def triangulate_exposure(database: Path, name: str) -> Any:
 
 
 def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
-    """Copy both views of a photograph and their pair to a database of their own; return the images' ids."""
+    """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
     with open_project(path) as database:
         first, last = (image_id_of(database, name + end) for end in (OPEN, CLOSE))
         if first is None or last is None:

@@ -2,7 +2,7 @@
 
 A mapper places each view by itself, from smears that err together: on a rendered video with the network's
 smears 22 of 28 views, the rotation during the exposure off by 88 %. Here the photographs' poses, which blur
-hardly harms, are the trajectory, and smears say what share of it an exposure is (`trajectory`).
+hardly harms, are the trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Placement:
         As it was, with both views of ``placed`` beside their photographs, and with observations of its
         points in them where these lie within `MAX_ERROR_PX`.
     fraction : float
-        Exposure over frame interval: what was given, or as the smears tell it, as wrong in length as they
-        are; NaN if unknown.
+        Exposure over frame interval: the given one, or as measured from the smears, with the same relative
+        bias as their length; NaN if unknown.
     placed, left : tuple of str
         Photographs whose views were placed; those registered, with views in the database, that were not.
     """
@@ -75,7 +75,7 @@ class _Linked:
 def place_views(
     database: Path, model: Path, names: Sequence[str] | None = None, fraction: float | None = None
 ) -> Placement:
-    """Place the virtual views of a linked project beside the photographs of a model.
+    """Return a model with the virtual views of a linked project placed beside its photographs.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def place_views(
         passed over, and what they part does not follow one another. Default: those whose names differ by
         one in their number follow one another.
     fraction : float, optional
-        Exposure time over frame interval, if it is known; default: what the smears tell.
+        Exposure time over frame interval, if it is known; default: measured from the smears.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def place_views(
 
 
 def _read_model(folder: Path) -> Any:
-    """Read a reconstruction."""
+    """Return the pycolmap.Reconstruction of a folder."""
     import pycolmap
 
     try:
@@ -174,18 +174,18 @@ def _read_one(opened: sqlite3.Connection, photograph: Any) -> _Linked | None:
 
 
 def _runs(linked: list[_Linked], names: Sequence[str] | None) -> list[list[int]]:
-    """Group photographs that follow one another; a name in between that is not linked ends a run."""
-    found = [one.name for one in linked]
+    """Return runs of photographs that follow one another; a name in between that is not linked ends one."""
+    linked_names = [one.name for one in linked]
     if names is None:
-        return consecutive_runs(found)
+        return consecutive_runs(linked_names)
     place = {name: str(number) for number, name in enumerate(names)}
-    return consecutive_runs([place[name] for name in found])
+    return consecutive_runs([place[name] for name in linked_names])
 
 
 def _frames(
     model: Any, linked: list[_Linked], names: Sequence[str] | None
 ) -> tuple[list[ExposedFrame], list[Array]]:
-    """Smears at points of the model, with the velocity in each run of photographs and its spread."""
+    """Return smears at points of the model with the velocities of each run, and their standard deviations."""
     frames = [_frame(model, one) for one in linked]
     spreads = [np.ones(6)] * len(frames)
     poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
@@ -198,7 +198,7 @@ def _frames(
 
 
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
-    """Smears of the features that have a point before the camera; no velocity yet."""
+    """Return the smears of the features whose 3D point lies in front of the camera; no velocity yet."""
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
     seen = np.array([i for i in one.matched if points[int(i)].has_point3D()], np.int64)
     pose = one.photograph.cam_from_world().matrix()
@@ -233,7 +233,7 @@ def _add_views(model: Any, one: _Linked, motion: Array) -> None:
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:
-    """Let a new view observe its photograph's points where they lie near enough."""
+    """Add observations in a new view of its photograph's 3D points that project within `MAX_ERROR_PX`."""
     import pycolmap
 
     image, points = model.images[image_id], one.photograph.points2D

@@ -59,7 +59,7 @@ def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connect
         If there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
     """
     with _write_transaction(path) if write else open_read_only(path) as database:
-        look_over(path, database)
+        check_schema(path, database)
         yield database
 
 
@@ -73,8 +73,8 @@ def _write_transaction(path: Path) -> Iterator[sqlite3.Connection]:
         database.execute("COMMIT")
 
 
-def look_over(path: Path, database: sqlite3.Connection) -> None:
-    """Refuse what is not a database that we know how to add to.
+def check_schema(path: Path, database: sqlite3.Connection) -> None:
+    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def look_over(path: Path, database: sqlite3.Connection) -> None:
     """
     version = database.execute("PRAGMA user_version").fetchone()[0]
     if version < 0:
-        raise DatabaseError(f"{path}: says version {version}, which no COLMAP writes; is it COLMAP's?")
+        raise DatabaseError(f"{path}: has version {version}, which no COLMAP writes; is it COLMAP's?")
     if version > NEWEST_KNOWN:
         raise DatabaseError(
             f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
@@ -95,7 +95,7 @@ def look_over(path: Path, database: sqlite3.Connection) -> None:
     for table, columns in (required | own).items():
         if kinds.get(table) != "table":
             raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
-        _look_over_columns(path, database, table, columns)
+        _check_columns(path, database, table, columns)
     if "trigger" in kinds.values():
         raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
     damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
@@ -103,9 +103,7 @@ def look_over(path: Path, database: sqlite3.Connection) -> None:
         raise DatabaseError(f"{path}: is damaged ({' '.join(damage[0].split())}); restore a backup")
 
 
-def _look_over_columns(
-    path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...]
-) -> None:
+def _check_columns(path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...]) -> None:
     """Refuse a table without our columns, or with others that must be filled."""
     rows = database.execute(f"PRAGMA table_info({table})").fetchall()
     have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
@@ -124,12 +122,12 @@ def image_names(database: sqlite3.Connection) -> dict[str, int]:
 
 
 def storable(name: str) -> bool:
-    """Whether SQLite can hold a name; a path of bytes that are no UTF-8 it cannot."""
+    """Return whether SQLite can hold a name; it cannot hold bytes that are no UTF-8."""
     return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectImage:
-    """Read one image of a project with its keypoints.
+    """Return one image of a project with its keypoints.
 
     Raises
     ------
@@ -165,13 +163,13 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
 
 
 def has_frames(database: sqlite3.Connection) -> bool:
-    """Whether images of this project have frames; then every image needs one."""
+    """Return whether images of this project have frames; then every image needs one."""
     table = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'frames'").fetchone()
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
 
 
 def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
-    """Id and source of the views of a photograph that we wrote and that are still there, by role."""
+    """Return id and source of the existing views of a photograph that blur2view wrote, by role."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
         return {}
     sql = (

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from sqlite3 import Connection
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,15 @@ from blur2view.colmap.schema import (
 from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 
-CameraFacts = tuple[str, int, int, tuple[float, ...], int]  # model, width, height, params, prior focal
+
+class CameraColumns(NamedTuple):
+    """A camera as the table ``cameras`` has it, but for its id."""
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+    prior_focal_length: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +50,7 @@ class Pair:
     matched, inliers : ndarray of int
         Indices of the keypoints that are matched, and of those that fit the geometry.
     geometry : TwoViewGeometry
-        From the first to the second image; its masks are not looked at.
+        From the first to the second image; its masks are not used.
     """
 
     matched: NDArray[np.int_]
@@ -49,8 +58,8 @@ class Pair:
     geometry: TwoViewGeometry
 
 
-def camera_facts(camera: Camera | None, size: tuple[int, int]) -> CameraFacts:
-    """Model, size, parameters and prior focal length of a photograph's camera.
+def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
+    """Return the row of a photograph's camera.
 
     Parameters
     ----------
@@ -62,18 +71,20 @@ def camera_facts(camera: Camera | None, size: tuple[int, int]) -> CameraFacts:
     """
     width, height = size
     if camera is None:
-        return "SIMPLE_RADIAL", width, height, (GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0), 0
+        guess = GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0
+        return CameraColumns("SIMPLE_RADIAL", width, height, guess, 0)
     if camera.params and camera.known:
-        return camera.model, width, height, camera.params, 1
+        return CameraColumns(camera.model, width, height, camera.params, 1)
     cx, cy = to_colmap(camera.K[:2, 2]).tolist()
     if not camera.known:
-        return "SIMPLE_RADIAL", width, height, (camera.focal_px, cx, cy, 0.0), 1
-    return "PINHOLE", width, height, (float(camera.K[0, 0]), float(camera.K[1, 1]), cx, cy), 1
+        return CameraColumns("SIMPLE_RADIAL", width, height, (camera.focal_px, cx, cy, 0.0), 1)
+    pinhole = float(camera.K[0, 0]), float(camera.K[1, 1]), cx, cy
+    return CameraColumns("PINHOLE", width, height, pinhole, 1)
 
 
-def add_camera(database: Connection, facts: CameraFacts) -> int:
+def add_camera(database: Connection, camera: CameraColumns) -> int:
     """Insert a camera with a rig of its own; return its id."""
-    model, width, height, params, prior = facts
+    model, width, height, params, prior = camera
     sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
     row = (model_number(model), width, height, params_blob(params), prior)
     camera_id = _inserted(database, sql, row)
@@ -82,7 +93,7 @@ def add_camera(database: Connection, facts: CameraFacts) -> int:
 
 
 def rig_of(database: Connection, camera_id: int) -> int:
-    """Id of the rig that a camera belongs to; one is made where there is none."""
+    """Return the id of the rig that a camera belongs to; one is inserted where there is none."""
     sensor = (camera_id, CAMERA_SENSOR)
     for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
         sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
@@ -105,7 +116,7 @@ def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bo
 
 
 def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
-    """Write our pixels (N, 2) as the keypoints of an image of ours, with ``replace`` for those it had."""
+    """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
     if replace:
         database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
     row = (image_id, len(points), 2, keypoints_blob(to_colmap(points)))
@@ -113,7 +124,7 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
 
 
 def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, replace: bool = False) -> None:
-    """Write both match tables' rows of a pair of which at least one image is ours.
+    """Write both match tables' rows of a pair of which at least one image is a view.
 
     Parameters
     ----------

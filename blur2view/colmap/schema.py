@@ -1,7 +1,7 @@
 """What a COLMAP database is made of: tables, versions, numbers and blobs, as SQLite sees them.
 
 The facts are those of pycolmap 4.2 (4.2.1, whose files say ``user_version`` 4020100), and
-tests/test_colmap_schema.py compares every one of them with a file that pycolmap writes. SQLite writes our
+tests/colmap/test_schema.py compares every one of them with a file that pycolmap writes. SQLite writes our
 rows and not pycolmap, because ``pycolmap.Database.open`` changes a file before anything is asked of it: it
 adds tables and columns, turns on write-ahead logging, and stamps its own version even on a newer file, none
 of it in a transaction with what comes after.
@@ -11,7 +11,7 @@ Facts that the rows rely on
 - Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32
   (N, 2); F, E, H float64, row-major; qvec is (w, x, y, z) of cam2_from_cam1.
 - A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match
-  tables are oriented from image 1 to image 2. ``rows`` 0 with no data says: looked at, nothing found.
+  tables are oriented from image 1 to image 2. ``rows`` 0 with no data says: matched, without a match.
 - If the table of frames has any row, every image needs a frame (the mapper throws otherwise); if it has
   none (databases from before rigs, COLMAP 3.11 and older), the mapper makes a frame of every image itself.
 - A camera is sensor type 0 and belongs to exactly one rig.
@@ -75,7 +75,7 @@ CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INT
   cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB,
   camera1 BLOB, camera2 BLOB);
 """
-# Which images are ours. COLMAP reads and writes its tables by name and leaves others alone.
+# Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
   photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
@@ -99,7 +99,7 @@ RIG_COLUMNS: dict[str, tuple[str, ...]] = {
 
 
 def model_number(name: str) -> int:
-    """COLMAP's number of a camera model."""
+    """Return COLMAP's number of a camera model."""
     if name in MODELS:
         return MODELS[name]
     import pycolmap  # imported already by whoever has such a camera
@@ -108,12 +108,12 @@ def model_number(name: str) -> int:
 
 
 def pair_id(image1: int, image2: int) -> int:
-    """Key of a pair of images in both match tables; image1 < image2.
+    """Return the key of a pair of images in both match tables; image1 < image2.
 
     Raises
     ------
     ValueError
-        If they are not in order: the row would have to be turned round.
+        If they are not in order: the row would have to be reversed.
     """
     if not 0 <= image1 < image2 < MAX_IMAGES:
         raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
@@ -121,18 +121,18 @@ def pair_id(image1: int, image2: int) -> int:
 
 
 def images_of_pair(pair: int) -> tuple[int, int]:
-    """Both image ids of a pair's key."""
+    """Return both image ids of a pair's key."""
     image2 = pair % MAX_IMAGES
     return (pair - image2) // MAX_IMAGES, image2
 
 
 def keypoints_blob(points: NDArray[np.floating]) -> bytes:
-    """Pack COLMAP's pixels (N, 2)."""
+    """Return COLMAP's pixels (N, 2) as bytes."""
     return np.ascontiguousarray(points, "<f4").tobytes()
 
 
 def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
-    """COLMAP's pixels (N, 2) of a row of keypoints.
+    """Return COLMAP's pixels (N, 2) of a row of keypoints.
 
     Raises
     ------
@@ -164,24 +164,24 @@ def matches_from_blob(rows: object, cols: object, data: object) -> NDArray[np.in
 
 
 def matches_blob(indices: NDArray[np.integer]) -> bytes | None:
-    """Pack index-aligned matches (i, i); no data of none, as COLMAP has it."""
+    """Return index-aligned matches (i, i) as bytes; None if there are none, as COLMAP has it."""
     if len(indices) == 0:
         return None
     return np.ascontiguousarray(np.stack([indices, indices], axis=1), "<u4").tobytes()
 
 
 def matrix_blob(matrix: NDArray[np.floating] | None) -> bytes | None:
-    """Pack a matrix or vector, None as None."""
+    """Return a matrix or vector as bytes, None as None."""
     return None if matrix is None else np.ascontiguousarray(matrix, "<f8").tobytes()
 
 
 def params_blob(params: tuple[float, ...]) -> bytes:
-    """Pack camera parameters."""
+    """Return camera parameters as bytes."""
     return struct.pack(f"<{len(params)}d", *params)
 
 
 def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(w, x, y, z) of a rotation matrix, w not negative."""
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix, w not negative."""
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = Rotation.from_matrix(rotation).as_quat()

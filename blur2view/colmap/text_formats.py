@@ -28,13 +28,13 @@ DESCRIPTOR = " 0" * 128
 
 
 def keypoints_text(points: Array) -> str:
-    """Give the text of keypoints (N, 2), our pixels: a line of counts, then x y scale orientation zeros."""
+    """Return the text of keypoints (N, 2), our pixels: a line of counts, then x y scale orientation zeros."""
     rows = (f"{x:.6f} {y:.6f} 1 0{DESCRIPTOR}\n" for x, y in to_colmap(points))
     return f"{len(points)} 128\n" + "".join(rows)
 
 
 def matches_text(views: ExposureViews) -> str:
-    """Give the block of one photograph: both names, a line for each inlier, a blank line."""
+    """Return the block of one photograph: both names, a line for each inlier, a blank line."""
     inliers = np.flatnonzero(views.geometry.inlier_mask)
     return " ".join(views.names) + "\n" + "".join(f"{index} {index}\n" for index in inliers) + "\n"
 
@@ -74,8 +74,8 @@ def write_matches_text(
             for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
                 _write(paths[1] / f"{name}.txt", keypoints_text(points))
                 _link(paths[2] / name, photograph)
-        _forget(paths[1:], {name for views in sequence for name in views.names})
-        _write(paths[0], "".join(map(matches_text, sequence)))  # last: it vouches for the others
+        _remove_earlier(paths[1:], {name for views in sequence for name in views.names})
+        _write(paths[0], "".join(map(matches_text, sequence)))  # last: all that it names is there
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
@@ -98,8 +98,8 @@ def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
             raise OutputError(f"{name}: is there twice; name each photograph once")
 
 
-def _forget(folders: Sequence[Path], names: set[str]) -> None:
-    """Remove the views of an earlier call; what is not called like a view is not ours."""
+def _remove_earlier(folders: Sequence[Path], names: set[str]) -> None:
+    """Remove the views of an earlier call; a file that is not named like a view stays."""
     for folder in folders:
         for path in folder.glob("**/*#*"):
             name = path.relative_to(folder).as_posix().removesuffix(".txt")
@@ -113,7 +113,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _link(path: Path, photograph: Path) -> None:
-    """Show a photograph under another name; copied where the file system has no links."""
+    """Link a photograph under another name, or copy it where the file system has no links."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
     try:
