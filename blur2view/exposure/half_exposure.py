@@ -1,7 +1,7 @@
 """The geometry from mid-exposure to shutter-close: half of the motion from open to close.
 
-A feature that was found in the photograph itself lies in the middle of its smear. The camera is taken to
-move evenly, as one screw: the pose of half the exposure, done twice, is the pose of the whole.
+A feature detected in the photograph itself lies in the middle of its smear. The camera is assumed to move at
+constant velocity, as one screw motion: the pose of half the exposure, applied twice, is that of the whole.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 
 
 def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
-    """Geometry from the middle of the exposure (1) to its close (2).
+    """Return the geometry from the middle of the exposure (1) to its close (2).
 
     That from the middle to the open end is the same of ``geometry.reversed()``.
 
@@ -45,9 +45,9 @@ def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[
 
 
 def half_pose(pose: RigidTransform) -> RigidTransform:
-    """Pose that done twice is this one, its translation of unit length again.
+    """Return the pose that applied twice is this one, its translation of unit length again.
 
-    With X -> R X + t done twice: R^2 is the whole rotation and (R + I) t the whole translation.
+    With X -> R X + t applied twice: R^2 is the whole rotation and (R + I) t the whole translation.
     """
     R = rotation_matrix(0.5 * pose.rotation_vector)
     t = np.asarray(np.linalg.solve(R + np.eye(3), pose.translation), np.float64)
@@ -55,7 +55,7 @@ def half_pose(pose: RigidTransform) -> RigidTransform:
 
 
 def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
-    """F of half the motion, to first order in the motion.
+    """Return F of half the motion, to first order in the motion.
 
     A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
     with d/2 in place of d that is S / 2 + [a]x. The nearest matrix of rank 2, in coordinates in which
@@ -82,7 +82,7 @@ def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
 
 
 def half_homography(H: Array) -> Array | None:
-    """H that done twice is this one, unit norm; None where there is no real one (not a small motion)."""
+    """Return the square root of H, unit norm; None where there is no real one (not a small motion)."""
     determinant = float(np.linalg.det(H))
     if abs(determinant) < 1e-300:
         return None

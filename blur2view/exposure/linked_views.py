@@ -1,4 +1,4 @@
-"""Both virtual images of a photograph whose features are given: each feature k moved by half of its smear.
+"""Both virtual images of a photograph with known features: each feature moved by half of its smear.
 
 So a track that holds the feature holds both ends of its smear, and the virtual views join a reconstruction
 through the photograph's own matches.
@@ -21,7 +21,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import error_across
 from blur2view.two_view.options import EstimatorOptions
 
-# Of the smear's length: then its direction is known. A limit in pixels as well (8) left 3 to 15 features of
+# Of the smear's length: its direction is known. A limit in pixels as well (8) left 3 to 15 features of
 # frames with smears of 16 to 20 px, where there are 900 about as exact for their length: with it 22 of 28
 # views of a rendered video were mapped, 91 % of the exposures the right way in time, without all and 100 %.
 MAX_SIGMA_SHARE = 0.5
@@ -45,9 +45,9 @@ class KeypointViews:
 
 
 def keypoint_views(
-    name: str, keypoints: Array, found: Estimate, options: EstimatorOptions | None = None
+    name: str, keypoints: Array, estimate: Estimate, options: EstimatorOptions | None = None
 ) -> KeypointViews:
-    """Move the features of a photograph to both ends of the exposure.
+    """Return the features of a photograph moved to both ends of the exposure.
 
     Parameters
     ----------
@@ -55,24 +55,24 @@ def keypoint_views(
         Of the photograph in the project.
     keypoints : ndarray of shape (N, 2)
         Pixels. What lies beyond the picture or is not finite stays where it is and is not usable.
-    found : Estimate
+    estimate : Estimate
     options : EstimatorOptions, optional
         Those of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
-    geometry, sampled = found.geometry, sample(found.field, keypoints)
-    size = (found.field.shape[1], found.field.shape[0])
+    geometry, sampled = estimate.geometry, sample(estimate.field, keypoints)
+    size = (estimate.field.shape[1], estimate.field.shape[0])
     ends = smear_ends(np.where(sampled.inside[:, None], keypoints, 0.0), sampled.displacement)
-    order = motion_order(geometry, found.matches.weighed_across(), found.camera, size)
-    swapped = order.swapped(ends, sampled.weighed_px(found.matches))
+    order = motion_order(geometry, estimate.matches.weighed_across(), estimate.camera, size)
+    swapped = order.swapped(ends, sampled.weighed_px(estimate.matches))
     index = np.arange(len(ends))
     first, last = ends[index, swapped.astype(int)], ends[index, 1 - swapped.astype(int)]
     known = geometry.F is not None or geometry.H is not None
     usable = sampled.certain & known
-    fits = usable & _fits(order, ends, sampled.weighed_px(found.matches), options)
+    fits = usable & _fits(order, ends, sampled.weighed_px(estimate.matches), options)
     moved = sampled.inside[:, None]
     views = replace(
-        views_of(name, found),
+        views_of(name, estimate),
         points_open=np.where(moved, first, np.nan_to_num(keypoints)),
         points_close=np.where(moved, last, np.nan_to_num(keypoints)),
         sigma_px=sampled.sigma_px,
@@ -91,7 +91,7 @@ class SampledSmears:
     sigma_rad: Array | None = None
 
     def weighed_px(self, matches: SmearMatches) -> Array:
-        """Give the standard deviations (N,) as the estimator weighed those of its matches, pixels."""
+        """Return the standard deviations (N,) as the estimator weights those of its matches, pixels."""
         if self.sigma_rad is None or matches.across_px is None:
             return self.sigma_px
         length = np.hypot(*self.displacement.T)
@@ -99,13 +99,13 @@ class SampledSmears:
 
     @property
     def certain(self) -> NDArray[np.bool_]:
-        """Where sigma allows to use the smear: small against its length, or small itself."""
+        """Return where sigma is small relative to the smear's length, or small itself, (N,) bool."""
         allowed = np.maximum(MAX_SIGMA_SHARE * np.hypot(*self.displacement.T), STILL_PX)
         return np.asarray(self.inside & (self.sigma_px <= allowed))
 
 
 def sample(field: SmearField, points: Array) -> SampledSmears:
-    """Read a field at the pixels nearest to points (N, 2); it is smooth over the four pixels of a cell."""
+    """Return a field at the pixels nearest to points (N, 2); it is smooth over the four pixels of a cell."""
     height, width = field.shape
     finite = np.asarray(np.isfinite(points).all(axis=1), bool)
     nearest = np.rint(np.where(finite[:, None], np.clip(points, -1e9, 1e9), -1.0)).astype(np.int64)
@@ -113,13 +113,12 @@ def sample(field: SmearField, points: Array) -> SampledSmears:
     cols, rows = np.where(inside[:, None], nearest, 0).T
     displacement = np.where(inside[:, None], field.displacement[rows, cols], 0.0).astype(np.float64)
     sigma = np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3)
-    told = field.sigma_rad
-    angle = None if told is None else told[rows, cols].astype(np.float64)
+    angle = None if field.sigma_rad is None else field.sigma_rad[rows, cols].astype(np.float64)
     return SampledSmears(displacement=displacement, sigma_px=sigma, inside=inside, sigma_rad=angle)
 
 
 def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOptions) -> NDArray[np.bool_]:
-    """Mark smears within the estimator's tolerance of F; without F all are taken to follow H."""
+    """Return which smears are within the estimator's tolerance of F; without F all are taken to follow H."""
     F = order.geometry.F
     if F is None:
         return np.ones(len(ends), bool)

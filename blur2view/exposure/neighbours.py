@@ -1,4 +1,4 @@
-"""Matched pixels of neighbouring photographs, found by OpenCV."""
+"""Matched pixels of neighbouring photographs, by OpenCV's SIFT."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from blur2view.camera.image import read_image
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 MAX_SIDE = 640  # pictures are matched at no more pixels: blurred ones show no more in more
 MAX_FEATURES = 4000  # with 1000 the rotation of 94 % of RedKitchen's frames came out right instead of 100 %
-FAINT = 0.01  # SIFT's contrast threshold: blurred pictures have little
+CONTRAST_THRESHOLD = 0.01  # SIFT's: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
-FEWEST = 12  # verified matches; fewer may be chance
+MIN_MATCHES = 12  # verified matches; fewer may be chance
 NO_POINTS = np.zeros((0, 2))
 
 
@@ -36,12 +36,12 @@ class PhotographMatcher:
         self._features = lru_cache(maxsize=8)(lambda index: detect(grey_photograph(paths[index])))
 
     def __call__(self, first: int, second: int) -> tuple[Array, Array]:
-        """Give matched pixels (M, 2) of two photographs by their indices, none where they show too little."""
+        """Return matched pixels (M, 2) of two photographs by their indices, none where there are too few."""
         return match_features(self._features(first), self._features(second))
 
 
 def grey_photograph(path: Path) -> NDArray[np.uint8]:
-    """Read a photograph as (H, W) uint8, as it is stored, in which COLMAP's pixels are.
+    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it.
 
     Raises
     ------
@@ -53,23 +53,23 @@ def grey_photograph(path: Path) -> NDArray[np.uint8]:
 
 
 def detect(grey: NDArray[np.uint8]) -> Features:
-    """Find SIFT features of a picture (H, W): pixels (N, 2) of the picture as given, and descriptors."""
+    """Return SIFT features of a picture (H, W): pixels (N, 2) of the picture as given, and descriptors."""
     scale = min(1.0, MAX_SIDE / max(grey.shape))
     if scale < 1:
         grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     # without the last option OpenCV's features lie a quarter of a pixel off
-    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=FAINT, enable_precise_upscale=True)
-    found, descriptors = sift.detectAndCompute(grey, None)
-    if not found:
+    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=CONTRAST_THRESHOLD, enable_precise_upscale=True)
+    keypoints, descriptors = sift.detectAndCompute(grey, None)
+    if not keypoints:
         return NO_POINTS, np.zeros((0, 128), np.float32)
-    points = (np.array([feature.pt for feature in found]) + 0.5) / scale - 0.5
+    points = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) / scale - 0.5
     return points, np.asarray(descriptors, np.float32)
 
 
 def match_features(one: Features, other: Features) -> tuple[Array, Array]:
-    """Match mutual nearest neighbours that pass the ratio test; keep what one epipolar geometry explains."""
+    """Return mutual nearest neighbours that pass the ratio test and follow one epipolar geometry."""
     (points1, descriptors1), (points2, descriptors2) = one, other
-    if min(len(points1), len(points2)) < FEWEST:
+    if min(len(points1), len(points2)) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
     similarity = unit(descriptors1) @ unit(descriptors2).T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
@@ -78,22 +78,22 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     similarity[rows, best] = -np.inf
     second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
     chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
-    if len(chosen) < FEWEST:
+    if len(chosen) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
     return verified(points1[chosen], points2[best[chosen]])
 
 
 def unit(descriptors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Scale descriptors (N, 128) to length 1, so that their products give their distances."""
+    """Return descriptors (N, 128) scaled to length 1, so that their products are cosines."""
     length = np.linalg.norm(descriptors, axis=1, keepdims=True)
     return np.asarray(descriptors / np.maximum(length, 1e-6), np.float32)
 
 
 def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
-    """Keep the matches (M, 2) within MAX_ERROR_PX of one epipolar geometry, at the size of matching."""
+    """Return the matches (M, 2) within MAX_ERROR_PX of one epipolar geometry, at the size of matching."""
     bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
     _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)
-    if inliers is None or inliers.sum() < FEWEST:
+    if inliers is None or inliers.sum() < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
     kept = inliers.ravel().astype(bool)
     return points1[kept], points2[kept]

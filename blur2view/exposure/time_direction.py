@@ -1,15 +1,15 @@
-"""Which end of an exposure came first: consecutive photographs vote on each one's flip of time.
+"""Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
-One photograph does not tell. Its neighbours in a video do: what moves right from the last frame to this one,
-and on to the next, moved right during this exposure too. Every match with a neighbour compares its
-displacement with the smear at its place; the displacements to both sides together are the velocity at mid
-exposure, so that the longer one counts for more.
+One photograph leaves it ambiguous. Its neighbours in a video decide it: what moves right from the last frame
+to this one, and on to the next, moved right during this exposure too. Every match with a neighbour compares
+its displacement with the smear at its place; the displacements to both sides together are the velocity at
+mid exposure, so that the longer one counts for more.
 
-The neighbours decide a second sign with it. With E the order of a smear is told by what turns, and by points
-lying before the camera, which needs the sign of the translation; where the noise has decided that sign, the
-rotation is reversed against the translation, and no flip of time is right. So all four combinations of both
-signs are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
-with the recorder's in 64 of 64 frames, with the flip of time alone in 45.
+The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
+cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
+reversed relative to the translation, and no time reversal is right. So all four combinations of both signs
+are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
+with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 """
 
 from __future__ import annotations
@@ -26,21 +26,25 @@ from scipy.special import ndtr
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.translation_sign import other_translation, share_before
+from blur2view.exposure.translation_sign import other_translation, share_in_front
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.pose import decompose_essential
 
 Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photographs -> points (M, 2) in both
-NEAR = 0.04  # of the longer side: a match is compared with the nearest used smear within it
-ENOUGH = 8  # matches; fewer have no vote
-# Smears err together, so a vote of hundreds of matches is worth few independent ones. With 30 nothing below a
-# mean cosine of 0.23 is called known; of 64 frames of RedKitchen, intrinsics unknown and the flip of time
-# alone decided, four were wrong, with mean cosines of 0.07 to 0.19.
-INDEPENDENT = 30
-KNOWN = 0.8  # confidence from which the direction is called known: right nine times in ten
-FARTHEST = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6); after more, motion may have changed
-TURN_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
-DEPTH_WEIGHT = 0.1  # of the share of points before the camera, which decides where orders are the same
+MAX_DISTANCE = 0.04  # of the longer side: a match is compared with the nearest used smear within it
+MIN_MATCHES = 8  # matches; fewer have no vote
+# Errors of smears are correlated, so hundreds of matches are worth few independent ones. With 30 nothing
+# below a mean cosine of 0.23 is called known; of 64 frames of RedKitchen, intrinsics unknown and the time
+# reversal alone decided, four were wrong, with mean cosines of 0.07 to 0.19.
+INDEPENDENT_SMEARS = 30
+MIN_CONFIDENCE = 0.8  # confidence from which the direction is called known: right nine times in ten
+MAX_EXPOSURES_APART = (
+    25.0  # exposures from frame to frame (RedKitchen: 1 to 6); after more, motion may have changed
+)
+ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
+CHEIRALITY_WEIGHT = (
+    0.1  # of the share of points in front of both cameras, which decides where orders are equal
+)
 MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 
 
@@ -54,18 +58,18 @@ class NeighbourMotion:
         Pixels of the photograph.
     velocity : ndarray of shape (M, 2)
         Of what is seen there, pixels per frame, forwards in time.
-    turn : ndarray of shape (3,) or None
+    rotation : ndarray of shape (3,) or None
         Rotation vector of the camera per frame, as in ``cam2_from_cam1``; None if its intrinsics or enough
         matches are not known.
     """
 
     points: Array
     velocity: Array
-    turn: Array | None = None
+    rotation: Array | None = None
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
-    """Turn matches with a neighbour into motion.
+    """Return the motion that matches with a neighbour show.
 
     Parameters
     ----------
@@ -84,20 +88,23 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
     here, there = np.asarray(here, float).reshape(-1, 2), np.asarray(there, float).reshape(-1, 2)
     if here.shape != there.shape or steps == 0:
         raise ValueError(f"expected points (M, 2) twice and steps, got {here.shape}, {there.shape}, {steps}")
-    turn = rotation_between(camera, here, there) if camera is not None and camera.known else None
-    velocity = (there - here) / steps
-    return NeighbourMotion(points=here, velocity=velocity, turn=None if turn is None else turn / steps)
+    rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
+    return NeighbourMotion(
+        points=here,
+        velocity=(there - here) / steps,
+        rotation=None if rotation is None else rotation / steps,
+    )
 
 
 def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
-    """Rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few.
+    """Return the rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few.
 
-    Of both rotations of E the smaller. The other is about half a turn away, which no two frames are; where
-    there is little parallax, points before both cameras do not tell them apart.
+    Of both rotations of E the smaller. The other is about 180 degrees away, which no two frames are; where
+    there is little parallax, cheirality does not decide between them.
     """
     rays1, rays2 = camera.rays(points1), camera.rays(points2)
     seen = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
-    if seen.sum() < ENOUGH:
+    if seen.sum() < MIN_MATCHES:
         return None
     rays1, rays2 = rays1[seen], rays2[seen]
     bound = MAX_ERROR_PX / camera.focal_px
@@ -108,7 +115,7 @@ def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | 
 
 
 def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """Mean cosine, in [-1, 1], between smears, open to close, and what neighbours show; 0 without any.
+    """Return the mean cosine, in [-1, 1], of smears, open to close, with neighbours' motion; 0 without any.
 
     Each neighbour counts by the median length of the motion that it shows.
     """
@@ -118,52 +125,53 @@ def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> fl
 
 
 def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
-    """Mean cosine with one neighbour's motion, and that motion's median length in pixels."""
+    """Return the mean cosine with one neighbour's motion, and that motion's median length in pixels."""
     smear, near = smears_at(views, motion.points)
     velocity = motion.velocity[near]
     length = np.linalg.norm(velocity, axis=1)
     moved = (length > 0) & (np.linalg.norm(smear, axis=1) > 0)
-    if moved.sum() < ENOUGH:
+    if moved.sum() < MIN_MATCHES:
         return 0.0, 0.0
     smear, velocity, length = smear[moved], velocity[moved], length[moved]
     smeared = np.linalg.norm(smear, axis=1)
-    if np.median(length / smeared) > FARTHEST:
+    if np.median(length / smeared) > MAX_EXPOSURES_APART:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)
     return float(cosine.mean()), float(np.median(length))
 
 
 def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Give the nearest inlier smears, open to close, (K, 2), and where (M,) of the points one is near."""
+    """Return the nearest inlier smears, open to close, (K, 2), and which (M,) of the points have one near."""
     inliers = views.geometry.inlier_mask
     if not inliers.any() or not len(points):
         return np.zeros((0, 2)), np.zeros(len(points), bool)
     start, close = views.points_open[inliers], views.points_close[inliers]
     distance, index = cKDTree((start + close) / 2).query(points)
-    near = distance < NEAR * max(views.size)
+    near = distance < MAX_DISTANCE * max(views.size)
     displacement: Array = (close - start)[index[near]]
     return displacement, near
 
 
-def turn_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """Cosine, in [-1, 1], between the pose's rotation and that about its time; 0 where one is not known."""
-    pose, turns = views.geometry.cam2_from_cam1, [m.turn for m in motions if m.turn is not None]
-    if pose is None or not turns:
+def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
+    """Return the cosine, in [-1, 1], of the pose's rotation with the neighbours'; 0 if one is unknown."""
+    pose = views.geometry.cam2_from_cam1
+    rotations = [motion.rotation for motion in motions if motion.rotation is not None]
+    if pose is None or not rotations:
         return 0.0
-    own, seen = pose.rotation_vector, np.sum(turns, axis=0)
+    own, seen = pose.rotation_vector, np.sum(rotations, axis=0)
     lengths = float(np.linalg.norm(own) * np.linalg.norm(seen))
     return float(own @ seen) / lengths if lengths > 0 else 0.0
 
 
 def confidence_of(agreement: float) -> float:
-    """Probability that the direction is right less that it is wrong, of `INDEPENDENT` smears' mean cosine."""
-    return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT)) - 1)
+    """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
+    return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
 
 
 def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> ExposureViews:
-    """Choose the candidate that neighbours agree with most, and say how surely.
+    """Return the candidate that agrees best with the neighbours, with its confidence.
 
-    Below a confidence of `KNOWN` it is still the likelier direction, but is not called known. Without
+    Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
     neighbours the views are returned as they are.
     """
     if agreement_of(views, motions) == 0:
@@ -172,14 +180,14 @@ def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> Exposu
     candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
     best = max(candidates, key=lambda candidate: _score(candidate, motions))
     confidence = confidence_of(max(agreement_of(best, motions), 0.0))
-    known = confidence >= KNOWN
+    known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 
 
 def _score(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """How well a candidate agrees with what neighbours show, and with itself."""
-    turn, depth = turn_agreement(views, motions), share_before(views)
-    return agreement_of(views, motions) + TURN_WEIGHT * turn + DEPTH_WEIGHT * depth
+    """Return how well a candidate agrees with the neighbours, and with cheirality."""
+    rotation, in_front = rotation_agreement(views, motions), share_in_front(views)
+    return agreement_of(views, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
 
 def with_time_direction(
@@ -188,7 +196,7 @@ def with_time_direction(
     matched: Matched,
     reach: int = 1,
 ) -> list[ExposureViews]:
-    """Decide the flip of time of every photograph that has neighbours in time.
+    """Return photographs' views with the time direction decided where they have neighbours in time.
 
     Parameters
     ----------
@@ -197,9 +205,9 @@ def with_time_direction(
     runs : sequence of sequences of int
         Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run
         keeps its arbitrary direction. Indices beyond the sequence are photographs without views, sharp ones
-        perhaps, that have a vote and no question.
+        perhaps, that vote and are not voted on.
     matched : callable
-        Gives matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
+        Returns matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
     reach : int
         How many frames before and after vote.
 
@@ -215,7 +223,7 @@ def with_time_direction(
     """
     if reach < 1:
         raise ValueError(f"reach must be positive, got {reach}")
-    found = list(sequence)
+    decided = list(sequence)
     for run in runs:
         motions: dict[int, list[NeighbourMotion]] = {index: [] for index in run if index < len(sequence)}
         for first, second in pairs_within(len(run), reach):
@@ -230,8 +238,8 @@ def with_time_direction(
                 if index in motions:
                     motions[index].append(neighbour_motion(here, there, steps, sequence[index].camera))
         for index, seen in motions.items():
-            found[index] = directed(sequence[index], seen)
-    return found
+            decided[index] = directed(sequence[index], seen)
+    return decided
 
 
 def pairs_within(count: int, reach: int) -> Iterator[tuple[int, int]]:
@@ -241,7 +249,7 @@ def pairs_within(count: int, reach: int) -> Iterator[tuple[int, int]]:
 
 
 def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[int]]:
-    """Group photographs that follow one another in time.
+    """Return the runs of photographs that follow one another in time.
 
     Parameters
     ----------
@@ -270,9 +278,9 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
 
 def _number(name: str) -> tuple[str, int]:
-    """Split a name into what surrounds its last number, and that number; without one it is its own kind."""
-    found = re.fullmatch(r"(.*?)(\d+)(\D*)", name, re.DOTALL)
-    if found is None:
+    """Return what surrounds the last number of a name, and that number; the name and 0 without one."""
+    parts = re.fullmatch(r"(.*?)(\d+)(\D*)", name, re.DOTALL)
+    if parts is None:
         return name, 0
-    before, digits, after = found.groups()
+    before, digits, after = parts.groups()
     return f"{before}\0{after}", int(digits)

@@ -2,9 +2,10 @@
 
 Where a reconstruction holds the photographs of a video, two things are known beside the smears: how far away
 every feature is, which makes its smear linear in the camera's rotation and translation; and how the camera
-moves from frame to frame, of which the exposure shows a fraction, the same in every frame. So the smears
-tell that fraction, and where this frame's motion departs from it. Both are weighed: smears err together, by
-much of their length; a trajectory errs by its curvature and by the noise of its poses, which it shows itself.
+moves from frame to frame, of which the exposure is a fraction, the same in every frame. So the smears measure
+that fraction, and where this frame's motion departs from it. Both are weighted: errors of smears are
+correlated and large relative to their length; a trajectory's errors are its curvature and the noise of its
+poses, both measured from itself.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from scipy.interpolate import make_smoothing_spline
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.rotation import rotation_vector, turn_flow
 
-INDEPENDENT = 30  # smears at most: a network's errors are alike over much of a picture
-FEWEST = 8  # smears; fewer say nothing of a frame
-STEPS = 5  # of reweighting
-SPLINED = 5  # velocities; fewer are left as they are, which a smoothing spline needs
-ROUGHNESS = 2 / 3  # a difference from the mean of two neighbours has 3/2 of one's variance, if all err alike
+INDEPENDENT_SMEARS = 30  # smears at most: a network's errors are correlated over much of a picture
+MIN_SMEARS = 8  # smears; with fewer a frame's motion is not estimated
+ITERATIONS = 5  # of reweighting
+MIN_SPLINE = 5  # velocities; fewer are left as they are, which a smoothing spline needs
+ROUGHNESS = 2 / 3  # a difference from the mean of two neighbours has 3/2 of one's variance, if all are equal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,33 +65,33 @@ class ExposedFrame:
 
     @property
     def rows(self) -> Array:
-        """Give what rotation and translation move the features by, (N, 2, 6), to first order."""
-        turn = turn_flow(self.rays).transpose(2, 0, 1)
+        """Return the Jacobian (N, 2, 6) of the features by rotation vector and translation."""
+        rotation = turn_flow(self.rays).transpose(2, 0, 1)
         x, y = self.rays.T
         one, none = np.ones_like(x), np.zeros_like(x)
-        move = np.array([[one, none, -x], [none, one, -y]]).transpose(2, 0, 1)
-        return np.concatenate([turn, move * self.inverse_depth[:, None, None]], axis=2)
+        translation = np.array([[one, none, -x], [none, one, -y]]).transpose(2, 0, 1)
+        return np.concatenate([rotation, translation * self.inverse_depth[:, None, None]], axis=2)
 
     @property
     def fraction(self) -> float:
-        """Smears over the motion per frame, a median; negative if time runs backwards; NaN if unknown."""
-        if self.velocity is None or len(self.rays) < FEWEST:
+        """Return smears over the motion per frame, a median; negative if time is reversed; NaN if unknown."""
+        if self.velocity is None or len(self.rays) < MIN_SMEARS:
             return float("nan")
         flow = self.rows @ self.velocity
         return float(np.median((flow * self.displacement).sum(axis=1) / ((flow**2).sum(axis=1) + TINY)))
 
 
 def common_fraction(frames: Sequence[ExposedFrame]) -> float:
-    """Exposure over frame interval, as the smears of all frames tell: a median; NaN if none does."""
+    """Return exposure over frame interval, the median over all frames; NaN if no frame has it."""
     known = [abs(frame.fraction) for frame in frames if np.isfinite(frame.fraction)]
     return float(np.median(known)) if known else float("nan")
 
 
 def roughness(velocities: Array) -> Array:
-    """Give standard deviations (6,) of velocities (N, 6) of consecutive frames, one for turns, one for moves.
+    """Return standard deviations (6,) of consecutive velocities (N, 6): one of rotation, one of translation.
 
-    From how far each is from the mean of its neighbours; those of fewer than three frames are taken for as
-    rough as they are large.
+    From how far each is from the mean of its neighbours; for fewer than three frames,
+    the size of the velocities.
     """
     if len(velocities) < 3:
         return np.repeat(_size(velocities), 3)
@@ -99,13 +100,13 @@ def roughness(velocities: Array) -> Array:
 
 
 def _size(vectors: Array) -> Array:
-    """Root mean square (2,) of a coordinate of turns and of moves (N, 6), robust."""
+    """Return the robust root mean square (2,) of a coordinate of rotations and of translations (N, 6)."""
     squared = (vectors.reshape(-1, 2, 3) ** 2).mean(axis=2)
     return np.asarray(np.sqrt(np.median(squared, axis=0)), float)
 
 
 def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Array | None:
-    """Weigh smears against trajectory: the motion (6,) during the exposure, rotation vector and translation.
+    """Return the motion (6,) during the exposure by smears and trajectory, rotation vector and translation.
 
     Parameters
     ----------
@@ -118,50 +119,50 @@ def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Arra
     Returns
     -------
     ndarray of shape (6,) or None
-        None if neither says anything.
+        None if there are neither enough smears nor a velocity.
     """
     expected, precision = np.zeros(6), np.full(6, TINY)
     if frame.velocity is not None and np.isfinite(fraction):
-        backwards = frame.fraction < 0  # its ends are named the other way round; NaN is not
+        backwards = frame.fraction < 0  # open and close are exchanged; False for NaN
         expected = (-fraction if backwards else fraction) * frame.velocity
         precision = 1 / np.maximum(fraction * spread, 1e-3 * np.abs(expected).max() + TINY) ** 2
-    if len(frame.rays) < FEWEST:
+    if len(frame.rays) < MIN_SMEARS:
         return expected if frame.velocity is not None and np.isfinite(fraction) else None
-    rows, found = frame.rows, expected
+    rows, motion = frame.rows, expected
     length = np.linalg.norm(frame.displacement, axis=1) + TINY
-    share = min(1.0, INDEPENDENT / len(length))
-    for _ in range(STEPS):
-        missed = np.linalg.norm(frame.displacement - rows @ found, axis=1)
+    share = min(1.0, INDEPENDENT_SMEARS / len(length))
+    for _ in range(ITERATIONS):
+        missed = np.linalg.norm(frame.displacement - rows @ motion, axis=1)
         relative = missed / length
         scale = max(float(np.median(relative)), 1e-6)
         weight = share / (scale * length) ** 2 / (1 + (relative / scale) ** 2)
         normal = np.einsum("n,nij,nik->jk", weight, rows, rows, optimize=True) + np.diag(precision)
         right = np.einsum("n,nij,ni->j", weight, rows, frame.displacement, optimize=True)
-        found = np.asarray(np.linalg.solve(normal, right + precision * expected), float)
-    return found
+        motion = np.asarray(np.linalg.solve(normal, right + precision * expected), float)
+    return motion
 
 
 def smooth_velocities(poses: Array) -> Array:
-    """Motion per frame (N, 6) about each of N consecutive poses, by smoothing splines through `velocities`.
+    """Return the motion per frame (N, 6) about each of N consecutive poses, by splines through `velocities`.
 
-    How smooth generalised cross-validation decides. On RedKitchen the error of the rotations fell from 25 to
+    Generalised cross-validation decides how smooth. On RedKitchen the error of the rotations fell from 25 to
     21 %; on a rendered video of fewer, surer frames it left them as they were (13 %).
     """
-    found = velocities(poses)
-    known = np.isfinite(found).all(axis=1)
-    if known.sum() < SPLINED:
-        return found
-    time = np.arange(len(found), dtype=np.float64)
-    for column in range(found.shape[1]):
-        spline = make_smoothing_spline(time[known], found[known, column])
-        found[known, column] = spline(time[known])
-    return found
+    smoothed = velocities(poses)
+    known = np.isfinite(smoothed).all(axis=1)
+    if known.sum() < MIN_SPLINE:
+        return smoothed
+    time = np.arange(len(smoothed), dtype=np.float64)
+    for column in range(smoothed.shape[1]):
+        spline = make_smoothing_spline(time[known], smoothed[known, column])
+        smoothed[known, column] = spline(time[known])
+    return smoothed
 
 
 def velocities(poses: Array) -> Array:
-    """Motion per frame (N, 6) about each of N consecutive poses cam_from_world (N, 3, 4); NaN stays NaN.
+    """Return the motion per frame (N, 6) about each of N poses cam_from_world (N, 3, 4); NaN stays NaN.
 
-    Half of that from the frame before to the one after, as one screw; at both ends from one neighbour.
+    Half of that from the frame before to the one after, as one screw motion; at both ends from one neighbour.
 
     Raises
     ------
@@ -171,15 +172,16 @@ def velocities(poses: Array) -> Array:
     last = len(poses) - 1
     if last < 1 or poses.shape[1:] != (3, 4):
         raise ValueError(f"expected two or more poses (N, 3, 4), got {poses.shape}")
-    found: NDArray[np.float64] = np.full((len(poses), 6), np.nan)
+    motions: NDArray[np.float64] = np.full((len(poses), 6), np.nan)
     for k in range(len(poses)):
         before, after = poses[max(k - 1, 0)], poses[min(k + 1, last)]
         if not np.isfinite([before, after]).all():
             continue
         R = after[:, :3] @ before[:, :3].T
         steps = min(k + 1, last) - max(k - 1, 0)
-        # the move in the frame half-way between, where the smears are seen
-        turn = rotation_vector(R)
-        move = after[:, 3] - R @ before[:, 3]
-        found[k] = np.concatenate([turn, move - 0.5 * np.cross(turn, move)]) / steps
-    return found
+        rotation = rotation_vector(R)
+        translation = after[:, 3] - R @ before[:, 3]
+        # in the frame half-way between, in which the smears are observed
+        halfway = translation - 0.5 * np.cross(rotation, translation)
+        motions[k] = np.concatenate([rotation, halfway]) / steps
+    return motions

@@ -1,4 +1,4 @@
-"""The sign of the translation, which F and E leave open: the same photograph's views with either sign."""
+"""The sign of the translation, which F and E leave ambiguous: a photograph's views with either sign."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.smears.matches import SmearMatches
 
 
-def share_before(views: ExposureViews) -> float:
-    """Share of the inliers that lie before both ends of the pose; 0 without a pose."""
+def share_in_front(views: ExposureViews) -> float:
+    """Return the share of the inliers in front of both cameras of the pose (cheirality); 0 without a pose."""
     geometry, camera = views.geometry, views.camera
     if geometry.cam2_from_cam1 is None or camera is None or not geometry.inlier_mask.any():
         return 0.0
@@ -22,7 +22,7 @@ def share_before(views: ExposureViews) -> float:
 
 
 def other_translation(views: ExposureViews) -> ExposureViews | None:
-    """Give the views with the translation reversed and the rotation kept: smears are ordered anew.
+    """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
 
     None without F. Both have the same F and E, which fix the translation but for its sign.
     """

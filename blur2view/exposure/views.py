@@ -18,12 +18,12 @@ OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
 
 @dataclass(frozen=True, kw_only=True)
 class TimeDirection:
-    """Whether open and close mean what they say.
+    """Which of both views came first, as far as it is known.
 
     Parameters
     ----------
     known : bool
-        False: one of both flips of time was taken, no one knows whether the right one.
+        False: open and close may be exchanged; one order was chosen arbitrarily.
     confidence : float
         In [0, 1]; 0 where the direction is not known.
 
@@ -60,7 +60,7 @@ class ExposureViews:
     geometry : TwoViewGeometry
         From open (1) to close (2): ``points_close^T F points_open = 0``.
     camera : Camera or None
-        Intrinsics that were given or hinted at; None leaves them to COLMAP's guess.
+        Known intrinsics, or approximate ones from EXIF; None leaves them to COLMAP's default.
     time : TimeDirection
         Unknown, and so arbitrary, by default.
 
@@ -91,22 +91,22 @@ class ExposureViews:
 
     @property
     def names(self) -> tuple[str, str]:
-        """Names of both images: the photograph's with "#open" and "#close" appended.
+        """Return the names of both images: the photograph's with "#open" and "#close" appended.
 
         No file has these names, as no pixels exist that show these views. They sort beside their photograph
-        and give its name by cutting at the last "#". COLMAP's text formats take a "#" for a comment only
+        and yield its name when cut at the last "#". COLMAP's text formats take a "#" for a comment only
         where a line begins with it, and an image's name begins with the photograph's. A photograph that
-        itself ends in "#open" would collide; writers refuse an image of such a name that is not ours.
+        itself ends in "#open" would collide; writers refuse an image of such a name that they did not write.
         """
         return self.name + OPEN, self.name + CLOSE
 
     def corrected(self) -> ExposureViews:
-        """Move both ends of the inliers onto each other's epipolar lines, each by as little as possible.
+        """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
 
-        Then every bundle adjustment rests at our pose, without any error: unweighed, it would drift from it
-        along what smears that err together tell badly. What COLMAP says of its precision is then empty; ours
-        is in the geometry's covariance. Views without F stay as they are. Of a distorted camera to first
-        order.
+        Then the estimated pose is a minimum of every bundle adjustment, of zero residual; unweighted, that
+        would drift along the directions that correlated errors leave poorly determined. COLMAP's own
+        covariance is then meaningless; use that of the geometry. Views without F stay as they are. To first
+        order if the camera is distorted.
 
         References
         ----------
@@ -118,13 +118,13 @@ class ExposureViews:
         given = np.stack([self.points_open[kept], self.points_close[kept]])
         pixels = given if self.camera is None else self.camera.undistorted(given)
         moved = np.stack(cv2.correctMatches(F, pixels[:1], pixels[1:]))[:, 0] - pixels
-        told = np.isfinite(moved).all(axis=(0, 2), keepdims=True)
+        finite = np.isfinite(moved).all(axis=(0, 2), keepdims=True)
         ends = np.stack([self.points_open, self.points_close])
-        ends[:, kept] = given + np.where(told, moved, 0.0)
+        ends[:, kept] = given + np.where(finite, moved, 0.0)
         return replace(self, points_open=ends[0], points_close=ends[1])
 
     def reversed(self) -> ExposureViews:
-        """Give the other flip of time: ends exchanged, F and E transposed, the pose inverted."""
+        """Return the views under time reversal: ends exchanged, F and E transposed, the pose inverted."""
         return replace(
             self,
             points_open=self.points_close,
@@ -133,21 +133,21 @@ class ExposureViews:
         )
 
 
-def views_of(name: str, found: Estimate) -> ExposureViews:
-    """Turn an estimate into both virtual images, in the flip of time that the estimator happened to choose.
+def views_of(name: str, estimate: Estimate) -> ExposureViews:
+    """Return both virtual images of an estimate, in the time direction that the estimator happened to choose.
 
     Parameters
     ----------
     name : str
         Of the photograph, as the database is to name it.
-    found : Estimate
-        Also one without F: then the order of the ends means nothing, and the geometry says so. With F every
-        smear's order is decided by F and by depth (`end_order`), and ``geometry.swapped`` is that order.
+    estimate : Estimate
+        Also one without F: then the order of the ends is arbitrary. With F every smear's order is decided by
+        F and by cheirality (`end_order`), and ``geometry.swapped`` is that order.
     """
-    ends = found.matches.ends
-    height, width = found.field.shape
-    weighed = found.matches.weighed_across()
-    order = motion_order(found.geometry, weighed, found.camera, (width, height))
+    ends = estimate.matches.ends
+    height, width = estimate.field.shape
+    weighed = estimate.matches.weighed_across()
+    order = motion_order(estimate.geometry, weighed, estimate.camera, (width, height))
     swapped = order.swapped(ends, weighed.sigma_px)
     index = np.arange(len(ends))
     return ExposureViews(
@@ -155,7 +155,7 @@ def views_of(name: str, found: Estimate) -> ExposureViews:
         size=(width, height),
         points_open=ends[index, swapped.astype(int)],
         points_close=ends[index, 1 - swapped.astype(int)],
-        sigma_px=found.matches.sigma_px,
-        geometry=replace(found.geometry, swapped=swapped),
-        camera=found.camera,
+        sigma_px=estimate.matches.sigma_px,
+        geometry=replace(estimate.geometry, swapped=swapped),
+        camera=estimate.camera,
     )

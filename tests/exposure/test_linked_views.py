@@ -59,7 +59,7 @@ def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray,
     d = views.points_close - views.points_open
     agree = (d * displacement[rows, cols]).sum(axis=1) > 0
     np.testing.assert_allclose(np.abs(d), np.abs(displacement[rows, cols]), atol=1e-4)
-    assert max(agree.mean(), 1 - agree.mean()) > 0.97  # one flip of time for all, chosen by F and depth
+    assert max(agree.mean(), 1 - agree.mean()) > 0.97  # one time direction for all, by F and cheirality
     assert linked.usable.mean() > 0.9
     assert views.names == ("a.jpg#open", "a.jpg#close") and views.size == SIZE
     F = views.geometry.F

@@ -1,4 +1,4 @@
-"""The flip of time: exact videos of smears, what is known of them and what must stay open."""
+"""The time direction: exact videos of smears, what is known of them and what must stay open."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from blur2view.exposure.time_direction import (
     directed,
     neighbour_motion,
     pairs_within,
+    rotation_agreement,
     rotation_between,
     smears_at,
-    turn_agreement,
     with_time_direction,
 )
-from blur2view.exposure.translation_sign import other_translation, share_before
+from blur2view.exposure.translation_sign import other_translation, share_in_front
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
@@ -68,7 +68,7 @@ def clip(rng: np.random.Generator, count: int = 300, turn: float = 0.008) -> Cli
 
 
 def views(scene: Clip, sign: int = 1) -> ExposureViews:
-    """Exact views of the middle frame; sign -1: in the wrong flip of time."""
+    """Exact views of the middle frame; sign -1: in the wrong time direction."""
     first, last = scene.seen(-0.5), scene.seen(0.5)
     opened, closed = scene.pose(-0.5), scene.pose(0.5)
     R = closed.rotation @ opened.rotation.T
@@ -143,7 +143,7 @@ def test_wrong_smears_and_wrong_matches_leave_most_directions_right() -> None:
 
 
 def test_rotation_that_neighbours_show_decides_the_translations_sign() -> None:
-    """Smears ordered for the other translation give no flip of time right; both signs together do."""
+    """Smears ordered for the other translation give no time direction right; both signs together do."""
     for seed in range(10):
         scene = clip(np.random.default_rng([seed, 2]))
         wrong = other_translation(views(scene))
@@ -176,10 +176,10 @@ def test_other_translation_twice_is_where_it_began() -> None:
 def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
     given = views(clip(np.random.default_rng(3)))
     pose = given.geometry.cam2_from_cam1
-    assert pose is not None and share_before(given) == 1
+    assert pose is not None and share_in_front(given) == 1
     behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
-    assert share_before(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
-    assert share_before(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
+    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
+    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
 
 
 def test_photographs_too_far_apart_have_no_vote() -> None:
@@ -246,7 +246,7 @@ def test_rotation_between_frames_is_the_cameras() -> None:
     found = rotation_between(CAMERA, scene.seen(0.0), scene.seen(2.0))
     assert found is not None
     np.testing.assert_allclose(found, rotation_vector(scene.pose(2.0).rotation), atol=1e-5)
-    backwards = neighbour_motion(scene.seen(0.0), scene.seen(-2.0), -1, CAMERA).turn
+    backwards = neighbour_motion(scene.seen(0.0), scene.seen(-2.0), -1, CAMERA).rotation
     assert backwards is not None
     np.testing.assert_allclose(backwards, found, atol=2e-4)  # per frame, forwards in time
     assert rotation_between(CAMERA, scene.pixels[:5], scene.pixels[:5]) is None
@@ -266,9 +266,9 @@ def test_rotation_between_frames_without_parallax_is_not_half_a_turn() -> None:
 def test_turn_agreement_is_the_cosine_of_rotations() -> None:
     scene = clip(np.random.default_rng(9))
     given, seen = views(scene), motions(scene)
-    assert turn_agreement(given, seen) == pytest.approx(1, abs=1e-3)
-    assert turn_agreement(given.reversed(), seen) == pytest.approx(-1, abs=1e-3)
-    assert turn_agreement(given, motions(scene, None)) == 0
+    assert rotation_agreement(given, seen) == pytest.approx(1, abs=1e-3)
+    assert rotation_agreement(given.reversed(), seen) == pytest.approx(-1, abs=1e-3)
+    assert rotation_agreement(given, motions(scene, None)) == 0
 
 
 def test_confidence_grows_with_agreement_and_ignores_its_sign() -> None:
