@@ -111,7 +111,7 @@ def _add_pair(
 
 
 def user_rows(path: Path) -> Rows:
-    """Read every row that is not ours of every table, but for SQLite's own counters of ids."""
+    """Return the rows of all tables that blur2view did not write, but for SQLite's own counters of ids."""
     with closing(sqlite3.connect(path)) as database:
         database.text_factory = bytes
         sql = "SELECT CAST(name AS BLOB) FROM sqlite_master WHERE type = 'table'"
@@ -134,12 +134,12 @@ def user_rows(path: Path) -> Rows:
 
 
 def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
-    """Read all rows; columns get names of ours, as those of a damaged schema may be no text."""
+    """Return all rows; columns are renamed, as names in a damaged schema may be no text."""
     count = database.execute("SELECT count(*) FROM pragma_table_info(?)", (table,)).fetchone()[0]
     columns = ", ".join(f"c{index}" for index in range(count))
     return database.execute(f'WITH t({columns}) AS (SELECT * FROM "{table}") SELECT * FROM t').fetchall()
 
 
 def _touches(pair: object, ours: set[int]) -> bool:
-    """Whether one image of a pair is ours."""
+    """Return whether one image of a pair is a view."""
     return isinstance(pair, int) and bool({pair % MAX_IMAGES, pair // MAX_IMAGES} & ours)

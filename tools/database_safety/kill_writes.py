@@ -38,7 +38,7 @@ KINDS = ("link", "link wal", "link wal backup", "replace", "replace wal", "fresh
 
 
 def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureViews:
-    """Draw views of random points with a geometry that has all of its parts."""
+    """Return views of random points with a geometry that has all of its parts."""
     first = rng.uniform(0, 60, (count, 2))
     geometry = TwoViewGeometry(
         F=rng.normal(size=(3, 3)),
@@ -61,7 +61,7 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
 
 
 def link_jobs(path: Path, rng: np.random.Generator, *, again: bool = False) -> list[LinkJob]:
-    """Make jobs with random views for all images of a project."""
+    """Return jobs with random views for all images of a project."""
     photographs = [Path(f"a_{index:03d}.jpg") for index in range(IMAGES)]
     jobs = []
     for plan in plan_links(path, photographs, replace=again):
@@ -82,7 +82,7 @@ class Trial:
 
 
 def make_trial(folder: Path, kind: str) -> Trial:
-    """Prepare one kind of write."""
+    """Return one kind of write, prepared."""
     rng = np.random.default_rng(0)
     if kind == "fresh":
         views = [random_views(f"a_{index}.jpg", FEATURES, rng) for index in range(IMAGES)]
@@ -97,7 +97,7 @@ def make_trial(folder: Path, kind: str) -> Trial:
 
 
 def contents(path: Path) -> object:
-    """Everything that a database says, but for SQLite's own bookkeeping of ids; None where there is none."""
+    """Return all rows of a database but for SQLite's own bookkeeping of ids; None where there is none."""
     if not path.exists():
         return None
     with closing(sqlite3.connect(path)) as database:
@@ -135,7 +135,7 @@ class Expected:
 
 
 def expect(folder: Path, kind: str) -> Expected:
-    """Let one write of a kind run to its end."""
+    """Return what one whole write of a kind leaves."""
     trial, path = make_trial(folder, kind), folder / "whole.db"
     before = contents(trial.before) if trial.before else None
     duration_s = run_child(trial, path, None)
@@ -147,7 +147,7 @@ def expect(folder: Path, kind: str) -> Expected:
 
 
 def killed(folder: Path, expected: Expected, delay_s: float) -> str:
-    """Kill one write and say what is left: "before", "after", or what is wrong."""
+    """Kill one write and return what is left: "before", "after", or what is wrong."""
     path = folder / "killed.db"
     run_child(expected.trial, path, delay_s)
     hot = any(path.with_name(path.name + ending).exists() for ending in ("-journal", "-wal"))
@@ -173,7 +173,7 @@ def _clear(folder: Path, path: Path) -> None:
 
 
 def kill_many(count: int, seed: int = 0, kinds: tuple[str, ...] = KINDS) -> dict[str, Counter[str]]:
-    """Kill ``count`` writes, kinds in turn, and count what is left by kind."""
+    """Kill ``count`` writes, of all kinds alternately, and return how often what was left, by kind."""
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

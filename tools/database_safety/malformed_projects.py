@@ -2,7 +2,7 @@
 
     python -m tools.database_safety.malformed_projects --count 200
 
-Each is a small project with one thing wrong, drawn from one seed: bytes cut, overwritten or turned, another
+Each is a small project with one thing wrong, drawn from one seed: bytes cut, overwritten or flipped, another
 schema, a newer version, rows that contradict each other. The command ``to-colmap --link`` runs on it; it must
 end with exit code 0 or 1 and no traceback, and every row of the user must be as before (every byte, where it
 refuses).
@@ -113,16 +113,16 @@ def overwrite(path: Path, rng: np.random.Generator) -> None:
     path.write_bytes(data)
 
 
-def turn_bytes(path: Path, rng: np.random.Generator) -> None:
-    """Turn a few bytes anywhere."""
+def flip_bytes(path: Path, rng: np.random.Generator) -> None:
+    """Flip bits of a few bytes anywhere."""
     data = bytearray(path.read_bytes())
     for at in rng.integers(0, len(data), int(rng.integers(1, 30))):
         data[at] ^= int(rng.integers(1, 256))
     path.write_bytes(data)
 
 
-def turn_header(path: Path, rng: np.random.Generator) -> None:
-    """Turn bytes of SQLite's header or of the first page, which holds the schema."""
+def flip_header(path: Path, rng: np.random.Generator) -> None:
+    """Flip bits of SQLite's header or of the first page, which holds the schema."""
     data = bytearray(path.read_bytes())
     for at in rng.integers(0, int(rng.choice([100, 4096])), int(rng.integers(1, 6))):
         data[at] ^= int(rng.integers(1, 256))
@@ -151,8 +151,8 @@ def no_database(path: Path, rng: np.random.Generator) -> None:
 BYTE_FAULTS: dict[str, Fault] = {
     "cut": cut,
     "overwritten": overwrite,
-    "bytes turned": turn_bytes,
-    "header turned": turn_header,
+    "bytes flipped": flip_bytes,
+    "header flipped": flip_header,
     "page of zeros": drop_page,
     "no database": no_database,
 }
@@ -203,7 +203,7 @@ def link_into(folder: Path, number: int, model: Path | None = None) -> tuple[str
 
 
 def readable_rows(path: Path) -> object:
-    """All rows of the user, None where SQLite cannot read them."""
+    """Return all rows of the user, None where SQLite cannot read them."""
     copy = path.with_suffix(".copy")
     shutil.copy(path, copy)  # reading may finish a journal
     try:

@@ -47,20 +47,22 @@ class Recording:
     displacement: Array | None = None
 
     def first(self, count: int | None) -> Recording:
-        """Give the first frames only."""
+        """Return the first frames only."""
         return Recording(
             name=self.name,
             paths=self.paths[:count],
             K=self.K,
             poses=self.poses[:count],
-            motion=Motion(turns=self.motion.turns[:count], moves=self.motion.moves[:count]),
+            motion=Motion(
+                rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
+            ),
             exposure_known=self.exposure_known,
             displacement=None if self.displacement is None else self.displacement[:count],
         )
 
 
 def rendered_recording(folder: Path) -> Recording:
-    """Read a video of :mod:`tools.reconstruction.sequence`.
+    """Return a video of :mod:`tools.reconstruction.sequence`.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def rendered_recording(folder: Path) -> Recording:
 
 
 def redkitchen_recording(folder: Path) -> Recording:
-    """Read consecutive frames with ``poses.npz`` (frame, cam_from_world, K), as in redkitchen_sequence.
+    """Return consecutive frames with ``poses.npz`` (frame, cam_from_world, K), as in redkitchen_sequence.
 
     Raises
     ------
@@ -102,12 +104,12 @@ def redkitchen_recording(folder: Path) -> Recording:
 
 
 def motion_per_frame(poses: Array) -> Motion:
-    """Motion in one frame interval about every frame: half of that from the frame before to the one after."""
+    """Return the motion per frame interval: half of that from the frame before to the one after."""
     last = len(poses) - 1
-    turns, moves = [], []
+    rotations, translations = [], []
     for k in range(len(poses)):
         before, after = max(k - 1, 0), min(k + 1, last)
         relative = relative_pose(poses[before], poses[after])
-        turns.append(rotation_vector(relative[:, :3]) / (after - before))
-        moves.append(relative[:, 3] / (after - before))
-    return Motion(turns=np.array(turns), moves=np.array(moves))
+        rotations.append(rotation_vector(relative[:, :3]) / (after - before))
+        translations.append(relative[:, 3] / (after - before))
+    return Motion(rotations=np.array(rotations), translations=np.array(translations))

@@ -42,7 +42,7 @@ class Poster(Plane):
     """A plane whose texture is centred where the camera of time 0 looks, not mirrored there."""
 
     def texel(self, rays: Array) -> Array:
-        """Give texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
+        """Return texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
         ahead = super().texel(
             np.array([0.0, 0.0, 1.0]) if self.normal[2] > 0.5 else np.array([0.0, 0.5, 1.0])
         )
@@ -104,30 +104,30 @@ class SequenceTruth:
 
     @property
     def smear_px(self) -> Array:
-        """Median smear length of every frame, (N,)."""
+        """Return the median smear length of every frame, (N,)."""
         return np.asarray(np.median(np.linalg.norm(self.displacement, axis=-1), axis=(1, 2)))
 
     @property
     def relative(self) -> Array:
-        """cam_close_from_cam_open [R | t] of every frame, (N, 3, 4)."""
+        """Return cam_close_from_cam_open [R | t] of every frame, (N, 3, 4)."""
         return np.stack([relative_pose(first, last) for first, _, last in self.poses])
 
 
 def relative_pose(first: Array, second: Array) -> Array:
-    """Give [R | t] (3, 4) that takes camera 1 to camera 2, from both cam_from_world."""
+    """Return cam2_from_cam1 [R | t] (3, 4) of two cam_from_world."""
     R = second[:, :3] @ first[:, :3].T
     return np.column_stack([R, second[:, 3] - R @ first[:, 3]])
 
 
 def collage(rng: np.random.Generator, pool: tuple[Array, ...]) -> Array:
-    """Hang six photographs of the pool beside each other (1024, 1536, 3): nothing repeats, as in a room."""
+    """Return six photographs of the pool beside each other (1024, 1536, 3): nothing repeats, as in a room."""
     chosen = rng.permutation(max(len(pool), 6))[:6] % len(pool)
     tiles = [cv2.resize(pool[k], (512, 512), interpolation=cv2.INTER_AREA) for k in chosen]
     return np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])]).astype(np.float32)
 
 
 def sample_scene(rng: np.random.Generator, options: SequenceOptions, K: Array) -> list[Layer]:
-    """Draw a wall, a ground and cards before them, far to near."""
+    """Return a random wall, ground and cards in front of them, far to near."""
     pool = photographs("test", options.photos)
     slope = np.array([rng.normal(0, 0.05), 1.0, rng.normal(0, 0.05)])
     places = ((tilted_normal(rng, LARGEST_TILT), 1.0), (slope / np.linalg.norm(slope), GROUND))
@@ -142,12 +142,12 @@ def sample_scene(rng: np.random.Generator, options: SequenceOptions, K: Array) -
 
 
 def instants(options: SequenceOptions) -> Array:
-    """Give the times (N,) of mid exposure, about 0."""
+    """Return the times (N,) of mid exposure, about 0."""
     return np.arange(options.frames) - (options.frames - 1) / 2
 
 
 def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array:
-    """Where (h, w, 2) at time 0 that was which is seen at the ringed grid's points at time tau.
+    """Return where (h, w, 2) at time 0 the points lay that are seen at the ringed grid's points at time tau.
 
     Fixed-point iteration from `start` (h, w, 2). It converges where a surface has one point for every ray.
 
@@ -186,11 +186,11 @@ class Video:
     share: float
 
     def fields(self, middle: float) -> list[Array]:
-        """Of every layer, the fields (knots, h+2, w+2, 2) of the exposure about a time in frames."""
+        """Return for every layer the fields (knots, h+2, w+2, 2) of the exposure about a time in frames."""
         return [inverse_displacements(self.exposure, c.layer, middle, self.share) for c in self.canvases]
 
     def displacement(self, middle: float, fields: list[Array]) -> Array:
-        """Give close - open (h, w, 2), pixels, of what the grid's points show at mid exposure."""
+        """Return close - open (h, w, 2), pixels, of what the grid's points show at mid exposure."""
         target, half = grid_points(self.exposure.size), self.share / 2
         found: Array = np.zeros(target.shape, np.float32)
         for canvas, knots in zip(self.canvases, fields, strict=True):
@@ -204,19 +204,19 @@ class Video:
         return found
 
     def poses(self, times: Array) -> Array:
-        """cam_from_world (N, 3, 3, 4) at the ends and the middle of exposures about times (N,)."""
+        """Return cam_from_world (N, 3, 3, 4) at the ends and the middle of exposures about times (N,)."""
         return np.stack(
             [[self.pose(middle + self.share * at) for at in (-0.5, 0.0, 0.5)] for middle in times]
         )
 
     def pose(self, time: float) -> Array:
-        """cam_from_world [R | t] (3, 4) at a time in frames."""
+        """Return cam_from_world [R | t] (3, 4) at a time in frames."""
         R, centre = self.exposure.camera.at(time)
         return np.column_stack([R, -R @ centre])
 
 
 def inverse_displacements(exposure: Exposure, layer: Layer, middle: float, share: float) -> Array:
-    """Fields (knots, h+2, w+2, 2) of one exposure, as :meth:`Exposure.inverse_displacements` has about 0."""
+    """Return fields (knots, h+2, w+2, 2) of one exposure, like :meth:`Exposure.inverse_displacements`."""
     target = grid_points(exposure.size, ring=1)
     fields, x = [], target
     for tau in middle + share * KNOTS:
@@ -226,7 +226,7 @@ def inverse_displacements(exposure: Exposure, layer: Layer, middle: float, share
 
 
 def scaled_to(exposure: Exposure, layers: list[Layer], options: SequenceOptions) -> Exposure:
-    """Scale the path so that the background's median smear over all frames is as the options say."""
+    """Return the path scaled to the options' median smear of the background over all frames."""
     points, half = grid_points(exposure.size)[::4, ::4], options.exposure_share / 2
     wall, factor = layers[0], 0.01  # it fills most of the picture; what is before it moves faster
     for _ in range(6):
@@ -240,7 +240,7 @@ def scaled_to(exposure: Exposure, layers: list[Layer], options: SequenceOptions)
 
 
 def travel_px(exposure: Exposure, layers: list[Layer], options: SequenceOptions) -> float:
-    """How far beyond the picture of time 0 any frame sees the background, pixels."""
+    """Return how far beyond the picture of time 0 any frame sees the background, pixels."""
     reach = [
         np.abs(inverse_displacements(exposure, layers[0], t, options.exposure_share)[[0, -1]]).max()
         for t in instants(options)[::3]
@@ -249,14 +249,14 @@ def travel_px(exposure: Exposure, layers: list[Layer], options: SequenceOptions)
 
 
 def camera_of(size: tuple[int, int]) -> Array:
-    """K (3, 3) of an ordinary camera, 56 degrees across."""
+    """Return K (3, 3) of an ordinary camera, 56 degrees across."""
     return np.array(
         [[0.95 * size[0], 0, (size[0] - 1) / 2], [0, 0.95 * size[0], (size[1] - 1) / 2], [0, 0, 1]]
     )
 
 
 def paint_video(seed: int, options: SequenceOptions) -> Video:
-    """Draw scene and path of a seed and paint the scene."""
+    """Return scene and path of a seed, the scene painted."""
     rng = np.random.default_rng([seed, 5])
     K = camera_of(options.size)
     layers = sample_scene(rng, options, K)
@@ -268,7 +268,7 @@ def paint_video(seed: int, options: SequenceOptions) -> Video:
 
 
 def render_sequence(seed: int, folder: Path, options: SequenceOptions | None = None) -> SequenceTruth:
-    """Render a video into a folder; give its truth, which is written beside the frames.
+    """Render a video into a folder; return its truth, which is written beside the frames.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def render_sequence(seed: int, folder: Path, options: SequenceOptions | None = N
 
 
 def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
-    """Read what `render_sequence` wrote: the frames' paths, in order, and the truth.
+    """Return what `render_sequence` wrote: the frames' paths, in order, and the truth.
 
     Raises
     ------

@@ -7,7 +7,7 @@ r"""Reconstruct videos of blurred frames with COLMAP, without and with the views
 Each video goes through SIFT, sequential matching and incremental mapping with COLMAP's defaults and the true
 intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views. `blur2view.colmap.placement` places
 them in that model; the mapper adds them to it under ``mapper_options(linked=True, keep_photographs=True)``;
-and all is mapped anew globally. Told are
+and all is mapped anew globally. The report has
 what was registered, errors against the true poses after one similarity, and the motion during every exposure:
 of the models' virtual views, and of the single photographs as they were estimated. The rendered video is also
 run with its true smears in place of the network's. Writes OUT.md and OUT.png.
@@ -77,7 +77,7 @@ def fresh_database(path: Path, recording: Recording) -> None:
 def run_mapper(
     database: Path, images: Path, options: Any, out: Path, start: Path | None = None
 ) -> Path | None:
-    """Map, incrementally (from a model on disk, if given) or globally as the options are.
+    """Return the largest model of incremental mapping (from a model on disk, if given) or of global mapping.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def run_mapper(
 
 
 def plain_options() -> Any:
-    """COLMAP's own options, but for known intrinsics, a seed and the angle to begin with."""
+    """Return COLMAP's own options but for known intrinsics, a seed and the angle to begin with."""
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
@@ -113,7 +113,7 @@ def plain_options() -> Any:
 
 
 def link(database: Path, recording: Recording, model: Path | None) -> list[dict[str, Any]]:
-    """Run ``blur2view to-colmap --link --sequence`` on every frame; give what its JSON says of each.
+    """Run ``blur2view to-colmap --link --sequence`` on every frame; return what its JSON says of each.
 
     Raises
     ------
@@ -133,10 +133,10 @@ def link(database: Path, recording: Recording, model: Path | None) -> list[dict[
 
 
 def estimated_motion(database: Path, names: Sequence[str]) -> Motion:
-    """Read the motion of every photograph's open and close views from the database."""
+    """Return the motion of every photograph's open and close views in the database."""
     import pycolmap
 
-    turns, moves = np.full((2, len(names), 3), np.nan)
+    rotations, translations = np.full((2, len(names), 3), np.nan)
     with pycolmap.Database.open(database) as opened:
         ids = {image.name: image.image_id for image in opened.read_all_images()}
         for k, name in enumerate(names):
@@ -144,20 +144,20 @@ def estimated_motion(database: Path, names: Sequence[str]) -> Motion:
                 continue
             pose = opened.read_two_view_geometry(ids[name + OPEN], ids[name + CLOSE]).cam2_from_cam1
             if pose is not None:
-                turns[k] = rotation_vector(pose.rotation.matrix())
-                moves[k] = pose.translation
-    return Motion(turns=turns, moves=moves)
+                rotations[k] = rotation_vector(pose.rotation.matrix())
+                translations[k] = pose.translation
+    return Motion(rotations=rotations, translations=translations)
 
 
 def place(database: Path, model: Path, recording: Recording, out: Path) -> Path:
-    """Place the views beside the photographs of a model; give the folder of the model with both."""
+    """Place the views beside the photographs of a model; return the folder of the model with both."""
     out.mkdir()
     place_views(database, model, [path.name for path in recording.paths]).model.write(out)
     return out
 
 
 def experiment(recording: Recording, model: Path | None, true_smears: bool = False) -> Result:
-    """Reconstruct a recording without and with its views: those of a network, or of its true smears."""
+    """Return the reconstructions of a recording without and with views, of a network or true smears."""
     from blur2view.networks.smear_network import SmearNetwork
 
     images = recording.paths[0].parent

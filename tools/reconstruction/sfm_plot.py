@@ -30,9 +30,9 @@ def plot(results: Sequence[Result], path: Path) -> None:
         motions = (result.true_motion, placed, result.motion, result.estimated)
         for axis, panel in enumerate(row):
             for (name, (colour, width)), motion in zip(SHOWN.items(), motions, strict=True):
-                turns = np.degrees(motion.turns[:, axis])
-                panel.plot(turns, ".-", color=colour, linewidth=width, markersize=4, label=name)
-            limit = 1.3 * float(np.degrees(np.abs(result.true_motion.turns).max()))
+                rotations = np.degrees(motion.rotations[:, axis])
+                panel.plot(rotations, ".-", color=colour, linewidth=width, markersize=4, label=name)
+            limit = 1.3 * float(np.degrees(np.abs(result.true_motion.rotations).max()))
             if np.isfinite(limit):
                 panel.set_ylim(-limit, limit)
             panel.set_xlabel(f"{result.recording.name}, {result.model_id}: frame")

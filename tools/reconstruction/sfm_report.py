@@ -9,11 +9,11 @@ from tools.reconstruction.sfm_result import Model, Result
 
 
 def markdown(result: Result) -> str:
-    """Both tables of a recording."""
+    """Return both tables of a recording."""
     photographs = len(result.names)
     joined, single = result.errors(result.motion), result.errors(result.estimated)
     placed = result.motion_of(result.placed)
-    registered = np.isfinite(joined.turn)
+    registered = np.isfinite(joined.rotation)
     known = np.array([bool(fact["time_known"]) for fact in result.facts])
     what = "the true one" if result.recording.exposure_known else "the frame interval"
     rows = [
@@ -45,7 +45,7 @@ def markdown(result: Result) -> str:
 
 
 def model_rows(result: Result) -> list[str]:
-    """Sizes and pose errors of the models."""
+    """Return sizes and pose errors of the models."""
     models = (result.without, result.placed, result.joined, result.averaged)
     columns = [model_column(result, model) for model in models]
     labels = ["photographs registered", "views registered", "points", "reprojection error, px"]
@@ -54,7 +54,7 @@ def model_rows(result: Result) -> list[str]:
 
 
 def model_column(result: Result, model: Model) -> list[str]:
-    """Size and pose errors of a model."""
+    """Return size and pose errors of a model."""
     if not model.poses:
         return ["0", "0", "0", "-", "-", "-"]
     extent = float(np.linalg.norm(np.ptp(centres(result.recording.poses), axis=0)))
@@ -73,38 +73,39 @@ def model_column(result: Result, model: Model) -> list[str]:
 
 
 def placed_row(result: Result) -> list[str]:
-    """Motion by the model in which views were placed, if there is one."""
+    """Return the motion by the model in which views were placed, if there is one."""
     if not result.placed.poses:
         return []
     return [motion_row("views placed by the trajectory", result.errors(result.motion_of(result.placed)))]
 
 
 def global_row(result: Result) -> list[str]:
-    """Motion by the model of global mapping, if there is one."""
+    """Return the motion by the model of global mapping, if there is one."""
     if not result.averaged.poses:
         return []
     return [motion_row("model with views, global mapping", result.errors(result.motion_of(result.averaged)))]
 
 
 def motion_row(name: str, errors: MotionErrors, scaled: bool = True) -> str:
-    """Give medians over the frames that have a motion; translations of single photographs have no length."""
-    seen = np.isfinite(errors.turn)
+    """Return medians over the frames with a motion; translations of single photographs have no length."""
+    seen = np.isfinite(errors.rotation)
     if not seen.any():
         return f"| {name} | 0 | - | - | - | - |"
-    move = f"{np.median(errors.move[seen]):.0%}" if scaled else "-"
+    rotation = f"{np.median(errors.rotation[seen]):.1%}"
+    translation = f"{np.median(errors.translation[seen]):.0%}" if scaled else "-"
     return (
-        f"| {name} | {seen.sum()} | {np.median(errors.turn[seen]):.1%} | {np.mean(errors.forward[seen]):.0%} "
-        f"| {np.median(errors.heading_deg[seen]):.1f} | {move} |"
+        f"| {name} | {seen.sum()} | {rotation} | {np.mean(errors.forward[seen]):.0%} "
+        f"| {np.median(errors.heading_deg[seen]):.1f} | {translation} |"
     )
 
 
 def frame_rows(result: Result, placed: MotionErrors, joined: MotionErrors, single: MotionErrors) -> list[str]:
-    """One row per photograph: rotation errors, and whether time runs the right way as views were placed."""
-    rows, true = [], np.degrees(np.linalg.norm(result.true_motion.turns, axis=1))
+    """Return a row per photograph: rotation errors, and whether placed views are in the right order."""
+    rows, true = [], np.degrees(np.linalg.norm(result.true_motion.rotations, axis=1))
     facts = {fact["name"]: fact for fact in result.facts}
     for k, name in enumerate(result.names):
         fact = facts.get(name, {"config": "-", "num_matches": 0})
-        cells = ["-" if np.isnan(e.turn[k]) else f"{e.turn[k]:.0%}" for e in (placed, joined, single)]
+        cells = ["-" if np.isnan(e.rotation[k]) else f"{e.rotation[k]:.0%}" for e in (placed, joined, single)]
         right = "-" if np.isnan(placed.forward[k]) else "yes" if placed.forward[k] else "no"
         rows.append(
             f"| {name} | {fact['config']} | {fact['num_matches']} | {true[k]:.2f} "

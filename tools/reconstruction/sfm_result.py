@@ -26,7 +26,7 @@ class Model:
     error_px: float
 
     def of(self, names: Sequence[str]) -> Array:
-        """Give the poses (N, 3, 4) of images; NaN where one is not registered."""
+        """Return the poses (N, 3, 4) of images; NaN where one is not registered."""
         return np.stack([self.poses.get(name, np.full((3, 4), np.nan)) for name in names])
 
 
@@ -57,49 +57,49 @@ class Result:
 
     @property
     def names(self) -> list[str]:
-        """Of the photographs."""
+        """Return the names of the photographs."""
         return [path.name for path in self.recording.paths]
 
     def motion_of(self, model: Model) -> Motion:
-        """Motion during the exposures by a model's views, in the truth's scale; NaN without a model."""
+        """Return the motion during the exposures by a model's views, in the true scale; NaN without one."""
         if not model.poses:
             unknown = np.full((len(self.names), 3), np.nan)
-            return Motion(turns=unknown, moves=unknown)
+            return Motion(rotations=unknown, translations=unknown)
         first, last = (model.of([name + end for name in self.names]) for end in (OPEN, CLOSE))
         return Motion.between(first, last).scaled(1.0, self.alignment_of(model).scale)
 
     def alignment_of(self, model: Model) -> Similarity:
-        """Align a model's photographs to the truth."""
+        """Return the alignment of a model's photographs to the truth."""
         poses = model.of(self.names)
         seen = np.isfinite(poses).all(axis=(1, 2))
         return align(poses[seen], self.recording.poses[seen])
 
     @property
     def motion(self) -> Motion:
-        """Motion during the exposures by the joined model."""
+        """Return the motion during the exposures by the joined model."""
         return self.motion_of(self.joined)
 
     @property
     def true_motion(self) -> Motion:
-        """True motion in the scale of the views as they were placed, for the picture."""
+        """Return the true motion in the scale of the views as they were placed, for the picture."""
         return self.true_motion_for(self.motion_of(self.placed))
 
-    def true_motion_for(self, found: Motion) -> Motion:
-        """Give the true motion; of unknown exposures scaled to the rotations found, by one factor."""
-        factor = 1.0 if self.recording.exposure_known else self.exposure(found)
+    def true_motion_for(self, estimated: Motion) -> Motion:
+        """Return the true motion; of unknown exposures scaled to the estimated rotations, by one factor."""
+        factor = 1.0 if self.recording.exposure_known else self.exposure(estimated)
         return self.recording.motion.scaled(factor, factor)
 
-    def exposure(self, found: Motion) -> float:
-        """Exposure over frame interval, or over what is known to be true, as the rotations found tell."""
-        return common_scale(found.turns, self.recording.motion.turns)
+    def exposure(self, estimated: Motion) -> float:
+        """Return exposure over frame interval, or over the true one if known, by the estimated rotations."""
+        return common_scale(estimated.rotations, self.recording.motion.rotations)
 
-    def errors(self, found: Motion) -> MotionErrors:
-        """Compare a motion with the true one."""
-        return MotionErrors.of(found, self.true_motion_for(found))
+    def errors(self, estimated: Motion) -> MotionErrors:
+        """Return the errors of a motion against the true one."""
+        return MotionErrors.of(estimated, self.true_motion_for(estimated))
 
 
 def read_model(folder: Path | None) -> Model:
-    """Read a model that COLMAP wrote; of none there are no poses."""
+    """Return the poses of a model that COLMAP wrote, none without a model."""
     import pycolmap
 
     if folder is None:

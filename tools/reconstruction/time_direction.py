@@ -1,4 +1,4 @@
-"""How often neighbours tell the flip of time, and the rotations within exposures beside those of the poses.
+"""How often neighbours decide the time direction, and rotations within exposures beside those of the poses.
 
     python -m tools.reconstruction.sequence render/sequence --photos KODAK
     python -m tools.reconstruction.time_direction --rendered render/sequence \
@@ -54,7 +54,7 @@ class Video:
 
 
 def rendered(folder: Path) -> Video:
-    """Read what tools.reconstruction.sequence wrote."""
+    """Return what tools.reconstruction.sequence wrote."""
     paths, truth = read_sequence(folder)
     height, width = (4 * side for side in truth.displacement.shape[1:3])
 
@@ -71,7 +71,7 @@ def rendered(folder: Path) -> Video:
 
 
 def redkitchen(folder: Path) -> Video:
-    """Read the recorded sequence; motion is the central difference of the neighbours' poses."""
+    """Return the recorded sequence; motion is the central difference of the neighbours' poses."""
     with np.load(folder / "poses.npz") as stored:
         poses, K, frames = stored["cam_from_world"], stored["K"], stored["frame"]
     paths = [folder / f"{frame:06d}.jpg" for frame in frames]
@@ -91,7 +91,7 @@ def redkitchen(folder: Path) -> Video:
 
 
 def pinhole(K: Array, size: tuple[int, int]) -> Camera:
-    """Known camera of K, with COLMAP's parameters."""
+    """Return the known camera of K, with COLMAP's parameters."""
     params = (K[0, 0], K[1, 1], *to_colmap(K[:2, 2]))
     return Camera(K=K, width=size[0], height=size[1], params=tuple(map(float, params)))
 
@@ -100,7 +100,7 @@ def pinhole(K: Array, size: tuple[int, int]) -> Camera:
 class Directed:
     """Frames after the vote: agreement (N,) with the true motion, confidences (N,), rotations (N, 3).
 
-    Rotations are NaN where no pose was found; only frames that can be judged are in it.
+    Rotations are NaN where there is no pose; only frames that can be judged are in it.
     """
 
     agreement: Array
@@ -110,24 +110,24 @@ class Directed:
 
     @property
     def scale(self) -> float:
-        """Length of the estimated rotations over that of the true ones, by their medians."""
+        """Return the length of the estimated rotations over that of the true ones, by their medians."""
         found = np.nanmedian(np.linalg.norm(self.rotation, axis=1))
         return float(found / np.median(np.linalg.norm(self.true_rotation, axis=1)))
 
     @property
     def rotation_error(self) -> Array:
-        """Difference of the rotation vectors after the common scale, over the true one's length, (N,)."""
+        """Return the difference of rotation vectors, after scaling, over the true one's length, (N,)."""
         difference = np.linalg.norm(self.rotation / self.scale - self.true_rotation, axis=1)
         return np.asarray(difference / np.linalg.norm(self.true_rotation, axis=1))
 
     @property
     def same_sense(self) -> NDArray[np.bool_]:
-        """Where the rotation goes with the true one, (N,)."""
+        """Return where the rotation has the sense of the true one, (N,)."""
         return np.asarray((self.rotation * self.true_rotation).sum(axis=1) > 0)
 
 
 def estimate_video(video: Video, network: blur2view.SmearNetwork) -> dict[str, list[ExposureViews]]:
-    """Estimate every frame by itself, with the intrinsics known and unknown."""
+    """Return the views of every frame by itself, with the intrinsics known and unknown."""
     views: dict[str, list[ExposureViews]] = {"known": [], "unknown": []}
     for path in video.paths:
         found = blur2view.estimate(blur2view.read_image(path), network=network, camera=video.camera)
@@ -138,7 +138,7 @@ def estimate_video(video: Video, network: blur2view.SmearNetwork) -> dict[str, l
 
 
 def judge(video: Video, found: Sequence[ExposureViews]) -> Directed:
-    """Compare the frames after the vote with the truth."""
+    """Return the frames after the vote beside the truth."""
     poses = [found[index].geometry.cam2_from_cam1 for index in video.judged]
     rotation = [np.full(3, np.nan) if pose is None else pose.rotation_vector for pose in poses]
     return Directed(
@@ -150,7 +150,7 @@ def judge(video: Video, found: Sequence[ExposureViews]) -> Directed:
 
 
 def agreement(views: ExposureViews, flow: Callable[[Array], Array]) -> float:
-    """Mean cosine between the inlier smears and the true motion; 0 without inliers."""
+    """Return the mean cosine between the inlier smears and the true motion; 0 without inliers."""
     kept = views.geometry.inlier_mask
     start, close = views.points_open[kept], views.points_close[kept]
     true = flow((start + close) / 2)
@@ -172,7 +172,7 @@ HEAD = (
 
 
 def row(name: str, given: str, before: Directed, after: Directed) -> str:
-    """Give a line of the table."""
+    """Return a line of the table."""
     known = after.confidence > 0
     cells = [
         *(name, given, str(len(after.agreement))),
@@ -216,7 +216,7 @@ def plot(path: Path, videos: Sequence[tuple[str, Directed]]) -> None:
 def report(
     videos: Sequence[Video], network: blur2view.SmearNetwork
 ) -> tuple[str, list[tuple[str, Directed]]]:
-    """Estimate, vote and judge; give the table and what is to be drawn."""
+    """Estimate, vote and judge; return the table and what is to be drawn."""
     lines, drawn = [f"| {HEAD} |", "|---" * 11 + "|"], []
     for video in videos:
         matched = cache(PhotographMatcher(video.paths))

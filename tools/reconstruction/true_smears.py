@@ -29,7 +29,7 @@ SIGMA_PX = 0.5
 
 
 def true_field(displacement: Array, rng: np.random.Generator) -> SmearField:
-    """Turn true smears (h, w, 2) of the stride-4 grid into a field; which way time runs is forgotten."""
+    """Return true smears (h, w, 2) of the stride-4 grid as a field, without their time direction."""
     height, width = 4 * displacement.shape[0], 4 * displacement.shape[1]
     signed = displacement.astype(np.float32) * np.float32(rng.choice([-1.0, 1.0]))
     # nearest, as no smear lies between those of two surfaces
@@ -38,7 +38,7 @@ def true_field(displacement: Array, rng: np.random.Generator) -> SmearField:
 
 
 def true_estimate(field: SmearField, camera: Camera) -> Estimate:
-    """Estimate the geometry from a field, as `blur2view.estimate` does from a photograph."""
+    """Return the geometry estimated from a field, as `blur2view.estimate` does from a photograph."""
     matches = select_matches(field)
     return Estimate(
         field=field,
@@ -56,7 +56,7 @@ def link_true(database: Path, paths: Sequence[Path], K: Array, displacement: Arr
     Returns
     -------
     list of dict
-        Of every photograph its name, configuration, usable features, and whether the flip of time is known.
+        Of every photograph its name, configuration, usable features, and whether the time direction is known.
 
     Raises
     ------
@@ -82,14 +82,14 @@ def link_true(database: Path, paths: Sequence[Path], K: Array, displacement: Arr
 
 
 def _found(plan: LinkStep | Blur2ViewError) -> LinkStep:
-    """Raise what stands in a plan's place."""
+    """Return a plan; raise the error in its place."""
     if isinstance(plan, Blur2ViewError):
         raise plan
     return plan
 
 
 def _facts(one: KeypointViews) -> dict[str, Any]:
-    """Say what `to-colmap --json` says of it."""
+    """Return what `to-colmap --json` prints of it."""
     return {
         "name": one.views.name,
         "config": one.views.geometry.config.name,

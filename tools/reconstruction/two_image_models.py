@@ -6,7 +6,7 @@
 estimates each photograph with its intrinsics known, writes a database of its two virtual images as
 ``blur2view to-colmap`` does, and lets ``pycolmap.incremental_mapping`` reconstruct it under
 `blur2view.colmap.mapping.mapper_options`. Photographs count whose median smear is longer than 12 px and whose
-camera's translation makes more than a fifth of it. Told are the models that COLMAP builds, how far their
+camera's translation makes more than a fifth of it. Reported are the models that COLMAP builds, how far their
 motion is from the estimate's in the estimate's own covariance, and the errors of both against the truth;
 the same where the smears' ends are first moved onto their epipolar lines (``to-colmap --corrected``), and
 where the estimate's poses are kept (`blur2view.triangulate_exposure`); and how many models are left
@@ -53,7 +53,7 @@ ALONE = (
 
 @dataclass(frozen=True, kw_only=True)
 class MotionError:
-    """A motion against the true one, the nearer of both flips of time.
+    """A motion against the true one, the nearer of both time directions.
 
     ``rotation_deg`` is the angle between the rotations, ``rotation`` the same over the true angle (NaN if
     that is below `STEADY_DEG`), ``translation_deg`` the angle between the translations.
@@ -65,7 +65,7 @@ class MotionError:
 
     @classmethod
     def of(cls, pose: RigidTransform, true: RigidTransform) -> MotionError:
-        """Compare two poses; rotation and translation decide the flip together."""
+        """Return the errors of a pose; rotation and translation decide the time direction together."""
         turn = max(true.angle_deg, STEADY_DEG)
         found = min(
             (
@@ -79,17 +79,17 @@ class MotionError:
 
     @property
     def good(self) -> bool:
-        """Rotation to 0.3 of itself or 0.2 degrees."""
+        """Return whether the rotation is right to 0.3 of itself or 0.2 degrees."""
         return self.rotation_deg < 0.2 or self.rotation < 0.3
 
 
 def _between_deg(a: Array, b: Array) -> float:
-    """Angle between unit vectors, degrees."""
+    """Return the angle between unit vectors, degrees."""
     return float(np.degrees(np.arccos(np.clip(a @ b, -1, 1))))
 
 
 def _apart_deg(pose: RigidTransform, true: RigidTransform) -> float:
-    """Angle of the rotation between two poses, degrees."""
+    """Return the angle of the rotation between two poses, degrees."""
     relative = RigidTransform(rotation=pose.rotation @ true.rotation.T, translation=np.zeros(3))
     return relative.angle_deg
 
@@ -115,16 +115,16 @@ class Outcome:
 
     @property
     def geometry(self) -> TwoViewGeometry:
-        """Our estimate."""
+        """Return our estimate."""
         return self.views.geometry
 
     @property
     def true(self) -> RigidTransform:
-        """The true motion, the translation of unit length."""
+        """Return the true motion, the translation of unit length."""
         return RigidTransform(rotation=self.scene.R, translation=self.scene.t / np.linalg.norm(self.scene.t))
 
     def distance(self, model: Model | None) -> float | None:
-        """Squared Mahalanobis distance of a model's motion from the estimate's, by its covariance."""
+        """Return the squared Mahalanobis distance of a model's motion from the estimate's."""
         pose, covariance = self.geometry.cam2_from_cam1, self.geometry.covariance
         if model is None or pose is None or covariance is None:
             return None
@@ -132,12 +132,12 @@ class Outcome:
 
 
 def smear_px(scene: TestScene) -> float:
-    """Median smear of the valid static pixels."""
+    """Return the median smear of the valid static pixels."""
     return float(np.median(np.linalg.norm(scene.displacement[scene.valid & scene.static], axis=-1)))
 
 
 def translation_share(scene: TestScene) -> float:
-    """Median length of what the rotation leaves of the true smears, over their own median length."""
+    """Return the median length of the true smears less their rotation, over their own median length."""
     chosen = scene.valid & scene.static
     d = scene.displacement[chosen].astype(float)
     start = scene.midpoints[chosen] - d / 2
@@ -147,19 +147,19 @@ def translation_share(scene: TestScene) -> float:
 
 
 def counts(scene: TestScene) -> bool:
-    """Whether a photograph is one of those that COLMAP should reconstruct."""
+    """Return whether a photograph is one of those that COLMAP should reconstruct."""
     return smear_px(scene) > LEAST_SMEAR_PX and translation_share(scene) > LEAST_TRANSLATION
 
 
 def estimate_views(scene: TestScene, network: blur2view.SmearNetwork) -> ExposureViews:
-    """Estimate a photograph with its intrinsics known."""
+    """Return a photograph's views, estimated with its intrinsics known."""
     image = blur2view.read_image(scene.image_path)
     camera = Camera(K=scene.K, width=image.shape[1], height=image.shape[0])
     return views_of(scene.image_path.name, blur2view.estimate(image, network=network, camera=camera))
 
 
 def reconstruct(views: ExposureViews, options: Any) -> Model | None:
-    """Write a database of one exposure and run COLMAP's mapper on it; None if it builds no model of both."""
+    """Return the model of one exposure by COLMAP's mapper, None if it builds none of both views."""
     import pycolmap
 
     options.num_threads = 1
@@ -172,7 +172,7 @@ def reconstruct(views: ExposureViews, options: Any) -> Model | None:
 
 
 def keep_poses(views: ExposureViews) -> Model | None:
-    """Write the same database and triangulate with the estimate's poses; None if there is no pose."""
+    """Return the model triangulated with the estimate's poses, None if there is no pose."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "exposure.db"
         write_database(path, [views])
@@ -183,7 +183,7 @@ def keep_poses(views: ExposureViews) -> Model | None:
 
 
 def model_of(model: Any, views: ExposureViews) -> Model | None:
-    """Read a pycolmap.Reconstruction of both views; None if one is missing or there are no points."""
+    """Return the poses of a pycolmap.Reconstruction of both views; None if one is missing, or all points."""
     posed = {image.name: image.cam_from_world() for image in model.images.values() if image.has_pose}
     if not set(views.names) <= set(posed) or model.num_points3D() == 0:
         return None
@@ -193,13 +193,13 @@ def model_of(model: Any, views: ExposureViews) -> Model | None:
 
 
 def unit_pose(motion: Any) -> RigidTransform:
-    """Give a pycolmap.Rigid3d with its translation made of unit length."""
+    """Return a pycolmap.Rigid3d as ours, its translation scaled to unit length."""
     length = np.linalg.norm(motion.translation)
     return RigidTransform(rotation=motion.rotation.matrix(), translation=motion.translation / length)
 
 
 def with_default(name: str) -> Any:
-    """Our options with one of them put back to COLMAP's default."""
+    """Return our options with one of them reset to COLMAP's default."""
     import pycolmap
 
     options, defaults = mapper_options(), pycolmap.IncrementalPipelineOptions()
@@ -210,7 +210,7 @@ def with_default(name: str) -> Any:
 
 
 def markdown(outcomes: Sequence[Outcome], left: dict[str, int], model_id: str) -> str:
-    """All tables."""
+    """Return all tables."""
     rows = [
         f"Model {model_id}; {len(outcomes)} rendered photographs, median smear over {LEAST_SMEAR_PX:g} px, "
         f"translation over {LEAST_TRANSLATION:.0%} of it.",
@@ -237,7 +237,7 @@ def markdown(outcomes: Sequence[Outcome], left: dict[str, int], model_id: str) -
 
 
 def summary_row(name: str, outcomes: Sequence[Outcome], models: Sequence[Model | None] | None) -> str:
-    """Give counts, and medians over photographs with a motion: the estimate's, or those of models."""
+    """Return counts, and medians over photographs with a motion: the estimate's, or those of models."""
     if models is None:
         poses, cells = [o.geometry.cam2_from_cam1 for o in outcomes], ["-", "-"]
     else:
@@ -252,7 +252,7 @@ def summary_row(name: str, outcomes: Sequence[Outcome], models: Sequence[Model |
 
 
 def medians(errors: Sequence[MotionError]) -> list[str]:
-    """Median rotation error (degrees; relative), share that is good, median translation error (degrees)."""
+    """Return median rotation error (degrees; relative), share that is good, translation error (degrees)."""
     if not errors:
         return ["-"] * 4
     relative = [e.rotation for e in errors if not np.isnan(e.rotation)]
@@ -265,7 +265,7 @@ def medians(errors: Sequence[MotionError]) -> list[str]:
 
 
 def outcome_row(o: Outcome) -> str:
-    """One photograph."""
+    """Return the row of one photograph."""
     pose, distance = o.geometry.cam2_from_cam1, o.distance(o.model)
     head = f"| {o.scene.name} | {smear_px(o.scene):.1f} | {translation_share(o.scene):.2f} "
     head += f"| {o.geometry.config.name} "

@@ -16,8 +16,8 @@ from tools.reconstruction.alignment import (
 
 def random_poses(rng: np.random.Generator, count: int, line: bool = False) -> np.ndarray:
     places = rng.normal(size=(count, 1)) * [1.0, 2, 3] if line else rng.normal(size=(count, 3))
-    turns = [rotation_matrix(rng.normal(size=3)) for _ in range(count)]
-    return np.stack([np.column_stack([R, -R @ place]) for R, place in zip(turns, places, strict=True)])
+    rotations = [rotation_matrix(rng.normal(size=3)) for _ in range(count)]
+    return np.stack([np.column_stack([R, -R @ place]) for R, place in zip(rotations, places, strict=True)])
 
 
 @pytest.mark.parametrize("line", [False, True])
@@ -55,10 +55,10 @@ def test_reversed_motion_is_told_and_missing_frames_stay_missing() -> None:
         R = rotation_matrix(0.01 * turn)
         pose[:] = np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + 0.1 * move])
     true = Motion.between(first, last)
-    assert MotionErrors.of(true, true).turn.max() < 1e-12
+    assert MotionErrors.of(true, true).rotation.max() < 1e-12
     first[3] = np.nan
     errors = MotionErrors.of(Motion.between(last, first), true)
     np.testing.assert_array_equal(errors.forward, [0, 0, 0, np.nan])
-    np.testing.assert_allclose(errors.turn[:3], 2, rtol=1e-2)
-    assert np.isnan(errors.turn[3]) and (errors.heading_deg[:3] > 170).all()
-    assert common_scale(0.4 * true.turns, true.turns) == pytest.approx(0.4)
+    np.testing.assert_allclose(errors.rotation[:3], 2, rtol=1e-2)
+    assert np.isnan(errors.rotation[3]) and (errors.heading_deg[:3] > 170).all()
+    assert common_scale(0.4 * true.rotations, true.rotations) == pytest.approx(0.4)

@@ -19,7 +19,7 @@ COUNT, SHARE = 8, 0.5
 
 
 def pose_at(time: float) -> np.ndarray:
-    """cam_from_world of a camera that walks and turns steadily."""
+    """cam_from_world of a camera that walks and rotates steadily."""
     R = rotation_matrix(np.array([0.02, 0.05, -0.01]) * time)
     return np.column_stack([R, -R @ (np.array([0.1, 0.03 * time / COUNT, 0.02]) * time)])
 
@@ -53,7 +53,7 @@ def result(known: bool = True, reverse: bool = False) -> Result:
         {"name": path.name, "config": "CALIBRATED", "num_matches": 9, "time_known": True}
         for path in truth.paths
     ]
-    lone = Motion(turns=truth.motion.turns * 1.1, moves=truth.motion.moves)
+    lone = Motion(rotations=truth.motion.rotations * 1.1, translations=truth.motion.translations)
     joined = model(reverse)
     return Result(
         recording=truth,
@@ -70,8 +70,8 @@ def result(known: bool = True, reverse: bool = False) -> Result:
 def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
     found = result()
     errors = found.errors(found.motion)
-    assert np.nanmax(errors.turn) < 1e-6 and np.nanmax(errors.move) < 1e-6
-    np.testing.assert_array_equal(np.isnan(errors.turn), [False] * (COUNT - 1) + [True])
+    assert np.nanmax(errors.rotation) < 1e-6 and np.nanmax(errors.translation) < 1e-6
+    np.testing.assert_array_equal(np.isnan(errors.rotation), [False] * (COUNT - 1) + [True])
     assert found.alignment_of(found.joined).scale == pytest.approx(4)
     assert found.exposure(found.motion) == pytest.approx(1)
     assert np.nanmean(errors.forward) == 1
@@ -80,7 +80,7 @@ def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
 def test_reversed_views_are_told() -> None:
     found = result(reverse=True)
     errors = found.errors(found.motion)
-    assert np.nanmean(errors.forward) == 0 and np.nanmin(errors.turn) > 1.9
+    assert np.nanmean(errors.forward) == 0 and np.nanmin(errors.rotation) > 1.9
 
 
 def test_unknown_exposure_is_found_from_the_rotations() -> None:
@@ -88,7 +88,7 @@ def test_unknown_exposure_is_found_from_the_rotations() -> None:
     assert found.exposure(found.motion) == pytest.approx(SHARE, rel=1e-3)
     errors = found.errors(found.motion)
     assert found.exposure(found.estimated) == pytest.approx(1.1)  # of the whole interval, as made above
-    assert np.nanmedian(errors.turn) < 0.01 and np.nanmedian(errors.move) < 0.05
+    assert np.nanmedian(errors.rotation) < 0.01 and np.nanmedian(errors.translation) < 0.05
 
 
 def test_tables_and_picture_say_it(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_motion_per_frame_is_that_of_the_neighbours() -> None:
     exact = Motion.between(
         np.stack([pose_at(k - 0.5) for k in range(COUNT)]), np.stack([pose_at(k + 0.5) for k in range(COUNT)])
     )
-    np.testing.assert_allclose(motion.turns, exact.turns, atol=1e-3)
-    np.testing.assert_allclose(motion.moves[1:-1], exact.moves[1:-1], atol=5e-3)
+    np.testing.assert_allclose(motion.rotations, exact.rotations, atol=1e-3)
+    np.testing.assert_allclose(motion.translations[1:-1], exact.translations[1:-1], atol=5e-3)
     with pytest.raises(Blur2ViewError, match=r"poses\.npz"):
         redkitchen_recording(Path("/nowhere"))

@@ -67,9 +67,9 @@ def test_motion_of_true_smears_is_found(database: Path) -> None:
         }
     found = estimated_motion(database, names)
     length = np.linalg.norm(MOVE)
-    true = Motion(turns=np.tile(TURN, (FRAMES, 1)), moves=np.tile(MOVE / length, (FRAMES, 1)))
+    true = Motion(rotations=np.tile(TURN, (FRAMES, 1)), translations=np.tile(MOVE / length, (FRAMES, 1)))
     flips = [MotionErrors.of(found, motion) for motion in (true, true.scaled(-1, -1))]
-    turn = np.minimum(*(errors.turn for errors in flips))
+    turn = np.minimum(*(errors.rotation for errors in flips))
     assert turn.max() < 0.15
     assert np.minimum(*(errors.heading_deg for errors in flips)).max() < 8
 
