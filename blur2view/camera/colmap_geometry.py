@@ -29,6 +29,13 @@ def _shift(offset: float) -> Array:
     return np.array([[1, 0, offset], [0, 1, offset], [0, 0, 1.0]])
 
 
+def rigid3d(rotation: Array, translation: Array) -> Any:
+    """Return the pycolmap.Rigid3d of a rotation matrix (3, 3) and a translation (3,)."""
+    import pycolmap
+
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
+
+
 def colmap_two_view_geometry(
     config: str,
     inliers: NDArray[np.int_],
@@ -69,5 +76,5 @@ def colmap_two_view_geometry(
     if H is not None:
         geometry.H = homography_to_colmap(H)
     if pose is not None:
-        geometry.cam2_from_cam1 = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[0]), pose[1])
+        geometry.cam2_from_cam1 = rigid3d(*pose)
     return geometry

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
+from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.colmap.database_matches import image_id_of, read_keypoints, read_matches
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
@@ -223,8 +224,7 @@ def _add_views(model: Any, one: _Linked, motion: Array) -> None:
 
     middle, camera_id = one.photograph.cam_from_world(), one.photograph.camera_id
     for end, sign, image_id, keypoints in zip((OPEN, CLOSE), (-1, 1), one.ids, one.points, strict=True):
-        rotation, translation = rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:]
-        half = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
+        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
         view = pycolmap.Image(
             name=one.name + end, keypoints=keypoints, camera_id=camera_id, image_id=image_id
         )

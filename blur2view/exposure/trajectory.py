@@ -22,7 +22,7 @@ from blur2view.geometry.rotation import rotation_vector, turn_flow
 
 INDEPENDENT_SMEARS = 30  # smears at most: a network's errors are correlated over much of a picture
 MIN_SMEARS = 8  # smears; with fewer a frame's motion is not estimated
-ITERATIONS = 5  # of reweighting
+STEPS = 5  # of reweighting
 MIN_SPLINE = 5  # velocities; fewer are left as they are, which a smoothing spline needs
 ROUGHNESS = 2 / 3  # a difference from the mean of two neighbours has 3/2 of one's variance, if all are equal
 
@@ -128,18 +128,18 @@ def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Arra
         precision = 1 / np.maximum(fraction * spread, 1e-3 * np.abs(expected).max() + TINY) ** 2
     if len(frame.rays) < MIN_SMEARS:
         return expected if frame.velocity is not None and np.isfinite(fraction) else None
-    rows, motion = frame.rows, expected
+    rows, found = frame.rows, expected
     length = np.linalg.norm(frame.displacement, axis=1) + TINY
     share = min(1.0, INDEPENDENT_SMEARS / len(length))
-    for _ in range(ITERATIONS):
-        missed = np.linalg.norm(frame.displacement - rows @ motion, axis=1)
+    for _ in range(STEPS):
+        missed = np.linalg.norm(frame.displacement - rows @ found, axis=1)
         relative = missed / length
         scale = max(float(np.median(relative)), 1e-6)
         weight = share / (scale * length) ** 2 / (1 + (relative / scale) ** 2)
         normal = np.einsum("n,nij,nik->jk", weight, rows, rows, optimize=True) + np.diag(precision)
         right = np.einsum("n,nij,ni->j", weight, rows, frame.displacement, optimize=True)
-        motion = np.asarray(np.linalg.solve(normal, right + precision * expected), float)
-    return motion
+        found = np.asarray(np.linalg.solve(normal, right + precision * expected), float)
+    return found
 
 
 def smooth_velocities(poses: Array) -> Array:
