@@ -90,8 +90,8 @@ def common_fraction(frames: Sequence[ExposedFrame]) -> float:
 def roughness(velocities: Array) -> Array:
     """Return standard deviations (6,) of consecutive velocities (N, 6): one of rotation, one of translation.
 
-    From how far each is from the mean of its neighbours; for fewer than three frames,
-    the size of the velocities.
+    From how far each is from the mean of its neighbours; for fewer than three frames, the size of the
+    velocities.
     """
     if len(velocities) < 3:
         return np.repeat(_size(velocities), 3)
