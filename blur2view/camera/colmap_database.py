@@ -67,8 +67,9 @@ def database_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
-        hint = next((hint for key, hint in HINTS.items() if key in str(error)), "is it whole, and COLMAP's?")
-        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({error}); {hint}") from None
+        why = " ".join(str(error).split())  # a damaged schema may hold line breaks
+        hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
+        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
 
 
 @contextmanager

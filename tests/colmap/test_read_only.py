@@ -180,6 +180,14 @@ def test_reading_does_not_write(linked: Path, tmp_path: Path) -> None:
         database.execute("DELETE FROM images")
 
 
+def test_a_change_while_reading_is_noticed(linked: Path, tmp_path: Path) -> None:
+    path = copied(linked, tmp_path)
+    words = "changed while it was read.*another program"
+    with pytest.raises(Blur2ViewError, match=words), open_read_only(path) as database:
+        assert database.execute("SELECT count(*) FROM cameras").fetchone() == (1,)
+        newer(path)
+
+
 def locked(path: Path) -> sqlite3.Connection:
     rollback_journal(path)
     other = sqlite3.connect(path, isolation_level=None)
