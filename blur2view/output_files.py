@@ -3,14 +3,20 @@
 import os
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
 from blur2view.errors import OutputError
 
 
-def prepare_folder(folder: Path) -> None:
-    """Create the folder if needed and prove that files can be written there.
+def prepare_folder(folder: Path) -> list[Path]:
+    """Create the folder if needed, check that files can be written there, and return what was created.
+
+    Returns
+    -------
+    list of Path
+        The folders that did not exist before, the deepest first; see `remove_empty`.
 
     Raises
     ------
@@ -18,11 +24,20 @@ def prepare_folder(folder: Path) -> None:
         If it cannot be created or written.
     """
     try:
+        created = [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
             pass
     except OSError as error:
         raise unwritable(folder, error) from None
+    return created
+
+
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Remove those of the folders that are empty, the deepest first."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 Files = TypeVar("Files", bound="ResultFiles", covariant=True)
@@ -40,13 +55,13 @@ class ResultKind(Protocol[Files]):
     """Names the files of one photograph, as the class :class:`OutputFiles` does."""
 
     def __call__(self, *, folder: Path, stem: str) -> Files:
-        """Give those of a photograph's name without its suffix."""
+        """Return those of a photograph's name without its suffix."""
 
 
 def plan_outputs(
     images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
 ) -> list[Files | OutputError]:
-    """Name the files of each photograph, or say why they must not be written.
+    """Return the files of each photograph, or why they must not be written.
 
     Parameters
     ----------
@@ -88,7 +103,7 @@ def plan_outputs(
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write beside the path and rename, so that a reader never meets half a file.
+    """Write beside the path and rename, so that a reader never sees half a file.
 
     Raises
     ------

@@ -1,12 +1,15 @@
 """The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
+from blur2view.camera.exif import read_exif
+from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
@@ -116,4 +119,77 @@ def estimate(
         model_id=network.info.model_id,
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileEstimate:
+    """The estimate of one photograph's file.
+
+    Parameters
+    ----------
+    path : Path
+        As the user named it.
+    image : ndarray of shape (H, W, 3), float32
+        The photograph, upright.
+    found : Estimate
+        The smears and the geometry.
+    run : Run
+        The options.
+    read_s : float
+        Seconds spent on decoding.
+    exposure_s : float or None
+        Exposure time in seconds, of the options or else of EXIF.
+    """
+
+    path: Path
+    image: NDArray[np.float32]
+    found: Estimate
+    run: Run
+    read_s: float
+    exposure_s: float | None = None
+
+    @property
+    def timings_s(self) -> dict[str, float]:
+        """Return the seconds of each step: read, predict, select and solve."""
+        steps = asdict(self.found.timings)
+        return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
+
+
+def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
+    """Read a photograph and estimate its geometry, as ``blur2view estimate`` does.
+
+    Parameters
+    ----------
+    path : Path
+    network : SmearNetwork
+    run : Run
+        The options. Each photograph has a generator of its own, so that its result does not depend on those
+        before it.
+
+    Raises
+    ------
+    ImageError, CameraError, ModelError
+        If the file cannot be read, its camera cannot be determined or the network cannot be run.
+    """
+    start = time.perf_counter()
+    image = read_image(path)
+    read_s = time.perf_counter() - start
+    exif = read_exif(path)
+    camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
+    found = estimate(
+        image,
+        network=network,
+        select=run.select,
+        options=run.options,
+        rng=np.random.default_rng(run.seed),
+        camera=camera,
+    )
+    return FileEstimate(
+        path=path,
+        image=image,
+        found=found,
+        run=run,
+        read_s=read_s,
+        exposure_s=run.exposure_s or exif.exposure_s,
     )

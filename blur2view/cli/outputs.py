@@ -1,7 +1,6 @@
 """Files that the commands write beside each other: arrays, overlays, masks and documents."""
 
 import io
-import json
 from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
@@ -12,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from blur2view.documents import FileEstimate
+from blur2view.documents.estimate import EstimateDocument
+from blur2view.documents.masks import MaskDocument
 from blur2view.output_files import unwritable, write_atomically
-from blur2view.pipeline import Estimate
+from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.visualization.mask_overlay import PINK, draw_motion
 from blur2view.visualization.overlay import draw_overlay
@@ -60,34 +60,30 @@ class OutputFiles:
         return self.arrays, self.picture, self.document
 
 
-def write_results(
-    files: OutputFiles, facts: dict[str, Any], image: NDArray[np.float32], estimate: Estimate
-) -> None:
+def write_results(files: OutputFiles, document: EstimateDocument, one: FileEstimate) -> None:
     """Write the arrays, the overlay and the document, each whole or not at all.
 
     Parameters
     ----------
     files : OutputFiles
         Where.
-    facts : dict
-        From :func:`document`.
-    image : ndarray of shape (H, W, 3), float32
-        The photograph.
-    estimate : Estimate
-        What was found.
+    document : EstimateDocument
+        Of the photograph.
+    one : FileEstimate
+        The photograph and its estimate.
 
     Raises
     ------
     OutputError
         If a file cannot be written.
     """
-    geometry, field = estimate.geometry, estimate.field
-    picture = draw_overlay(image, field, estimate.matches, geometry)
+    geometry, matches, field = one.found.geometry, one.found.matches, one.found.field
+    picture = draw_overlay(one.image, field, matches, geometry)
     encoded = cv2.imencode(".png", picture[..., ::-1], _PNG_EFFORT)[1].tobytes()
-    text = json.dumps(facts, indent=2, allow_nan=False) + "\n"
-    told: Any = {} if field.sigma_rad is None else {"sigma_rad": field.sigma_rad}
+    text = document.to_json() + "\n"
+    direction_sigma: Any = {} if field.sigma_rad is None else {"sigma_rad": field.sigma_rad}
     try:
-        files.document.unlink(missing_ok=True)  # an older one must not vouch for new arrays if we are killed
+        files.document.unlink(missing_ok=True)  # an older one beside new arrays, if we are killed, would lie
         write_atomically(
             files.arrays,
             # compressed it takes 40 times as long (0.63 s at 1280x720) and is an eighth smaller
@@ -95,11 +91,11 @@ def write_results(
                 file,
                 displacement=field.displacement,
                 sigma_px=field.sigma_px,
-                **told,
+                **direction_sigma,
                 inlier_mask=geometry.inlier_mask,
                 swapped=geometry.swapped,
-                ends=estimate.matches.ends,
-                match_sigma_px=estimate.matches.weighed_across().sigma_px,
+                ends=matches.ends,
+                match_sigma_px=matches.weighed_across().sigma_px,
             ),
         )
         write_atomically(files.picture, lambda file: file.write(encoded))
@@ -149,7 +145,9 @@ class MaskFiles:
         return self.mask, self.probability, self.picture, self.document
 
 
-def write_mask(files: MaskFiles, facts: dict[str, Any], one: FileEstimate, mask: MotionMask) -> None:
+def write_mask(
+    files: MaskFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
+) -> None:
     """Write mask, probabilities, overlay and document, each whole or not at all.
 
     Raises
@@ -161,11 +159,11 @@ def write_mask(files: MaskFiles, facts: dict[str, Any], one: FileEstimate, mask:
     encoded = {
         files.mask: indexed_png(mask),
         files.probability: cv2.imencode(".png", levels)[1].tobytes(),
-        files.picture: cv2.imencode(".png", draw_motion(one.image, mask)[..., ::-1])[1].tobytes(),
-        files.document: (json.dumps(facts, indent=2, allow_nan=False) + "\n").encode(),
+        files.picture: cv2.imencode(".png", draw_motion(image, mask)[..., ::-1])[1].tobytes(),
+        files.document: (document.to_json() + "\n").encode(),
     }
     try:
-        files.document.unlink(missing_ok=True)  # an older one must not vouch for a new mask if we are killed
+        files.document.unlink(missing_ok=True)  # an older one beside a new mask, if we are killed, would lie
         for path in files.paths:
             write_atomically(path, methodcaller("write", encoded[path]))
     except OSError as error:
@@ -173,7 +171,7 @@ def write_mask(files: MaskFiles, facts: dict[str, Any], one: FileEstimate, mask:
 
 
 def indexed_png(mask: MotionMask) -> bytes:
-    """Encode the labels as a PNG whose pixels are `MotionLabel`, with a palette to look at."""
+    """Return the labels as a PNG whose pixels are `MotionLabel`, with a palette to look at."""
     picture = Image.fromarray(mask.labels)
     picture.putpalette([level for label in MotionLabel for level in PALETTE[label]])
     stream = io.BytesIO()

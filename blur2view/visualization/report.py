@@ -11,10 +11,11 @@ from pathlib import PurePath
 from string import Template
 from typing import Any
 
-from blur2view.documents import FileEstimate
+from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
-from blur2view.visualization.report_photograph import VERDICT_ORDER, photograph
+from blur2view.visualization.report_photograph import photograph
+from blur2view.visualization.verdicts import VERDICT_ORDER
 
 SCRIPTS = (
     "unpack",
@@ -42,7 +43,7 @@ class Entry:
     name : str
         As the user named it.
     kind, verdict : str
-        Kind of verdict, see `report_photograph.VERDICTS`, or "failed"; the configuration, or "FAILED".
+        Kind of verdict, see `verdicts.VERDICTS`, or "failed"; the configuration, or "FAILED".
     text : str
         The reason, or the error.
     median_px : float or None

@@ -1,42 +1,24 @@
 """What the report's page is told of one photograph: its picture, its smears and what was found, as JSON."""
 
-import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from blur2view.camera.camera import Camera
-from blur2view.documents import FileEstimate
-from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.documents.estimate import EstimateDocument
+from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import STRIDE, SmearMatches
 from blur2view.visualization.report_pack import packed, picture
+from blur2view.visualization.verdicts import verdict
 
 MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
 SMEAR_STEP_PX = 1 / 64
 DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
 LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ordinary lenses
 LENS_STEP_PX = 2**-10
-# Configuration -> kind of verdict (its colour and place in the order) and what it means, in plain words.
-VERDICTS = {
-    Configuration.CALIBRATED: (
-        "found",
-        "The camera moved past things at different depths: F, E and the pose are given.",
-    ),
-    Configuration.UNCALIBRATED: ("found", "The camera moved past things at different depths: F is given."),
-    Configuration.MULTIPLE: (
-        "open",
-        "Two motions share the picture: F is that of the one most smears follow.",
-    ),
-    Configuration.PLANAR_OR_PANORAMIC: ("open", "It is open whether there is parallax."),
-    Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
-    Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
-    Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
-    Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
-}
-UNPROVEN = "The camera moved: F is given, but that things lie at different depths is not proven."
-VERDICT_ORDER = [config.name for config in VERDICTS]
 
 
 def photograph(
@@ -61,11 +43,9 @@ def photograph(
         timings).
     """
     found, geometry = one.found, one.found.geometry
-    facts = one.facts if timings else one.facts | {"timings_s": None}
-    seconds = one.facts["timings_s"] | ({} if mask_s is None else {"mask": mask_s})
-    kind, meaning = VERDICTS[geometry.config]
-    if kind == "found" and geometry.H is not None:
-        meaning = UNPROVEN
+    document = EstimateDocument.of(one)
+    seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
+    kind, meaning = verdict(geometry)
     height, width = found.field.shape
     return {
         "name": str(one.path),
@@ -75,7 +55,7 @@ def photograph(
         "kind": kind,
         "meaning": meaning,
         "median_px": median_length(found.matches),
-        "document": json.dumps(facts, indent=2, allow_nan=False),
+        "document": (document if timings else replace(document, timings_s=None)).to_json(),
         "grid": grid(found.field),
         "matches": matches(found.matches, geometry.inlier_mask, geometry.swapped),
         "lens": lens(found.camera),

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
-from blur2view.documents import FileEstimate, document
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.pipeline import Estimate, Run, Timings
+from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
@@ -75,8 +74,7 @@ def made_up(
         camera=camera,
     )
     run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
-    facts = document(Path(name), field.shape, found, run, 0.04)
-    return FileEstimate(path=Path(name), image=dotted_photograph(*size), found=found, facts=facts)
+    return FileEstimate(path=Path(name), image=dotted_photograph(*size), found=found, run=run, read_s=0.04)
 
 
 def some_geometry(

@@ -17,7 +17,8 @@ from blur2view.camera.camera import Camera
 from blur2view.cli import commands as cli
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.visualization.report import Entry, report
-from blur2view.visualization.report_photograph import MAX_NODES, VERDICTS, lens, node_pixels, photograph
+from blur2view.visualization.report_photograph import MAX_NODES, lens, node_pixels, photograph
+from blur2view.visualization.verdicts import VERDICTS
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
 
@@ -141,17 +142,18 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
 
 
-def test_page_is_kept_if_every_photograph_fails(
+def test_nothing_is_written_if_every_photograph_fails(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, absent = tmp_path / "page.html", tmp_path / "absent.jpg"
-    assert call(absent) == 1 and page.is_file()  # there was none to keep
+    assert call(absent) == 1 and not page.exists()
+    assert call(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
     assert call(moving, "--overwrite") == 0
     good = page.read_bytes()
     capsys.readouterr()
     assert call(absent, absent, "--overwrite") == 1 and page.read_bytes() == good
-    told = capsys.readouterr()
-    assert "page.html: kept as it was" in told.err.splitlines()[-1] and "wrote" not in told.out
+    printed = capsys.readouterr()
+    assert "page.html: is not written" in printed.err.splitlines()[-1] and "wrote" not in printed.out
     assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
 
 

@@ -108,7 +108,7 @@ def test_facts_are_those_of_the_document(opened: Opener) -> None:
     ]
     assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")
     F = np.array([float(cell) for cell in page.locator("#matrix td").all_inner_texts()]).reshape(3, 3)
-    np.testing.assert_allclose(F, one.facts["F"], rtol=1e-4)
+    np.testing.assert_allclose(F, turning_F(), rtol=1e-4)
     assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
 
 
