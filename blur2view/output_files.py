@@ -11,7 +11,7 @@ from blur2view.errors import OutputError
 
 
 def prepare_folder(folder: Path) -> list[Path]:
-    """Create the folder if needed, check that files can be written there, and return what was created.
+    """Return the folders that were created so that files can be written there, which is checked.
 
     Returns
     -------

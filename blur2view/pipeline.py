@@ -22,7 +22,7 @@ from blur2view.two_view.options import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What was asked for, the same for every photograph of a call."""
+    """The options of a call, the same for every photograph."""
 
     select: SelectOptions
     options: EstimatorOptions
@@ -42,7 +42,7 @@ class Timings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """What was found in one photograph, and every step that led to it.
+    """The estimate of one photograph, and every step that led to it.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def estimate(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
 ) -> Estimate:
-    """Estimate the two-view geometry of the camera's motion during one exposure.
+    """Return the two-view geometry of the camera's motion during one exposure.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def estimate(
     Returns
     -------
     Estimate
-        A photograph without a trustworthy F gives a configuration with its reason, not an error.
+        A photograph without a trustworthy F has a configuration with its reason, not an error.
 
     Raises
     ------
@@ -132,7 +132,7 @@ class FileEstimate:
         As the user named it.
     image : ndarray of shape (H, W, 3), float32
         The photograph, upright.
-    found : Estimate
+    estimate : Estimate
         The smears and the geometry.
     run : Run
         The options.
@@ -144,7 +144,7 @@ class FileEstimate:
 
     path: Path
     image: NDArray[np.float32]
-    found: Estimate
+    estimate: Estimate
     run: Run
     read_s: float
     exposure_s: float | None = None
@@ -152,12 +152,12 @@ class FileEstimate:
     @property
     def timings_s(self) -> dict[str, float]:
         """Return the seconds of each step: read, predict, select and solve."""
-        steps = asdict(self.found.timings)
+        steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 
 
 def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
-    """Read a photograph and estimate its geometry, as ``blur2view estimate`` does.
+    """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
     read_s = time.perf_counter() - start
     exif = read_exif(path)
     camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
-    found = estimate(
+    result = estimate(
         image,
         network=network,
         select=run.select,
@@ -188,7 +188,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
     return FileEstimate(
         path=path,
         image=image,
-        found=found,
+        estimate=result,
         run=run,
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,

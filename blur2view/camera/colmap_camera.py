@@ -22,17 +22,17 @@ MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
 
 
 def to_colmap(points: Array) -> Array:
-    """Our pixels (..., 2) as COLMAP's."""
+    """Return our pixels (..., 2) as COLMAP's."""
     return np.asarray(points, float) + HALF_PIXEL
 
 
 def from_colmap(points: Array) -> Array:
-    """COLMAP's pixels (..., 2) as ours."""
+    """Return COLMAP's pixels (..., 2) as ours."""
     return np.asarray(points, float) - HALF_PIXEL
 
 
 def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
-    """Split a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
+    """Return the parts of a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
 
     Returns
     -------
@@ -56,12 +56,13 @@ def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
 
 
 def _malformed(text: str, why: str) -> CameraError:
+    """Return the error of a string that is no camera."""
     example = "for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
     return CameraError(f"camera {text!r}: {why}; write MODEL WIDTH HEIGHT PARAMS..., {example}")
 
 
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
-    """Build pycolmap's camera.
+    """Return pycolmap's camera.
 
     Returns
     -------
@@ -92,28 +93,28 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
 
 
 def calibration_matrix(camera: Any) -> Array:
-    """K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
+    """Return K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
     K = np.array(camera.calibration_matrix(), float)
     K[:2, 2] = from_colmap(K[:2, 2])
     return K
 
 
 def rescaled_matrix(K: Array, scale: float) -> Array:
-    """K (3, 3) of a picture resized by a factor: its corners keep their place, not the pixels' centres."""
+    """Return K (3, 3) of a picture resized by a factor: its corners, not pixel centres, keep their place."""
     resized = np.diag([scale, scale, 1.0]) @ K
     resized[:2, 2] = from_colmap(scale * to_colmap(K[:2, 2]))
     return resized
 
 
 def rescaled(camera: Any, width: int, height: int) -> Any:
-    """Copy of a pycolmap.Camera for a picture resized to this size."""
+    """Return the copy of a pycolmap.Camera for a picture resized to this size."""
     copy = type(camera)(camera.todict())
     copy.rescale(width, height)
     return copy
 
 
 def normalised_points(camera: Any, points: Array) -> Array:
-    """Rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
+    """Return rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
     # a point list comes back with NaN where a single point gives None
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
 
@@ -122,7 +123,7 @@ Row = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, param
 
 
 def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
-    """Read the cameras of a COLMAP database and the camera of every image, without writing to it.
+    """Return the cameras of a COLMAP database and the camera of every image, without writing to it.
 
     pycolmap's ``Database.open`` would upgrade the file, so SQLite reads it here. It is opened for writing all
     the same: a read-only connection leaves the files of a write-ahead log behind.
@@ -153,7 +154,7 @@ def database_cameras(path: Path) -> tuple[list[Row], dict[str, int]]:
 
 
 def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[int, Any]:
-    """Id and pycolmap.Camera of a database: the one named, the image's, or the only one.
+    """Return id and pycolmap.Camera of a database: the one named, the image's, or the only one.
 
     Parameters
     ----------
@@ -191,7 +192,7 @@ def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[i
 
 
 def _camera_of(path: Path, ids: list[int], of_image: dict[str, int], image_name: str) -> int:
-    """Camera of the image whose name is the longest ending of ``image_name``; else the only camera."""
+    """Return the camera of the image with the longest ending of ``image_name`` as name; else the only one."""
     parts = Path(image_name).parts
     for start in range(len(parts)):
         name = "/".join(parts[start:])

@@ -29,7 +29,7 @@ def run_each(
     work: Work[Files, Made],
     collect: Callable[[list[Made], list[FailureDocument]], Document],
 ) -> int:
-    """Do the work on every photograph and return the exit code; one that fails costs a line on stderr.
+    """Return the exit code, after the work on every photograph; one that fails costs a line on stderr.
 
     With ``--json`` the one document of ``collect`` is printed at the end.
     """

@@ -23,7 +23,7 @@ blur2view COMMAND --help explains the options, files and JSON keys of a command.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Return the exit code of the command line, after running it.
 
     Parameters
     ----------

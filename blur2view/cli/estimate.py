@@ -15,7 +15,7 @@ from blur2view.pipeline import estimate_file
 
 
 def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Estimate every photograph and return the exit code."""
+    """Return the exit code, after estimating every photograph."""
     run = read_run(options, usage_error)
     plan = plan_files(options, OutputFiles)
     network = SmearNetwork(options.model)
@@ -26,7 +26,7 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
         document = EstimateDocument.of(one)
         if files:
             write_results(files, document, one)
-        return document, estimate_summary(document, one.found, files, options.verbosity)
+        return document, estimate_summary(document, one.estimate, files, options.verbosity)
 
     def collect(estimates: list[EstimateDocument], failures: list[FailureDocument]) -> EstimatesDocument:
         """Return the document of the call."""

@@ -77,7 +77,7 @@ def write_results(files: OutputFiles, document: EstimateDocument, one: FileEstim
     OutputError
         If a file cannot be written.
     """
-    geometry, matches, field = one.found.geometry, one.found.matches, one.found.field
+    geometry, matches, field = one.estimate.geometry, one.estimate.matches, one.estimate.field
     picture = draw_overlay(one.image, field, matches, geometry)
     encoded = cv2.imencode(".png", picture[..., ::-1], _PNG_EFFORT)[1].tobytes()
     text = document.to_json() + "\n"

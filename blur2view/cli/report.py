@@ -30,7 +30,7 @@ class Networks:
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Estimate every photograph, write the page and return the exit code.
+    """Return the exit code, after estimating every photograph and writing the page.
 
     A photograph that fails gets a card with its reason; if all fail nothing is written.
     """
@@ -73,15 +73,15 @@ def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[
             complain(error, say)
         else:
             if options.verbosity > QUIET:
-                line = verdict_line(str(image), one.found.geometry)
-                say(line if options.verbosity == SHORT else f"{line}\n  {one.found.geometry.reason}")
+                line = verdict_line(str(image), one.estimate.geometry)
+                say(line if options.verbosity == SHORT else f"{line}\n  {one.estimate.geometry.reason}")
     return entries
 
 
 def _entry(one: FileEstimate, network: MotionNetwork | None, *, timings: bool) -> Entry:
     """Return the entry of one photograph; without a motion segmentation network without a mask."""
     start = time.perf_counter()
-    mask = None if network is None else segment(one.found, one.image, network=network)
+    mask = None if network is None else segment(one.estimate, one.image, network=network)
     mask_s = None if mask is None else time.perf_counter() - start
     return Entry.of(one, mask, mask_s, timings=timings)
 

@@ -21,7 +21,7 @@ from blur2view.segmentation.network import MotionNetwork
 
 
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Segment every photograph and return the exit code."""
+    """Return the exit code, after segmenting every photograph."""
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
@@ -31,7 +31,7 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
         """Return the document and the summary of one photograph, after writing its files."""
         one = estimate_file(path, network, run)
         start = time.perf_counter()
-        mask = segment(one.found, one.image, wanted, np.random.default_rng(run.seed), motion_network)
+        mask = segment(one.estimate, one.image, wanted, np.random.default_rng(run.seed), motion_network)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         if files:
             write_mask(files, document, one.image, mask)

@@ -26,22 +26,22 @@ def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
 
 
 def estimate_summary(
-    document: EstimateDocument, found: Estimate, files: OutputFiles | None, verbosity: int = SHORT
+    document: EstimateDocument, estimate: Estimate, files: OutputFiles | None, verbosity: int = SHORT
 ) -> str:
     """Return two lines about one photograph, or everything.
 
     Parameters
     ----------
     document : EstimateDocument
-    found : Estimate
+    estimate : Estimate
         Of the same photograph.
     files : OutputFiles, optional
         Where the results were written, if they were.
     verbosity : int
         `terminal.SHORT` or `terminal.VERBOSE`.
     """
-    title = verdict_line(document.image, found.geometry)
-    details = _details(document, found) if verbosity > SHORT else [_figures(document, found.geometry)]
+    title = verdict_line(document.image, estimate.geometry)
+    details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
     return _with_files([title, *details], files)
 
 
@@ -83,9 +83,9 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     return "; ".join(parts)
 
 
-def _details(document: EstimateDocument, found: Estimate) -> list[str]:
+def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     """Return everything: the reason, the smears, F, epipoles, pose, costs of the models, timings."""
-    geometry, matches = found.geometry, found.matches
+    geometry, matches = estimate.geometry, estimate.matches
     used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)

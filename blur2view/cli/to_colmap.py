@@ -26,7 +26,7 @@ DONE, FAILED = 0, 1
 
 
 def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Estimate every photograph, write all of them at once and return the exit code."""
+    """Return the exit code, after estimating every photograph and writing all of them at once."""
     run = read_run(options, usage_error)
     _check_usage(options, usage_error)
     if options.db is not None and not options.link:
@@ -79,7 +79,7 @@ def _kept(photograph: NamedPhotograph) -> KeptDocument:
 
 
 def _write(options: argparse.Namespace, made: Sequence[PhotographViews]) -> Path | None:
-    """Write everything at once; return the backup."""
+    """Return the backup, if there is one, after writing everything at once."""
     if options.link:
         return write_links(options.db, [one.job for one in made], backup=not options.no_backup)
     views = [one.views for one in made]

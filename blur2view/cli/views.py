@@ -55,7 +55,7 @@ class PhotographViews:
 
     @property
     def job(self) -> LinkJob:
-        """What `write_links` takes."""
+        """The argument of `write_links`."""
         if self.photograph.plan is None or self.usable is None:
             raise ValueError(f"{self.photograph.name} is not linked")
         linked = KeypointViews(views=self.views, usable=self.usable)
@@ -111,7 +111,7 @@ def fresh_names(paths: Sequence[Path]) -> list[str]:
 
 
 def failure(path: Path, error: Blur2ViewError, say: Say = print) -> FailureDocument:
-    """Print the line of a photograph that failed, and return its document."""
+    """Return the document of a photograph that failed, after printing its line."""
     complain(error, say)
     return FailureDocument(image=str(path), error=str(error))
 
@@ -139,10 +139,10 @@ def _views(
     size = (image.shape[1], image.shape[0])
     camera = _camera(database, photograph, run, size)
     rng = np.random.default_rng(run.seed)
-    found = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
+    result = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
     if photograph.plan is None:
-        return PhotographViews(photograph=photograph, views=views_of(photograph.name, found))
-    linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, found, run.options)
+        return PhotographViews(photograph=photograph, views=views_of(photograph.name, result))
+    linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
     return PhotographViews(photograph=photograph, views=linked.views, usable=linked.usable)
 
 

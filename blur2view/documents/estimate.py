@@ -186,7 +186,7 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
-        found, geometry, (height, width) = one.found, one.found.geometry, one.found.field.shape
+        estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.field.shape
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         return cls(
             image=str(one.path),
@@ -199,21 +199,21 @@ class EstimateDocument(Document):
             motion_model=str(geometry.model),
             scores={str(name): cost for name, cost in geometry.scores},
             support=geometry.support,
-            K=None if found.camera is None else found.camera.K.tolist(),
-            camera=None if found.camera is None else CameraDocument.of(found.camera),
+            K=None if estimate.camera is None else estimate.camera.K.tolist(),
+            camera=None if estimate.camera is None else CameraDocument.of(estimate.camera),
             E=None if pose is None or geometry.E is None else geometry.E.tolist(),
             cam2_from_cam1=None if pose is None else PoseDocument.of(pose),
             rotation_deg=None if pose is None else pose.angle_deg,
             angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
             pose_covariance=None if pose is None or covariance is None else CovarianceDocument.of(covariance),
             exposure_s=one.exposure_s,
-            num_matches=len(found.matches),
+            num_matches=len(estimate.matches),
             num_inliers=int(geometry.inlier_mask.sum()),
             iterations=geometry.iterations,
             beta=one.run.select.beta,
             max_error_px=one.run.options.max_error_px,
             seed=one.run.seed,
-            model_id=found.model_id,
+            model_id=estimate.model_id,
             timings_s=one.timings_s,
         )
 

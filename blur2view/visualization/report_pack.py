@@ -16,7 +16,7 @@ THUMBNAIL_SIDE_PX = 400
 
 
 def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> dict[str, Any]:
-    """Code an array as integers of a type, ``value / step`` rounded.
+    """Return an array as integers of a type, ``value / step`` rounded.
 
     Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes
     first, deflated and written in base64; ``report_page/unpack.js`` is the inverse.

@@ -1,4 +1,4 @@
-"""What the report's page is told of one photograph: its picture, its smears and what was found, as JSON."""
+"""What the report's page shows of one photograph: its picture, its smears and its estimate, as JSON."""
 
 from dataclasses import replace
 from typing import Any
@@ -34,19 +34,19 @@ def photograph(
     mask_s : float, optional
         Seconds that it took.
     timings : bool
-        Without them the same photograph gives the same text again.
+        Without them equal photographs have equal texts.
 
     Returns
     -------
     dict
-        ``document`` is the text of the JSON that ``blur2view estimate`` gives (``timings_s`` null without
+        ``document`` is the text of the JSON document of ``blur2view estimate`` (``timings_s`` null without
         timings).
     """
-    found, geometry = one.found, one.found.geometry
+    estimate, geometry = one.estimate, one.estimate.geometry
     document = EstimateDocument.of(one)
     seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
     kind, meaning = verdict(geometry)
-    height, width = found.field.shape
+    height, width = estimate.field.shape
     return {
         "name": str(one.path),
         "width": width,
@@ -54,11 +54,11 @@ def photograph(
         "picture": picture(one.image),
         "kind": kind,
         "meaning": meaning,
-        "median_px": median_length(found.matches),
+        "median_px": median_length(estimate.matches),
         "document": (document if timings else replace(document, timings_s=None)).to_json(),
-        "grid": grid(found.field),
-        "matches": matches(found.matches, geometry.inlier_mask, geometry.swapped),
-        "lens": lens(found.camera),
+        "grid": grid(estimate.field),
+        "matches": matches(estimate.matches, geometry.inlier_mask, geometry.swapped),
+        "lens": lens(estimate.camera),
         "mask": None if mask is None else motion(mask),
         "seconds": seconds if timings else None,
     }
@@ -70,7 +70,7 @@ def median_length(used: SmearMatches) -> float | None:
 
 
 def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Return rows and columns of the pixels that are told: those of `sampling.grid_pixels`, or every k-th.
+    """Return rows and columns of the pixels that are shown: those of `sampling.grid_pixels`, or every k-th.
 
     Parameters
     ----------
@@ -84,22 +84,22 @@ def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
 
 
 def grid(field: SmearField) -> dict[str, Any]:
-    """Pack the smears at the nodes of a grid, and their sigmas."""
+    """Return the smears at the nodes of a grid and their sigmas, packed."""
     rows, columns = node_pixels(field.shape)
     displacement = field.displacement[rows, columns].transpose(2, 0, 1)
-    told = field.sigma_rad
+    angles = None if field.sigma_rad is None else field.sigma_rad[rows, columns]
     return {
         "x0": columns.start,
         "y0": rows.start,
         "step_px": rows.step,
         "displacement": packed(displacement, "int16", SMEAR_STEP_PX),
         "sigma_px": packed(field.sigma_px[rows, columns], "uint16", SMEAR_STEP_PX),
-        "sigma_rad": None if told is None else packed(told[rows, columns], "uint16", DIRECTION_STEP_RAD),
+        "sigma_rad": None if angles is None else packed(angles, "uint16", DIRECTION_STEP_RAD),
     }
 
 
 def matches(used: SmearMatches, inlier_mask: Any, swapped: Any) -> dict[str, Any]:
-    """Pack the smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
+    """Return the smears that were used, packed: x0, y0, x1, y1 of their ends; flags 1 inlier, 2 swapped."""
     flags = np.asarray(inlier_mask).astype(np.uint8) + 2 * np.asarray(swapped).astype(np.uint8)
     return {
         "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),
@@ -108,7 +108,7 @@ def matches(used: SmearMatches, inlier_mask: Any, swapped: Any) -> dict[str, Any
 
 
 def lens(camera: Camera | None) -> dict[str, Any] | None:
-    """Pack where a distorting camera's pixels would lie without distortion, on a grid; None without.
+    """Return where a camera's pixels would lie without distortion, on a grid, packed; None without any.
 
     F and H hold for undistorted pixels, so that epipolar lines are curves in the photograph.
     """
@@ -124,7 +124,7 @@ def lens(camera: Camera | None) -> dict[str, Any] | None:
 
 
 def motion(mask: MotionMask) -> dict[str, Any]:
-    """Pack the labels of a motion mask at every k-th pixel, its probability at the nodes of the grid."""
+    """Return a motion mask, packed: labels at every k-th pixel, probability at the nodes of the grid."""
     rows, columns = node_pixels(mask.labels.shape)
     every = max(rows.step // STRIDE, 1)
     return {

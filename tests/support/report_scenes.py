@@ -60,7 +60,7 @@ def made_up(
     camera: Camera | None = None,
     scale: float = 1.0,
 ) -> FileEstimate:
-    """Make up what was found in a photograph; ``scale`` stretches its smears."""
+    """Return a made-up estimate of a photograph; ``scale`` stretches its smears."""
     field = wavy_field(*size)
     field = replace(field, displacement=scale * field.displacement)
     used = select_matches(field, SelectOptions(max_matches=300))
@@ -74,7 +74,7 @@ def made_up(
         camera=camera,
     )
     run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
-    return FileEstimate(path=Path(name), image=dotted_photograph(*size), found=found, run=run, read_s=0.04)
+    return FileEstimate(path=Path(name), image=dotted_photograph(*size), estimate=found, run=run, read_s=0.04)
 
 
 def some_geometry(

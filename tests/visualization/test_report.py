@@ -203,10 +203,10 @@ def test_photograph_of_1280x720_stays_small() -> None:
     grain = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1).astype(
         np.float32
     )  # 10 of 255 levels
-    rough = rng.normal(0, 20, one.found.field.displacement.shape).astype(np.float32)
+    rough = rng.normal(0, 20, one.estimate.field.displacement.shape).astype(np.float32)
     one.image[:] = grain
-    one.found.field.displacement[:] = rough
-    one.found.field.sigma_px[:] = rng.uniform(0, 9, rough.shape[:2])
+    one.estimate.field.displacement[:] = rough
+    one.estimate.field.sigma_px[:] = rng.uniform(0, 9, rough.shape[:2])
     assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
 
 
@@ -226,17 +226,17 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     told = photograph(one, mask)
     assert (told["width"], told["height"]) == (WIDTH, HEIGHT)
     rows, columns = node_pixels((HEIGHT, WIDTH))
-    field = one.found.field
+    field = one.estimate.field
     expected = field.displacement[rows, columns].transpose(2, 0, 1)
     assert abs(unpacked(told["grid"]["displacement"]) - expected).max() <= 0.5 / 64
     assert abs(unpacked(told["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
     assert field.sigma_rad is not None
     assert abs(unpacked(told["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
     ends = unpacked(told["matches"]["ends"]).T.reshape(-1, 2, 2)
-    assert abs(ends - one.found.matches.ends).max() <= 0.5 / 64
+    assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
     flags = unpacked(told["matches"]["flags"]).astype(int)
-    np.testing.assert_array_equal(flags & 1, one.found.geometry.inlier_mask)
-    np.testing.assert_array_equal(flags >> 1, one.found.geometry.swapped)
+    np.testing.assert_array_equal(flags & 1, one.estimate.geometry.inlier_mask)
+    np.testing.assert_array_equal(flags >> 1, one.estimate.geometry.swapped)
     np.testing.assert_array_equal(unpacked(told["mask"]["labels"]), mask.labels)
     assert (
         abs(unpacked(told["mask"]["probability"]) - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
@@ -265,5 +265,6 @@ def test_every_configuration_has_words() -> None:
 
 def test_proof_of_parallax_is_not_claimed_beside_a_homography() -> None:
     one = made_up(F=turning_F())
-    beside = replace(one, found=replace(one.found, geometry=replace(one.found.geometry, H=np.eye(3))))
+    geometry = replace(one.estimate.geometry, H=np.eye(3))
+    beside = replace(one, estimate=replace(one.estimate, geometry=geometry))
     assert "not proven" in photograph(beside)["meaning"] and "not proven" not in photograph(one)["meaning"]

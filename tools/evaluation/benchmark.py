@@ -75,7 +75,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
     run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
     one = estimate_file(photo, network, run)
-    image, found = one.image, one.found
+    image, found = one.image, one.estimate
     field, matches = found.field, found.matches
     sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # any F: without one the mask's network is not asked
     moving = replace(found, geometry=replace(found.geometry, F=sideways))

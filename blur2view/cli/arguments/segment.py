@@ -73,7 +73,7 @@ def describe(parser: CommandParser) -> None:
 
 
 def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Run the command; only now what it needs is imported."""
+    """Return the exit code of the command; what it needs is imported only now."""
     from blur2view.cli.segment import run_segment
 
     return run_segment(options, parser.error)

@@ -126,7 +126,7 @@ def _add_views(add: Any) -> None:
 
 
 def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Run the command; only now what it needs is imported."""
+    """Return the exit code of the command; what it needs is imported only now."""
     from blur2view.cli.to_colmap import run_to_colmap
 
     return run_to_colmap(options, parser.error)
