@@ -12,6 +12,7 @@ from blur2view.colmap.database import refuse_existing, write_database
 from blur2view.colmap.hloc_files import write_hloc
 from blur2view.colmap.link import write_links
 from blur2view.colmap.text_formats import write_matches_text
+from blur2view.documents.document import FailureDocument
 from blur2view.documents.to_colmap import (
     DATABASE,
     HLOC,
@@ -39,19 +40,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     made = with_time(options, made)
     if options.corrected:
         made = [replace(one, views=one.views.corrected()) for one in made]
-    skipped = [one for one in made if options.skip_degenerate and one.views.geometry.F is None]
-    written = [one for one in made if one not in skipped]
-    backup = None if options.dry_run else _write(options, written)
-    document = ToColmapDocument(
-        format=options.format,
-        target=str(options.db or options.output),
-        dry_run=options.dry_run,
-        backup=None if backup is None else str(backup),
-        photographs=[one.document() for one in written],
-        skipped=[one.document("skip") for one in skipped],
-        kept=[_kept(photograph) for photograph in photographs if photograph.kept],
-        failures=failures,
-    )
+    document = _write_document(options, made, [_kept(one) for one in photographs if one.kept], failures)
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
@@ -71,6 +60,28 @@ def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], objec
         usage_error("name the database with --db")
     if options.format != DATABASE and (options.output is None or options.db is not None or options.link):
         usage_error(f"--format {options.format} needs -o DIR, and neither --db nor --link")
+
+
+def _write_document(
+    options: argparse.Namespace,
+    made: Sequence[PhotographViews],
+    kept: list[KeptDocument],
+    failures: list[FailureDocument],
+) -> ToColmapDocument:
+    """Return the document of the call, after writing what is not skipped."""
+    skipped = [one for one in made if options.skip_degenerate and one.views.geometry.F is None]
+    written = [one for one in made if one not in skipped]
+    backup = None if options.dry_run else _write(options, written)
+    return ToColmapDocument(
+        format=options.format,
+        target=str(options.db or options.output),
+        dry_run=options.dry_run,
+        backup=None if backup is None else str(backup),
+        photographs=[one.document() for one in written],
+        skipped=[one.document("skip") for one in skipped],
+        kept=kept,
+        failures=failures,
+    )
 
 
 def _kept(photograph: NamedPhotograph) -> KeptDocument:

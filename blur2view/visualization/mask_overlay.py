@@ -11,6 +11,7 @@ from blur2view.visualization.overlay import MIN_SIDE_PX, View
 PINK = (255, 70, 170)
 COVER = 0.55  # share of the pink over what moves: the object stays visible
 HATCH_PX = 12
+LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
 def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
@@ -74,11 +75,12 @@ def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
 
 def headline(mask: MotionMask) -> str:
     """Return how much moves and how much is unobservable."""
-    count = len(mask.regions)
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
     )
     if unseen == 1:
-        return "nothing can be told of what moves"
-    parts = "nothing moves" if not count else f"{count} moving part{'s' if count > 1 else ''}"
-    return f"{parts}, {moving:.1%} of the photograph; nothing can be told in {unseen:.0%}"
+        return "motion is unobservable everywhere"
+    count = len(mask.regions)
+    parts = f"{count} moving part{'s' if count > 1 else ''}, {moving:.1%} of the photograph"
+    hidden = f"; motion is unobservable in {unseen:.0%}" if unseen >= LEAST_SHARE else ""
+    return (parts if count else "nothing moves") + hidden

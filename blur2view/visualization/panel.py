@@ -79,6 +79,11 @@ def _sigma_inset(field: SmearField) -> Picture:
         np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
     )
     write(inset, "sigma, px of the photo", (0, 16), colour=FAINT)
-    write(inset, f"{10**high:.2g}", (174, 35))
-    write(inset, f"{10**low:.2g}", (174, 24 + bar_height))
+    write(inset, short_number(10**high), (174, 35))
+    write(inset, short_number(10**low), (174, 24 + bar_height))
     return inset
+
+
+def short_number(value: float) -> str:
+    """Return a positive number with two digits, without an exponent up to 9999, so that it fits the scale."""
+    return f"{value:.0f}" if 9.5 <= value < 9999.5 else f"{value:.2g}"

@@ -216,8 +216,8 @@ def test_intrinsics_choose_the_camera(database: Path) -> None:
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
     taken = Intrinsics(camera="exif").of(path, SIZE, exif)
     assert taken is not None and taken.known and taken.focal_px == pytest.approx(600)
-    told = Intrinsics(focal_px=525.0).of(path, SIZE, exif)
-    assert told is not None and told.focal_px == pytest.approx(525) and told.source == "focal"
+    stated = Intrinsics(focal_px=525.0).of(path, SIZE, exif)
+    assert stated is not None and stated.focal_px == pytest.approx(525) and stated.source == "focal"
     stored = Intrinsics(camera=str(database)).of(path, SIZE, exif)
     assert stored is not None and stored.source == "database, camera 2"
     first = Intrinsics(camera=f"{database}:1").of(path, SIZE, exif)

@@ -266,11 +266,11 @@ def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Pa
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
 
 
-def test_certainty_of_directions_is_written_where_the_network_tells_it(tmp_path: Path, moving: Path) -> None:
-    for channels, told in ((3, False), (4, True)):
+def test_certainty_of_directions_is_written_where_the_network_has_it(tmp_path: Path, moving: Path) -> None:
+    for channels, written in ((3, False), (4, True)):
         onnx.save(colour_code_network(channels=channels), tmp_path / "network.onnx")
         words = ["estimate", str(moving), "--model", str(tmp_path / "network.onnx"), "--overwrite"]
         assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
         with np.load(tmp_path / "out" / f"{moving.stem}.smear.npz") as stored:
-            assert ("sigma_rad" in stored) == told
-            assert not told or stored["sigma_rad"].shape == stored["sigma_px"].shape
+            assert ("sigma_rad" in stored) == written
+            assert not written or stored["sigma_rad"].shape == stored["sigma_px"].shape

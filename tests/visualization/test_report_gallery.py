@@ -83,7 +83,7 @@ def test_address_names_a_photograph(opened: Opener) -> None:
     assert page.locator("#gallery").is_visible() and page.locator("#photo").is_hidden()
 
 
-def test_damaged_photograph_is_told_also_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
+def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
     visits = Visits(browser=browser, folder=tmp_path)
     page = visits.open(*gallery_entries())
     page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
@@ -121,10 +121,10 @@ def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path)
             page.locator(button).click()
         return Path(download.value.path()).read_bytes()
 
-    told = [json.loads(entry.content)["document"] for entry in entries if entry.content]
-    assert downloaded("#download") == told[2].encode() + b"\n"
+    texts = [json.loads(entry.content)["document"] for entry in entries if entry.content]
+    assert downloaded("#download") == texts[2].encode() + b"\n"
     everything = {
-        "estimates": list(map(json.loads, told)),
+        "estimates": list(map(json.loads, texts)),
         "failures": [{"image": "a.png", "error": "a.png: is damaged"}],
     }
     assert downloaded("#download-all").decode() == json.dumps(everything, indent=2) + "\n"
@@ -172,7 +172,7 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     assert (red + green + blue < 128) == dark
 
 
-def test_old_browser_is_told(browser: Browser, tmp_path: Path) -> None:
+def test_old_browser_gets_a_message(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "old.html").write_bytes(report(gallery_entries(), "1.0"))
     page = browser.new_page()
     page.add_init_script("delete window.DecompressionStream")

@@ -36,19 +36,19 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
         page.locator("#stage").hover(position={"x": (x + 1.4) * scale, "y": (y - 0.4) * scale})
         d, ends = field_.displacement[y, x], quantised_ends((x, y), field_.displacement[y, x])
 
-        def told(key: str) -> list[float]:
+        def shown(key: str) -> list[float]:
             return numbers(value(page, key, "pointer"))
 
-        assert told("position") == [x, y]
-        assert told("displacement") == pytest.approx(d.tolist(), abs=0.02)
-        assert told("length") == pytest.approx([np.hypot(*d)], abs=0.02)
-        assert told("direction") == pytest.approx([np.degrees(np.arctan2(d[1], d[0]))], abs=0.1)
-        assert told("sigma") == pytest.approx([field_.sigma_px[y, x]], abs=0.02)
-        assert told("sigma-direction") == pytest.approx([np.degrees(field_.sigma_rad[y, x])], abs=0.1)
-        assert told("error") == pytest.approx(np.sqrt(serrmin(F, ends[None])), abs=0.006)
+        assert shown("position") == [x, y]
+        assert shown("displacement") == pytest.approx(d.tolist(), abs=0.02)
+        assert shown("length") == pytest.approx([np.hypot(*d)], abs=0.02)
+        assert shown("direction") == pytest.approx([np.degrees(np.arctan2(d[1], d[0]))], abs=0.1)
+        assert shown("sigma") == pytest.approx([field_.sigma_px[y, x]], abs=0.02)
+        assert shown("sigma-direction") == pytest.approx([np.degrees(field_.sigma_rad[y, x])], abs=0.1)
+        assert shown("error") == pytest.approx(np.sqrt(serrmin(F, ends[None])), abs=0.006)
         label = "moving" if (x, y) == inside else ("unobservable" if x >= 480 else "static")
         assert value(page, "label", "pointer") == label
-        assert told("probability") == [0.9 if (x, y) == inside else 0.1]
+        assert shown("probability") == [0.9 if (x, y) == inside else 0.1]
         mask = dict(zip(map(tuple, used), one.estimate.geometry.inlier_mask.tolist(), strict=True))
         words = {True: "inlier", False: "outlier", None: "not used"}
         assert value(page, "used", "pointer") == words[mask.get((x, y))]

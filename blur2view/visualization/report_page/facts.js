@@ -107,7 +107,7 @@ const fixed = (value, unit, digits = 2) => `${value.toFixed(digits)}${unit}`;
 const both = (...values) => values.map((value) => value.toFixed(Math.hypot(...values) < 100 ? 2 : 1)).join(", ");
 const degrees = (radians) => (radians * 180) / Math.PI;
 
-// What is told of a smear: a key, its name, and its text.
+// The values of a smear that are shown: a key, its name, and its text.
 const VALUES = [
   ["position", "position x, y", (smear) => `${smear.x}, ${smear.y}`],
   ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${both(dx, dy)})`],
@@ -146,9 +146,9 @@ function showValues(of, smear) {
 
 /** One sentence about a smear, for those who hear the page. */
 function sentenceOf(smear) {
-  const told = ["length", "direction", "sigma", "error", "used"].map((key) => {
+  const values = ["length", "direction", "sigma", "error", "used"].map((key) => {
     const [, name, tell] = VALUES.find(([other]) => other === key);
     return `${name} ${tell(smear)}`;
   });
-  return `Smear at ${smear.x}, ${smear.y}: ${told.join(", ")}`;
+  return `Smear at ${smear.x}, ${smear.y}: ${values.join(", ")}`;
 }
