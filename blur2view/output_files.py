@@ -2,12 +2,14 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
 from blur2view.errors import OutputError
+
+Write = Callable[[BinaryIO], object]
 
 
 def prepare_folder(folder: Path) -> list[Path]:
@@ -102,7 +104,7 @@ def plan_outputs(
     return plan
 
 
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_atomically(path: Path, write: Write) -> None:
     """Write beside the path and rename, so that a reader never sees half a file.
 
     Raises
@@ -110,13 +112,40 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     OSError
         If the file cannot be written; nothing is left behind then.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    beside = _beside(path)
     try:
         with beside.open("wb") as file:
             write(file)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def write_together(files: Mapping[Path, Write]) -> None:
+    """Write files of which the last marks that all are complete: beside their paths first, then rename.
+
+    An old last file is removed before the first rename, so that it never stands beside new ones.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written; the old files stay as they were then.
+    """
+    try:
+        for path, write in files.items():
+            with _beside(path).open("wb") as file:
+                write(file)
+        list(files)[-1].unlink(missing_ok=True)
+        for path in files:
+            _beside(path).replace(path)
+    finally:
+        for path in files:
+            _beside(path).unlink(missing_ok=True)
+
+
+def _beside(path: Path) -> Path:
+    """Return where a file is written before it is renamed."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
 def unwritable(folder: Path, error: OSError) -> OutputError:

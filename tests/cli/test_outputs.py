@@ -28,16 +28,34 @@ def test_nothing_is_overwritten_without_being_asked(
     assert (out / "moving.json").exists()
 
 
+def test_full_disk_while_overwriting_keeps_the_old_results(
+    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert run(moving, "-o", out) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def full(text: str) -> bytes:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(results, "methodcaller", lambda name, content: full)  # from the second file on
+    assert run(moving, "-o", out, "--overwrite", "--beta", "0.1") == 1
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
+    rename = Path.replace
 
-    def killed(path: Path, write: object) -> None:
-        raise OSError(28, "No space left on device")
+    def killed(self: Path, target: Path) -> Path:
+        if target.suffix == ".png":
+            raise KeyboardInterrupt
+        return rename(self, target)
 
-    monkeypatch.setattr(results, "write_atomically", killed)
-    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 1
+    monkeypatch.setattr(Path, "replace", killed)
+    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 130
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["moving.png", "moving.smear.npz"]
 
 

@@ -105,21 +105,21 @@ def test_nothing_is_overwritten_without_being_asked(
     assert run(walker, "-o", out, "--overwrite") == 0
 
 
-def test_full_disk_leaves_no_document(
+def test_full_disk_leaves_nothing(
     run: Any,
     walker: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def full(path: Path, write: object) -> None:
+    def full(contents: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mask_results, "write_atomically", full)
+    monkeypatch.setattr(mask_results, "write_together", full)
     assert run(walker, "-o", tmp_path / "out") == 1
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "No space left" in printed
-    assert not (tmp_path / "out" / "a.motion.json").exists()
+    assert not (tmp_path / "out").exists()
 
 
 def test_same_seed_gives_the_same_bytes(run: Any, walker: Path, tmp_path: Path) -> None:
