@@ -19,6 +19,8 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             raise ValueError(f"seed must not be negative, got {options.seed}")
         if exposure_s is not None and not 0 < exposure_s < math.inf:
             raise ValueError(f"exposure must be positive and finite, got {exposure_s}")
+        if exposure_s is not None and options.focal is None and options.camera is None:
+            raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
         return Run(
             select=SelectOptions(beta=options.beta),
             options=EstimatorOptions(max_error_px=options.max_error),

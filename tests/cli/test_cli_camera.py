@@ -114,6 +114,7 @@ def test_verbose_summary_has_the_pose(
         ["--focal", "525", "--camera", "exif"],
         ["--exposure", "0"],
         ["--exposure", "inf"],
+        ["--exposure", "0.05"],  # without intrinsics there is no rotation
         ["--camera", "nonsense"],
         ["--camera", "SIMPLE_RADIAL 320 240 300 160 120"],
     ],

@@ -136,8 +136,8 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
             "--exposure",
             type=float,
             metavar="S",
-            help="exposure time in seconds: turns the rotation of known intrinsics into an angular velocity "
-            "(default: that of EXIF)",
+            help="exposure time in seconds, with --focal or --camera: the angular velocity is the rotation "
+            "over it (default: that of EXIF)",
         )
 
 
