@@ -112,6 +112,12 @@ def test_facts_are_those_of_the_document(opened: Opener) -> None:
     assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
 
 
+def test_inliers_are_counted_only_where_there_is_a_geometry(opened: Opener) -> None:
+    one = made_up(config=Configuration.DEGENERATE)
+    page = opened(Entry.of(one))
+    assert "inliers -" in " ".join(page.locator("#counts").inner_text().split())
+
+
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:
     entries = gallery_entries()
     page = opened(*entries, address="#photo-3")
