@@ -115,7 +115,8 @@ class EstimateDocument(Document):
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     reason : str
-        One sentence with the figures that decided.
+        One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
+        their length, or within a standard deviation, of their epipolar lines.
     motion_model : str
         The family of motions that F is from (translation, camera, general, calibrated), without F that of H
         (rotation, plane, rotation or plane), else none.

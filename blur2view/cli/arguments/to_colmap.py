@@ -41,7 +41,9 @@ WRITTEN = (
         "1.5 px), and adds the pairs photograph-open, photograph-close and open-close. Rows of yours are "
         "read, never written; one transaction, after a copy to DB.<time>.bak; a second run changes nothing. "
         "Our rows are listed in the table blur2view_views. Where COLMAP has a prior, the project's focal "
-        "length is a hint; --camera project.db takes it for true",
+        "length is a hint; --camera project.db takes it for true. Whatever maps the project later sees the "
+        "views, too, unless it is limited to images (image_names) or given the backup. Databases up to "
+        "COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line",
     ),
     (
         "--format matches",
