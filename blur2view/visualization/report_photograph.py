@@ -1,9 +1,10 @@
 """What the report's page shows of one photograph: its picture, its smears and its estimate, as JSON."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.documents.estimate import EstimateDocument
@@ -11,7 +12,7 @@ from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import STRIDE, SmearMatches
-from blur2view.visualization.report_pack import packed, picture
+from blur2view.visualization.report_pack import Packed, packed, picture
 from blur2view.visualization.verdicts import verdict
 
 MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
@@ -21,9 +22,67 @@ LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ord
 LENS_STEP_PX = 2**-10
 
 
+class Grid(TypedDict):
+    """Smears at the nodes of a grid, which starts at (x0, y0); the sigmas in pixels and in radians."""
+
+    x0: int
+    y0: int
+    step_px: int
+    displacement: Packed
+    sigma_px: Packed
+    sigma_rad: Packed | None
+
+
+class Matches(TypedDict):
+    """The smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
+
+    ends: Packed
+    flags: Packed
+
+
+class Lens(TypedDict):
+    """Where pixels would lie without distortion, less where they lie, at the nodes of a grid."""
+
+    step_px: int
+    shift: Packed
+
+
+class Motion(TypedDict):
+    """A motion mask: labels at every k-th pixel, probability at the nodes of the grid of smears."""
+
+    labels: Packed
+    every_px: int
+    probability: Packed
+    reason: str
+    regions: int
+
+
+class PhotographRecord(TypedDict):
+    """What the page shows of one photograph.
+
+    ``picture`` is a data URI, ``kind`` and ``meaning`` are those of `verdicts.verdict`, ``median_px`` is the
+    median length of the smears that were used, ``document`` the text of the JSON document of ``blur2view
+    estimate``, ``seconds`` the time of every step.
+    """
+
+    name: str
+    width: int
+    height: int
+    picture: str
+    kind: str
+    meaning: str
+    median_px: float | None
+    document: str
+    grid: Grid
+    matches: Matches
+    lens: Lens | None
+    mask: Motion | None
+    seconds: dict[str, float] | None
+
+
 def photograph(
     one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None, *, timings: bool = True
-) -> dict[str, Any]:
+) -> PhotographRecord:
     """Return everything the page shows of one photograph, in JSON's types.
 
     Parameters
@@ -38,9 +97,8 @@ def photograph(
 
     Returns
     -------
-    dict
-        ``document`` is the text of the JSON document of ``blur2view estimate`` (``timings_s`` null without
-        timings).
+    PhotographRecord
+        Its ``document`` has ``timings_s`` null without timings.
     """
     estimate, geometry = one.estimate, one.estimate.geometry
     document = EstimateDocument.of(one)
@@ -83,7 +141,7 @@ def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
     return slice(min(1, height - 1), None, step), slice(min(1, width - 1), None, step)
 
 
-def grid(field: SmearField) -> dict[str, Any]:
+def grid(field: SmearField) -> Grid:
     """Return the smears at the nodes of a grid and their sigmas, packed."""
     rows, columns = node_pixels(field.shape)
     displacement = field.displacement[rows, columns].transpose(2, 0, 1)
@@ -98,16 +156,16 @@ def grid(field: SmearField) -> dict[str, Any]:
     }
 
 
-def matches(used: SmearMatches, inlier_mask: Any, swapped: Any) -> dict[str, Any]:
+def matches(used: SmearMatches, inlier_mask: NDArray[np.bool_], swapped: NDArray[np.bool_]) -> Matches:
     """Return the smears that were used, packed: x0, y0, x1, y1 of their ends; flags 1 inlier, 2 swapped."""
-    flags = np.asarray(inlier_mask).astype(np.uint8) + 2 * np.asarray(swapped).astype(np.uint8)
+    flags = inlier_mask.astype(np.uint8) + 2 * swapped.astype(np.uint8)
     return {
         "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),
         "flags": packed(flags, "uint8"),
     }
 
 
-def lens(camera: Camera | None) -> dict[str, Any] | None:
+def lens(camera: Camera | None) -> Lens | None:
     """Return where a camera's pixels would lie without distortion, on a grid, packed; None without any.
 
     F and H hold for undistorted pixels, so that epipolar lines are curves in the photograph.
@@ -123,7 +181,7 @@ def lens(camera: Camera | None) -> dict[str, Any] | None:
     return {"step_px": LENS_NODE_PX, "shift": packed(moved.transpose(2, 0, 1), "int32", LENS_STEP_PX)}
 
 
-def motion(mask: MotionMask) -> dict[str, Any]:
+def motion(mask: MotionMask) -> Motion:
     """Return a motion mask, packed: labels at every k-th pixel, probability at the nodes of the grid."""
     rows, columns = node_pixels(mask.labels.shape)
     every = max(rows.step // STRIDE, 1)

@@ -4,7 +4,6 @@ import base64
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
+from blur2view.visualization.report_pack import Packed
 
 WIDTH, HEIGHT = 640, 360
 DOTS = ((401, 201), (417, 209))  # the white pixels of the photograph, the first a node of the grid
@@ -112,7 +112,7 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     )
 
 
-def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
+def unpacked(packed: Packed) -> NDArray[np.float64]:
     """Decode `report_pack.packed`, written from its description with Python's integers."""
     planes = zlib.decompress(base64.b64decode(packed["data"]))
     bits = int(packed["type"].lstrip("uint"))

@@ -231,6 +231,7 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
     assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
     assert field.sigma_rad is not None
+    assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
     assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
     ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)
     assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
