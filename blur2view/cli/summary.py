@@ -76,6 +76,8 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     parts = [f"{document.num_inliers} of {document.num_matches} smears fit ({document.support:.0%})"]
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document))
+        if document.angular_velocity_rad_s is not None:
+            parts.append(f"{np.linalg.norm(document.angular_velocity_rad_s):.3g} rad/s")
     elif geometry.F is not None:
         parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
     if document.camera is not None and "scaled" in document.camera.source:
@@ -114,9 +116,9 @@ def _seconds(timings_s: dict[str, float]) -> str:
 def _rotation(document: EstimateDocument) -> str:
     """Return the angle of the rotation, with its standard deviation."""
     angle = f"rotation {document.rotation_deg:.3f} degrees"
-    if document.pose_covariance is None:
-        return angle
-    return f"{angle} (sigma {max(document.pose_covariance.rotation_sigma_deg):.3f})"
+    if document.pose_covariance is not None:
+        angle += f" (sigma {max(document.pose_covariance.rotation_sigma_deg):.3f})"
+    return angle
 
 
 def _pose_lines(document: EstimateDocument) -> list[str]:
