@@ -68,6 +68,8 @@ class _Decoded:
 def _read_bytes(path: Path) -> bytes:
     """Return the file's content or raise ImageError."""
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():  # a pipe or a device may never end
+            raise ImageError(f"{path}: is no regular file; name a photograph")
         encoded = path.read_bytes()
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
