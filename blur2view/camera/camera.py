@@ -11,11 +11,13 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import (
+    FOCAL_RANGE,
     calibration_matrix,
     choose_camera,
     colmap_camera,
     normalised_points,
     parse_camera,
+    possible_focal,
     rescaled,
     rescaled_matrix,
     to_colmap,
@@ -84,8 +86,8 @@ class Camera:
         source : str
             Where the focal length is from.
         """
-        if not 0 < focal_px < np.inf:
-            raise ValueError(f"focal length must be positive and finite, got {focal_px}")
+        if not possible_focal(focal_px):
+            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px}")
         width, height = image_size
         centre = np.array([(width - 1) / 2, (height - 1) / 2])
         K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])

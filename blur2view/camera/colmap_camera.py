@@ -19,6 +19,8 @@ from blur2view.errors import CameraError
 
 HALF_PIXEL = 0.5
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
+FOCAL_PX = (0.1, 1e7)  # focal lengths of cameras; a telescope of 10 m before pixels of 2 um has 5e6
+FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 
 
 def to_colmap(points: Array) -> Array:
@@ -29,6 +31,11 @@ def to_colmap(points: Array) -> Array:
 def from_colmap(points: Array) -> Array:
     """Return COLMAP's pixels (..., 2) as ours."""
     return np.asarray(points, float) - HALF_PIXEL
+
+
+def possible_focal(focal_px: float) -> bool:
+    """Return whether a camera may have this focal length; others over- or underflow in products."""
+    return FOCAL_PX[0] <= focal_px <= FOCAL_PX[1]
 
 
 def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
@@ -87,8 +94,8 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
     if not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
         raise CameraError(f"camera {text!r}: needs finite parameters and a planar image")
-    if not min(camera.focal_length_x, camera.focal_length_y) > 0:
-        raise CameraError(f"camera {text!r}: the focal length must be positive")
+    if not all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
+        raise CameraError(f"camera {text!r}: the focal length must be {FOCAL_RANGE}")
     return camera
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import ExifTags, Image
 
+from blur2view.camera.colmap_camera import possible_focal
+
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
@@ -58,6 +60,8 @@ def read_exif(path: str | os.PathLike[str]) -> ExifFacts:
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
         return ExifFacts()
     focal_px, focal_tags = _focal(tags, size)
+    if focal_px is not None and not possible_focal(focal_px):
+        focal_px, focal_tags = None, ""
     return ExifFacts(focal_px=focal_px, focal_tags=focal_tags, exposure_s=_positive(tags, "ExposureTime"))
 
 

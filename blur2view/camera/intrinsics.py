@@ -6,9 +6,8 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import FOCAL_RANGE, possible_focal
 from blur2view.camera.exif import ExifFacts
 from blur2view.errors import CameraError
 
@@ -39,8 +38,8 @@ class Intrinsics:
         """Check what can be checked without a photograph."""
         if self.focal_px is not None and self.camera is not None:
             raise ValueError("give a focal length or a camera, not both")
-        if self.focal_px is not None and not 0 < self.focal_px < np.inf:
-            raise ValueError(f"focal length must be positive and finite, got {self.focal_px}")
+        if self.focal_px is not None and not possible_focal(self.focal_px):
+            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {self.focal_px}")
         if self.camera is not None and self.camera != "exif" and self._database() is None:
             Camera.from_string(self.camera)
 
