@@ -2,15 +2,23 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
 from blur2view.errors import OutputError
 
+Write = Callable[[BinaryIO], object]
 
-def prepare_folder(folder: Path) -> None:
-    """Create the folder if needed and prove that files can be written there.
+
+def prepare_folder(folder: Path) -> list[Path]:
+    """Return the folders that were created so that files can be written there, which is checked.
+
+    Returns
+    -------
+    list of Path
+        The folders that did not exist before, the deepest first; see `remove_empty`.
 
     Raises
     ------
@@ -18,11 +26,20 @@ def prepare_folder(folder: Path) -> None:
         If it cannot be created or written.
     """
     try:
+        created = [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
             pass
     except OSError as error:
         raise unwritable(folder, error) from None
+    return created
+
+
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Remove those of the folders that are empty, the deepest first."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 Files = TypeVar("Files", bound="ResultFiles", covariant=True)
@@ -40,13 +57,13 @@ class ResultKind(Protocol[Files]):
     """Names the files of one photograph, as the class :class:`OutputFiles` does."""
 
     def __call__(self, *, folder: Path, stem: str) -> Files:
-        """Give those of a photograph's name without its suffix."""
+        """Return those of a photograph's name without its suffix."""
 
 
 def plan_outputs(
     images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
 ) -> list[Files | OutputError]:
-    """Name the files of each photograph, or say why they must not be written.
+    """Return the files of each photograph, or why they must not be written.
 
     Parameters
     ----------
@@ -87,21 +104,48 @@ def plan_outputs(
     return plan
 
 
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write beside the path and rename, so that a reader never meets half a file.
+def write_atomically(path: Path, write: Write) -> None:
+    """Write beside the path and rename, so that a reader never sees half a file.
 
     Raises
     ------
     OSError
         If the file cannot be written; nothing is left behind then.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    beside = _beside(path)
     try:
         with beside.open("wb") as file:
             write(file)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def write_together(files: Mapping[Path, Write]) -> None:
+    """Write files of which the last marks that all are complete: beside their paths first, then rename.
+
+    An old last file is removed before the first rename, so that it never stands beside new ones.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written; the old files stay as they were then.
+    """
+    try:
+        for path, write in files.items():
+            with _beside(path).open("wb") as file:
+                write(file)
+        list(files)[-1].unlink(missing_ok=True)
+        for path in files:
+            _beside(path).replace(path)
+    finally:
+        for path in files:
+            _beside(path).unlink(missing_ok=True)
+
+
+def _beside(path: Path) -> Path:
+    """Return where a file is written before it is renamed."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
 def unwritable(folder: Path, error: OSError) -> OutputError:

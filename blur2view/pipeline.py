@@ -1,12 +1,15 @@
 """The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
+from blur2view.camera.exif import read_exif
+from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
@@ -19,7 +22,7 @@ from blur2view.two_view.options import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What was asked for, the same for every photograph of a call."""
+    """The options of a call, the same for every photograph."""
 
     select: SelectOptions
     options: EstimatorOptions
@@ -39,7 +42,7 @@ class Timings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """What was found in one photograph, and every step that led to it.
+    """The estimate of one photograph, and every step that led to it.
 
     Parameters
     ----------
@@ -74,7 +77,7 @@ def estimate(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
 ) -> Estimate:
-    """Estimate the two-view geometry of the camera's motion during one exposure.
+    """Return the two-view geometry of the camera's motion during one exposure.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def estimate(
     Returns
     -------
     Estimate
-        A photograph without a trustworthy F gives a configuration with its reason, not an error.
+        A photograph without a trustworthy F has a configuration with its reason, not an error.
 
     Raises
     ------
@@ -116,4 +119,77 @@ def estimate(
         model_id=network.info.model_id,
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileEstimate:
+    """The estimate of one photograph's file.
+
+    Parameters
+    ----------
+    path : Path
+        As the user named it.
+    image : ndarray of shape (H, W, 3), float32
+        The photograph, upright.
+    estimate : Estimate
+        The smears and the geometry.
+    run : Run
+        The options.
+    read_s : float
+        Seconds spent on decoding.
+    exposure_s : float or None
+        Exposure time in seconds, of the options or else of EXIF.
+    """
+
+    path: Path
+    image: NDArray[np.float32]
+    estimate: Estimate
+    run: Run
+    read_s: float
+    exposure_s: float | None = None
+
+    @property
+    def timings_s(self) -> dict[str, float]:
+        """Return the seconds of each step: read, predict, select and solve."""
+        steps = asdict(self.estimate.timings)
+        return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
+
+
+def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
+    """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
+
+    Parameters
+    ----------
+    path : Path
+    network : SmearNetwork
+    run : Run
+        The options. Each photograph has a generator of its own, so that its result does not depend on those
+        before it.
+
+    Raises
+    ------
+    ImageError, CameraError, ModelError
+        If the file cannot be read, its camera cannot be determined or the network cannot be run.
+    """
+    start = time.perf_counter()
+    image = read_image(path)
+    read_s = time.perf_counter() - start
+    exif = read_exif(path)
+    camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
+    result = estimate(
+        image,
+        network=network,
+        select=run.select,
+        options=run.options,
+        rng=np.random.default_rng(run.seed),
+        camera=camera,
+    )
+    return FileEstimate(
+        path=path,
+        image=image,
+        estimate=result,
+        run=run,
+        read_s=read_s,
+        exposure_s=run.exposure_s or exif.exposure_s,
     )

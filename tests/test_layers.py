@@ -129,6 +129,13 @@ def test_tools_do_not_use_tests(path: Path) -> None:
     assert not {"tests", "conftest"} & {name.split(".")[0] for name in imported(path)}
 
 
+def test_version_stands_in_one_place() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "version" in settings["project"]["dynamic"] and "version" not in settings["project"]
+    stated = (ROOT / settings["tool"]["hatch"]["version"]["path"]).read_text()
+    assert f'__version__ = "{blur2view.__version__}"' in stated
+
+
 def test_import_of_the_package_is_light() -> None:
     heavy = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch"]
     heavy += ["tqdm", "numpy", "cv2"]

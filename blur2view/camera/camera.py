@@ -11,10 +11,12 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import (
+    FOCAL_RANGE,
     calibration_matrix,
     colmap_camera,
     normalised_points,
     parse_camera,
+    possible_focal,
     rescaled,
     rescaled_matrix,
     to_colmap,
@@ -44,7 +46,7 @@ class Camera:
         "focal", "camera string", "database" or "exif", and what was done since.
     log_focal_sigma : float
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
-        More: a hint, which tells where an ordinary camera may be, and nothing is called calibrated.
+        More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
 
     Raises
     ------
@@ -73,7 +75,7 @@ class Camera:
 
     @classmethod
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
-        """Square pixels, no distortion, the principal point at the centre of the image.
+        """Return a camera of square pixels, no distortion, its principal point at the centre of the image.
 
         Parameters
         ----------
@@ -84,8 +86,8 @@ class Camera:
         source : str
             Where the focal length is from.
         """
-        if not 0 < focal_px < np.inf:
-            raise ValueError(f"focal length must be positive and finite, got {focal_px}")
+        if not possible_focal(focal_px):
+            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px}")
         width, height = image_size
         centre = np.array([(width - 1) / 2, (height - 1) / 2])
         K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])
@@ -94,7 +96,7 @@ class Camera:
 
     @classmethod
     def from_string(cls, text: str) -> Camera:
-        """Read a COLMAP camera string, "SIMPLE_RADIAL 640 480 525 320 240 0.05", blanks or commas between.
+        """Return the camera of a COLMAP string, blanks or commas between: "PINHOLE 640 480 525 525 320 240".
 
         Raises
         ------
@@ -105,7 +107,7 @@ class Camera:
 
     @classmethod
     def from_database(cls, path: Path, camera_id: int | None = None, image_name: str = "") -> Camera:
-        """Read a camera of a COLMAP database: by id, else the image's, else the only one.
+        """Return a camera of a COLMAP database: by id, else the image's, else the only one.
 
         Raises
         ------
@@ -117,7 +119,7 @@ class Camera:
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
-        """Convert a pycolmap.Camera."""
+        """Return a pycolmap.Camera as ours."""
         return cls(
             K=calibration_matrix(camera),
             width=camera.width,
@@ -144,37 +146,38 @@ class Camera:
 
     @cached_property
     def _colmap(self) -> Any:
+        """The same as a pycolmap.Camera."""
         return colmap_camera(self.model, self.width, self.height, self.params)
 
     def rays(self, points: Array) -> Array:
-        """Coordinates x/z, y/z (..., 2) of the rays of pixels (..., 2); NaN where there is no ray."""
+        """Return coordinates x/z, y/z (..., 2) of the rays of pixels (..., 2); NaN where there is no ray."""
         points = np.asarray(points, float)
         if self.distorted:
             return normalised_points(self._colmap, points.reshape(-1, 2)).reshape(points.shape)
         return (points - self.K[:2, 2]) / np.diag(self.K)[:2]
 
     def undistorted(self, points: Array) -> Array:
-        """Pixels (..., 2) as the pinhole camera K would see them; F and E hold for these."""
+        """Return pixels (..., 2) as the pinhole camera K would see them; F and E hold for these."""
         if not self.distorted:
             return np.asarray(points, float)
         return self.rays(points) * np.diag(self.K)[:2] + self.K[:2, 2]
 
     def for_image(self, image_size: tuple[int, int]) -> Camera:
-        """Fit the camera to a picture of another size if it has the same shape, to a pixel: it was resized.
+        """Return the camera for a picture of another size and, to a pixel, the same shape: it was resized.
 
         Raises
         ------
         CameraError
-            If the shapes differ: a cropped or turned picture has another principal point, which cannot be
-            known.
+            If the shapes differ: a cropped or rotated picture has another principal point, which is
+            unknown.
         """
         width, height = image_size
         if (width, height) == (self.width, self.height):
             return self
         scale = width / self.width
         if abs(height - scale * self.height) > max(1.0, scale):
-            turned = abs(width * self.width - height * self.height) <= max(width, height)
-            hint = " turned upright by its EXIF orientation?" if turned else " cropped?"
+            rotated = abs(width * self.width - height * self.height) <= max(width, height)
+            hint = " rotated upright by its EXIF orientation?" if rotated else " cropped?"
             raise CameraError(
                 f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
                 f"{width}x{height}:{hint} Give the camera of this picture"

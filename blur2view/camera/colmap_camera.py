@@ -16,20 +16,27 @@ from blur2view.errors import CameraError
 
 HALF_PIXEL = 0.5
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
+FOCAL_PX = (0.1, 1e7)  # focal lengths of cameras; a telescope of 10 m before pixels of 2 um has 5e6
+FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 
 
 def to_colmap(points: Array) -> Array:
-    """Our pixels (..., 2) as COLMAP's."""
+    """Return our pixels (..., 2) as COLMAP's."""
     return np.asarray(points, float) + HALF_PIXEL
 
 
 def from_colmap(points: Array) -> Array:
-    """COLMAP's pixels (..., 2) as ours."""
+    """Return COLMAP's pixels (..., 2) as ours."""
     return np.asarray(points, float) - HALF_PIXEL
 
 
+def possible_focal(focal_px: float) -> bool:
+    """Return whether a camera may have this focal length; others over- or underflow in products."""
+    return FOCAL_PX[0] <= focal_px <= FOCAL_PX[1]
+
+
 def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
-    """Split a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
+    """Return the parts of a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
 
     Returns
     -------
@@ -53,12 +60,13 @@ def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
 
 
 def _malformed(text: str, why: str) -> CameraError:
+    """Return the error of a string that is no camera."""
     example = "for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
     return CameraError(f"camera {text!r}: {why}; write MODEL WIDTH HEIGHT PARAMS..., {example}")
 
 
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
-    """Build pycolmap's camera.
+    """Return pycolmap's camera.
 
     Returns
     -------
@@ -83,33 +91,33 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
     if not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
         raise CameraError(f"camera {text!r}: needs finite parameters and a planar image")
-    if not min(camera.focal_length_x, camera.focal_length_y) > 0:
-        raise CameraError(f"camera {text!r}: the focal length must be positive")
+    if not all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
+        raise CameraError(f"camera {text!r}: the focal length must be {FOCAL_RANGE}")
     return camera
 
 
 def calibration_matrix(camera: Any) -> Array:
-    """K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
+    """Return K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
     K = np.array(camera.calibration_matrix(), float)
     K[:2, 2] = from_colmap(K[:2, 2])
     return K
 
 
 def rescaled_matrix(K: Array, scale: float) -> Array:
-    """K (3, 3) of a picture resized by a factor: its corners keep their place, not the pixels' centres."""
+    """Return K (3, 3) of a picture resized by a factor: its corners, not pixel centres, keep their place."""
     resized = np.diag([scale, scale, 1.0]) @ K
     resized[:2, 2] = from_colmap(scale * to_colmap(K[:2, 2]))
     return resized
 
 
 def rescaled(camera: Any, width: int, height: int) -> Any:
-    """Copy of a pycolmap.Camera for a picture resized to this size."""
+    """Return the copy of a pycolmap.Camera for a picture resized to this size."""
     copy = type(camera)(camera.todict())
     copy.rescale(width, height)
     return copy
 
 
 def normalised_points(camera: Any, points: Array) -> Array:
-    """Rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
+    """Return rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
     # a point list comes back with NaN where a single point gives None
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)

@@ -12,20 +12,20 @@ from blur2view.camera.colmap_camera import HALF_PIXEL
 
 
 def fundamental_to_colmap(F: Array) -> Array:
-    """F (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    """Return F (3, 3) of our pixels as that of COLMAP's, of unit norm."""
     back = _shift(-HALF_PIXEL)
     shifted: Array = back.T @ F @ back
     return shifted / np.linalg.norm(shifted)
 
 
 def homography_to_colmap(H: Array) -> Array:
-    """H (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    """Return H (3, 3) of our pixels as that of COLMAP's, of unit norm."""
     shifted: Array = _shift(HALF_PIXEL) @ H @ _shift(-HALF_PIXEL)
     return shifted / np.linalg.norm(shifted)
 
 
 def _shift(offset: float) -> Array:
-    """Move pixels (3, 3) along both axes."""
+    """Return the matrix (3, 3) that moves pixels along both axes."""
     return np.array([[1, 0, offset], [0, 1, offset], [0, 0, 1.0]])
 
 
@@ -45,7 +45,7 @@ def colmap_two_view_geometry(
     H: Array | None = None,
     pose: tuple[Array, Array] | None = None,
 ) -> Any:
-    """Build a pycolmap.TwoViewGeometry of index-aligned keypoints.
+    """Return a pycolmap.TwoViewGeometry of index-aligned keypoints.
 
     Parameters
     ----------

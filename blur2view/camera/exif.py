@@ -1,4 +1,4 @@
-"""What a photograph's EXIF says of its camera: focal length and exposure time."""
+"""Focal length and exposure time of a photograph by its EXIF."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import ExifTags, Image
 
+from blur2view.camera.colmap_camera import possible_focal
+
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
@@ -17,7 +19,7 @@ MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, cent
 
 @dataclass(frozen=True, kw_only=True)
 class ExifFacts:
-    """What EXIF says; None where it says nothing usable.
+    """Values of EXIF; None where there is no usable one.
 
     Parameters
     ----------
@@ -35,10 +37,10 @@ class ExifFacts:
 
 
 def read_exif(path: str | os.PathLike[str]) -> ExifFacts:
-    """Read focal length and exposure time; a photograph without EXIF, or a damaged one, says nothing.
+    """Return focal length and exposure time; None of a photograph without EXIF or a damaged one.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
-    FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that turning the
+    FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
     picture upright does not change it.
 
     Parameters
@@ -55,14 +57,16 @@ def read_exif(path: str | os.PathLike[str]) -> ExifFacts:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
             size = photo.size
             tags = dict(photo.getexif().get_ifd(ExifTags.IFD.Exif))
-    except Exception:  # whatever Pillow stumbles over: reading the picture itself tells what is wrong
+    except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
         return ExifFacts()
     focal_px, focal_tags = _focal(tags, size)
+    if focal_px is not None and not possible_focal(focal_px):
+        focal_px, focal_tags = None, ""
     return ExifFacts(focal_px=focal_px, focal_tags=focal_tags, exposure_s=_positive(tags, "ExposureTime"))
 
 
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, str]:
-    """Focal length in pixels and the tags it is from."""
+    """Return the focal length in pixels and the tags it is from."""
     film_mm = _positive(tags, "FocalLengthIn35mmFilm")
     if film_mm is not None:
         return film_mm * float(np.hypot(*size)) / DIAGONAL_35MM, "FocalLengthIn35mmFilm"
@@ -76,7 +80,7 @@ def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, s
 
 
 def _positive(tags: dict[int, Any], name: str) -> float | None:
-    """Value of a tag if it is a positive finite number."""
+    """Return the value of a tag if it is a positive finite number."""
     try:
         value = float(tags[ExifTags.Base[name].value])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):

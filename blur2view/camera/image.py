@@ -24,7 +24,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def read_image(path: str | os.PathLike[str], *, as_stored: bool = False) -> NDArray[np.float32]:
-    """Read a photograph as upright float32 sRGB-coded RGB.
+    """Return a photograph as upright float32 sRGB-coded RGB.
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
@@ -36,7 +36,7 @@ def read_image(path: str | os.PathLike[str], *, as_stored: bool = False) -> NDAr
     path : path-like
         The file.
     as_stored : bool
-        Leave the picture as its pixels are stored, as COLMAP does, instead of turning it upright by EXIF.
+        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
 
     Returns
     -------
@@ -68,6 +68,8 @@ class _Decoded:
 def _read_bytes(path: Path) -> bytes:
     """Return the file's content or raise ImageError."""
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():  # a pipe or a device may never end
+            raise ImageError(f"{path}: is no regular file; name a photograph")
         encoded = path.read_bytes()
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
@@ -82,7 +84,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool) -> _Decoded:
-    """Decode every pixel and turn the picture upright, unless it is wanted as it is stored."""
+    """Return every pixel, decoded and upright unless the picture is wanted as it is stored."""
     try:
         with Image.open(io.BytesIO(encoded)) as photo:
             _check_size(path, *photo.size)
@@ -92,10 +94,10 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> _Decoded:
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
                 return _Decoded(pixels=_decode_deep(encoded), white=65535)
-            # Pillow's TIFF reader has turned the picture by now, so ask again
-            turn = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            # Pillow's TIFF reader has rotated the picture by now, so ask again
+            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             pixels, white = _pixels(path, photo)
-            return _Decoded(pixels=pixels if as_stored else _upright(pixels, turn), white=white)
+            return _Decoded(pixels=pixels if as_stored else _upright(pixels, orientation), white=white)
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -105,7 +107,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> _Decoded:
     except MemoryError:
         raise ImageError(f"{path}: does not fit in memory; resize it") from None
     except Exception as error:
-        # on damaged files Pillow's decoders raise whatever they stumble over: KeyError, RuntimeError, ...
+        # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
@@ -136,7 +138,7 @@ def _pixels(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
 
 
 def _decode_deep(encoded: bytes) -> Pixels:
-    """Decode 16-bit colour, (H, W, 3) or (H, W, 4), RGB order."""
+    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
@@ -144,7 +146,7 @@ def _decode_deep(encoded: bytes) -> Pixels:
 
 
 def _upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Apply an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
+    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
     if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):
@@ -155,7 +157,7 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
 
 
 def _to_rgb(photo: _Decoded) -> NDArray[np.float32]:
-    """Scale to [0, 1], composite alpha, spread grey over three channels."""
+    """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
     values = np.ascontiguousarray(photo.pixels, dtype=np.float32)
     values /= photo.white
     if values.ndim == 2:

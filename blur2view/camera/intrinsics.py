@@ -1,4 +1,4 @@
-"""Which camera took a photograph: what the user says, else what EXIF says."""
+"""The intrinsics of a photograph: those that the user states, else those of EXIF."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import FOCAL_RANGE, possible_focal
 from blur2view.camera.exif import ExifFacts
 from blur2view.errors import CameraError
 
@@ -17,7 +16,7 @@ EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, c
 
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
-    """What the user says of the camera of every photograph of a call: nothing, a focal length or a camera.
+    """The user's statement on the camera of every photograph of a call: none, a focal length or a camera.
 
     Parameters
     ----------
@@ -39,13 +38,13 @@ class Intrinsics:
         """Check what can be checked without a photograph."""
         if self.focal_px is not None and self.camera is not None:
             raise ValueError("give a focal length or a camera, not both")
-        if self.focal_px is not None and not 0 < self.focal_px < np.inf:
-            raise ValueError(f"focal length must be positive and finite, got {self.focal_px}")
+        if self.focal_px is not None and not possible_focal(self.focal_px):
+            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {self.focal_px}")
         if self.camera is not None and self.camera != "exif" and self._database() is None:
             Camera.from_string(self.camera)
 
     def _database(self) -> tuple[Path, int | None] | None:
-        """Path and camera id if a database is meant: what exists or looks like a path."""
+        """Return path and camera id if a database is meant: what exists or looks like a path."""
         text = self.camera or ""
         path, colon, number = text.rpartition(":")
         if colon and number.isdecimal():
@@ -54,7 +53,7 @@ class Intrinsics:
         return (Path(text), None) if looks_like_one else None
 
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
-        """Camera of one photograph.
+        """Return the camera of one photograph.
 
         Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
         a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
@@ -71,7 +70,7 @@ class Intrinsics:
         Raises
         ------
         CameraError
-            If EXIF is asked for and says nothing, a database cannot be used, or the size does not fit.
+            If EXIF is asked for and has no focal length, a database cannot be used, or the size does not fit.
         """
         if self.focal_px is not None:
             return Camera.from_focal(self.focal_px, image_size)
@@ -91,7 +90,7 @@ class Intrinsics:
 
 
 def _hint(image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
-    """EXIF's focal length as a hint, None where there is none."""
+    """Return EXIF's focal length as a hint, None where there is none."""
     if exif.focal_px is None:
         return None
     camera = Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")
@@ -99,7 +98,7 @@ def _hint(image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
 
 
 def _from_exif(path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera:
-    """EXIF's focal length taken for true."""
+    """Return the camera of EXIF's focal length, taken for true."""
     if exif.focal_px is None:
         raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
     return Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")

@@ -1,52 +1,55 @@
 """Files beside each photograph: planned before any work, written one photograph after another."""
 
 import argparse
-import json
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
-from blur2view.cli.options import complain, progress
+from blur2view.cli.terminal import QUIET, complain, progress
+from blur2view.documents.document import Document, FailureDocument
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder
+from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder, remove_empty
 
 DONE, FAILED = 0, 1
-Work = Callable[[Path, Files | None], tuple[dict[str, Any], str]]
+Made = TypeVar("Made", bound=Document)
+Work = Callable[[Path, Files | None], tuple[Made, str]]
 """From a photograph and its files, if any, to its JSON document and its summary."""
 
 
 def plan_files(options: argparse.Namespace, kind: ResultKind[Files]) -> Sequence[Files | OutputError | None]:
-    """Decide before any work where each photograph's results go; nowhere without -o."""
+    """Return where each photograph's results go, decided before any work; None without -o."""
     if options.output is None:
         return [None] * len(options.images)
-    prepare_folder(options.output)
     return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=kind)
 
 
 def run_each(
-    options: argparse.Namespace, plan: Sequence[Files | OutputError | None], key: str, work: Work[Files]
+    options: argparse.Namespace,
+    plan: Sequence[Files | OutputError | None],
+    work: Work[Files, Made],
+    collect: Callable[[list[Made], list[FailureDocument]], Document],
 ) -> int:
-    """Do the work on every photograph; a failing one costs a line on stderr, not the others.
+    """Return the exit code, after the work on every photograph; one that fails costs a line on stderr.
 
-    With ``--json`` one document is printed at the end, ``{key: [...], "failures": [...]}``. Returns the exit
-    code.
+    With ``--json`` the one document of ``collect`` is printed at the end.
     """
+    created = [] if options.output is None else prepare_folder(options.output)
     jobs, say = progress(list(zip(options.images, plan, strict=True)))
-    documents: list[dict[str, Any]] = []
-    failures: list[dict[str, str]] = []
+    documents: list[Made] = []
+    failures: list[FailureDocument] = []
     for image, files in jobs:
         try:
             if isinstance(files, OutputError):
                 raise files
-            facts, lines = work(image, files)
+            document, summary = work(image, files)
         except Blur2ViewError as error:
-            failures.append({"image": str(image), "error": str(error)})
+            failures.append(FailureDocument(image=str(image), error=str(error)))
             complain(error, say)
             continue
-        documents.append(facts)
-        if not options.json:
-            say(lines, file=sys.stdout)
+        documents.append(document)
+        if not options.json and options.verbosity > QUIET:
+            say(summary)
+    remove_empty(created)  # where nothing succeeded nothing is left behind
     if options.json:
-        print(json.dumps({key: documents, "failures": failures}, indent=2, allow_nan=False))
+        print(collect(documents, failures).to_json())
     return FAILED if failures else DONE

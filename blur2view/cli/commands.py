@@ -1,31 +1,29 @@
-"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap`` and ``report``."""
+"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap`` and ``report``.
 
-import argparse
+Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
+"""
+
 import io
 import os
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
 from blur2view import __version__
-from blur2view.cli.batch import plan_files, run_each
-from blur2view.cli.options import add_estimator_options, complain, read_run
-from blur2view.cli.outputs import OutputFiles, write_results
-from blur2view.cli.report import add_report
-from blur2view.cli.segment import add_segment
-from blur2view.cli.summary import summary
-from blur2view.cli.to_colmap import add_to_colmap
-from blur2view.documents import estimate_file
+from blur2view.cli.arguments import estimate, report, segment, to_colmap
+from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
+from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import Run
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+COMMANDS = {"estimate": estimate, "segment": segment, "to-colmap": to_colmap, "report": report}
+DESCRIPTION = """
+One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
+blur2view COMMAND --help explains the options, files and JSON keys of a command.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Return the exit code of the command line, after running it.
 
     Parameters
     ----------
@@ -37,13 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done (a degenerate scene is a result), 1 a named error, 2 usage, 130 interrupted.
     """
-    parser = build_parser()
-    options = parser.parse_args(arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
+        options = build_parser().parse_args(arguments)
         code = int(options.run(options))
-        sys.stdout.flush()  # here, where a failure can still be told; at exit Python would print a traceback
+        if sys.stdout is not None:  # None if the process was started without one
+            sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
     except Blur2ViewError as error:
         complain(error)
         return FAILED
@@ -58,50 +56,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="blur2view",
-        description="One motion-blurred photograph in, the two-view geometry of the camera's motion out.",
+        description=paragraph(DESCRIPTION),
+        epilog=table("exit codes", EXIT_CODES),
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    _add_estimate(commands)
-    add_segment(commands)
-    add_to_colmap(commands)
-    add_report(commands)
-    return parser
-
-
-def _add_estimate(commands: Any) -> None:
-    """Describe ``blur2view estimate``."""
-    about = "estimate the fundamental matrix between shutter-open and shutter-close of each photograph"
-    parser = commands.add_parser("estimate", help=about, description=about)
-    add = parser.add_argument
-    add("images", nargs="+", type=Path, metavar="IMG", help="photographs: JPEG, PNG, TIFF, ...")
-    add("-o", "--output", type=Path, metavar="DIR", help="write DIR/<stem>.json, .smear.npz and .png")
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
-    add("--json", action="store_true", help="print one JSON document instead of the summary")
-    add("--exposure", type=float, metavar="S", help="exposure time in seconds (default: that of EXIF)")
-    add_estimator_options(parser)
-    parser.set_defaults(run=lambda options: run_estimate(options, parser.error))
-
-
-def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Estimate every photograph; a failing one costs a line on stderr, not the others."""
-    run = read_run(options, usage_error)
-    plan = plan_files(options, OutputFiles)
-    network = SmearNetwork(options.model)
-    return run_each(
-        options, plan, "estimates", lambda image, files: _estimate_one(image, files, network, run)
+    commands = parser.add_subparsers(
+        title="commands", required=True, metavar="COMMAND", parser_class=CommandParser
     )
-
-
-def _estimate_one(
-    path: Path, files: OutputFiles | None, network: SmearNetwork, run: Run
-) -> tuple[dict[str, Any], str]:
-    """Read, estimate and write one photograph; return its JSON document and its summary."""
-    one = estimate_file(path, network, run)
-    if files:
-        write_results(files, one.facts, one.image, one.found)
-    return one.facts, summary(one.facts, one.found, files)
+    for name, command in COMMANDS.items():
+        commands.add_parser(name, help=command.ABOUT, describe=command.describe)
+    return parser

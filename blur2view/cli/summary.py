@@ -1,92 +1,153 @@
-"""A few readable lines about one photograph, as the commands print them."""
-
-from __future__ import annotations
-
-from typing import Any
+"""The summary of one photograph, as the commands print it: two lines, or everything."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import Array
 from blur2view.cli.outputs import MaskFiles, OutputFiles
+from blur2view.cli.terminal import SHORT, printable
+from blur2view.documents.estimate import EstimateDocument
+from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.mask_overlay import headline
+from blur2view.visualization.verdicts import verdict
+
+FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 
 
-def mask_summary(facts: dict[str, Any], mask: MotionMask, files: MaskFiles | None) -> str:
-    """Return a few readable lines about one photograph's mask."""
-    lines = [f"{facts['image']}: {headline(mask)}", mask.reason]
+def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
+    """Return the configuration of a photograph and the one sentence that matters."""
+    kind, sentence = verdict(geometry)
+    if kind == "none":
+        sentence = geometry.reason[:1].upper() + geometry.reason[1:]
+    return f"{printable(name)}: {geometry.config.name}. {sentence.removesuffix('.')}"
+
+
+def estimate_summary(
+    document: EstimateDocument, estimate: Estimate, files: OutputFiles | None, verbosity: int = SHORT
+) -> str:
+    """Return two lines about one photograph, or everything.
+
+    Parameters
+    ----------
+    document : EstimateDocument
+    estimate : Estimate
+        Of the same photograph.
+    files : OutputFiles, optional
+        Where the results were written, if they were.
+    verbosity : int
+        `terminal.SHORT` or `terminal.VERBOSE`.
+    """
+    title = verdict_line(document.image, estimate.geometry)
+    details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
+    return _with_files([title, *details], files)
+
+
+def mask_summary(
+    document: MaskDocument, mask: MotionMask, files: MaskFiles | None, verbosity: int = SHORT
+) -> str:
+    """Return two lines about one photograph's mask, or everything."""
+    lines = [f"{printable(document.image)}: {headline(mask)}"]
+    if verbosity == SHORT:
+        return _with_files([*lines, mask.reason.partition(";")[0]], files)
+    lines.append(mask.reason)
     for region in mask.regions:
         x, y, width, height = region.box
         line = f"{region.area_px} px at ({x}, {y}), {width}x{height}, score {region.score:.1f}"
         lines.append(f"{line}; {region.reason}" if region.reason else line)
-    lines.append(f"{sum(facts['timings_s'].values()):.2f} s")
+    return _with_files([*lines, _seconds(document.timings_s)], files)
+
+
+def _with_files(lines: list[str], files: OutputFiles | MaskFiles | None) -> str:
+    """Return the lines, the last of which names the files."""
     if files:
-        lines[-1] += f"; wrote {', '.join(str(path) for path in reversed(files.paths))}"
+        endings = ",".join(path.name.removeprefix(f"{files.stem}.") for path in reversed(files.paths))
+        name = printable(str(files.folder / files.stem))
+        lines = [*lines[:-1], f"{lines[-1]}; wrote {name}.{{{endings}}}"]
     return "\n  ".join(lines)
 
 
-def summary(facts: dict[str, Any], estimate: Estimate, files: OutputFiles | None) -> str:
-    """Return a few readable lines about one photograph.
+def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
+    """Return one line: how many smears fit, the rotation or the epipole, the camera if it was scaled."""
+    if geometry.F is None and geometry.H is None:
+        return f"{document.num_matches} smears used"
+    parts = [f"{document.num_inliers} of {document.num_matches} smears fit ({document.support:.0%})"]
+    if document.cam2_from_cam1 is not None:
+        parts.append(_rotation(document))
+        if document.angular_velocity_rad_s is not None:
+            parts.append(f"{np.linalg.norm(document.angular_velocity_rad_s):.3g} rad/s")
+    elif geometry.F is not None:
+        parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
+    if document.camera is not None and "scaled" in document.camera.source:
+        parts.append(document.camera.source)
+    return "; ".join(parts)
 
-    Parameters
-    ----------
-    facts : dict
-        From :func:`document`.
-    estimate : Estimate
-        What was found.
-    files : OutputFiles, optional
-        Where the results were written, if they were.
-    """
+
+def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
+    """Return everything: the reason, the smears, F, epipoles, pose, costs of the models, timings."""
     geometry, matches = estimate.geometry, estimate.matches
-    used = f"{facts['num_matches']} smears used"
+    used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
         used += f", median length {length:.1f} px, sigma {sigma:.1f} px"
-    title = f"{facts['image']}: {geometry.config.name} ({facts['width']}x{facts['height']})"
-    lines = [title, geometry.reason, used]
+    if geometry.F is not None or geometry.H is not None:
+        used += f"; {document.num_inliers} ({document.support:.0%}) fit"
+    lines = [geometry.reason, used]
     if geometry.F is not None:
-        share = facts["num_inliers"] / max(len(matches), 1)
-        lines[-1] += f"; {facts['num_inliers']} ({share:.0%}) are inliers"
         lines += _matrix_lines(geometry.F)
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
-    lines += _pose_lines(facts)
-    lines.append(f"{sum(facts['timings_s'].values()):.2f} s")
-    if files:
-        lines[-1] += f"; wrote {', '.join(str(path) for path in reversed(files.paths))}"
-    return "\n  ".join(lines)
+    lines += _pose_lines(document)
+    if document.camera is not None:
+        lines.append(f"intrinsics: {document.camera.source}{'' if document.camera.known else ', a hint'}")
+    if document.scores:
+        costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
+        lines.append(f"penalised costs: {costs}; {document.iterations} samples")
+    return [*lines, _seconds(document.timings_s or {})]
 
 
-def _pose_lines(facts: dict[str, Any]) -> list[str]:
+def _seconds(timings_s: dict[str, float]) -> str:
+    """Return the seconds of every step and their sum."""
+    steps = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings_s.items())
+    return f"{sum(timings_s.values()):.2f} s ({steps})"
+
+
+def _rotation(document: EstimateDocument) -> str:
+    """Return the angle of the rotation, with its standard deviation."""
+    angle = f"rotation {document.rotation_deg:.3f} degrees"
+    if document.pose_covariance is not None:
+        angle += f" (sigma {max(document.pose_covariance.rotation_sigma_deg):.3f})"
+    return angle
+
+
+def _pose_lines(document: EstimateDocument) -> list[str]:
     """Return rotation and translation with their standard deviations, up to the flip of time."""
-    pose, covariance = facts["cam2_from_cam1"], facts["pose_covariance"]
+    pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None:
         return []
-    turned = f"rotation {facts['rotation_deg']:.3f} degrees"
+    rotation = _rotation(document)
+    if document.angular_velocity_rad_s is not None:
+        rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
+        rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s"
+    if not any(pose.translation):
+        return [rotation + ", no translation"]
+    direction = ", ".join(f"{value:.3f}" for value in pose.translation)
+    translation = f"translation towards ({direction})"
     if covariance is not None:
-        turned += f" (sigma {max(covariance['rotation_sigma_deg']):.3f})"
-    if facts["angular_velocity_rad_s"] is not None:
-        rates = ", ".join(f"{rate:.3f}" for rate in facts["angular_velocity_rad_s"])
-        turned += f", angular velocity ({rates}) rad/s in {facts['exposure_s']:g} s"
-    if not any(pose["translation"]):
-        return [turned + ", no translation"]
-    direction = ", ".join(f"{value:.3f}" for value in pose["translation"])
-    moved = f"translation towards ({direction})"
-    if covariance is not None:
-        moved += f" (sigma {covariance['translation_sigma_deg']:.1f} degrees)"
-    return [f"{turned}; {moved}"]
+        translation += f" (sigma {covariance.translation_sigma_deg:.1f} degrees)"
+    return [f"{rotation}; {translation}"]
 
 
-def _matrix_lines(F: NDArray[np.float64]) -> list[str]:
+def _matrix_lines(F: Array) -> list[str]:
     """Return F as three aligned rows."""
     rows = ["  ".join(f"{value: .6e}" for value in row) for row in F]
     return [f"{'F = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
 
 
-def _point(epipole: NDArray[np.float64]) -> str:
+def _point(epipole: Array) -> str:
     """Return where an epipole lies in the photograph, or its direction if it is far away."""
     x, y, w = epipole
-    if abs(w) * 1e5 > np.hypot(x, y):  # within 100,000 px
+    if abs(w) * FAR_PX > np.hypot(x, y):
         return f"({x / w:.0f}, {y / w:.0f})"
     return f"at infinity towards {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"

@@ -62,7 +62,7 @@ def write(
 
 
 def wrap(text: str, width: int, size: float) -> list[str]:
-    """Break a sentence into lines that are at most ``width`` pixels wide in this font size."""
+    """Return a sentence broken into lines that are at most ``width`` pixels wide in this font size."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -74,6 +74,6 @@ def wrap(text: str, width: int, size: float) -> list[str]:
 
 
 def heat_colours(share: NDArray[np.floating]) -> Picture:
-    """Colour a map (h, w) of shares 0 to 1, RGB."""
+    """Return the colours, RGB, of a map (h, w) of shares 0 to 1."""
     levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)

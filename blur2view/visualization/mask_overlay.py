@@ -1,4 +1,4 @@
-"""The picture of a motion mask: pink on what moves, hatched where nothing can be told."""
+"""The picture of a motion mask: pink on what moves, hatched where motion is unobservable."""
 
 import cv2
 import numpy as np
@@ -11,12 +11,13 @@ from blur2view.visualization.overlay import MIN_SIDE_PX, View
 PINK = (255, 70, 170)
 COVER = 0.55  # share of the pink over what moves: the object stays visible
 HATCH_PX = 12
+LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
 def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
-    """Draw a motion mask over its photograph.
+    """Return the picture of a motion mask over its photograph.
 
-    What moves is pink with a white rim; where nothing can be told the photograph is dark and hatched. A
+    What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
     caption below counts the regions and says what was measured.
 
     Parameters
@@ -53,13 +54,13 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
 
 
 def _hatch(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mark thin diagonal lines, (h, w)."""
+    """Return thin diagonal lines, (h, w)."""
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     return np.asarray((rows + columns) % HATCH_PX == 0)
 
 
 def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
-    """Put the words below the picture, which a narrow photograph leaves narrower."""
+    """Return the picture with its words below; a narrow photograph leaves it narrower than them."""
     width = max(canvas.shape[1], MIN_SIDE_PX)
     lines = wrap(mask.reason, width - 20, TEXT_SIZE)
     height = canvas.shape[0] + 38 + LEADING_PX * len(lines)
@@ -73,12 +74,13 @@ def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
 
 
 def headline(mask: MotionMask) -> str:
-    """Count what moves and what cannot be told."""
-    count = len(mask.regions)
+    """Return how much moves and how much is unobservable."""
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
     )
     if unseen == 1:
-        return "nothing can be told of what moves"
-    parts = "nothing moves" if not count else f"{count} moving part{'s' if count > 1 else ''}"
-    return f"{parts}, {moving:.1%} of the photograph; nothing can be told in {unseen:.0%}"
+        return "motion is unobservable everywhere"
+    count = len(mask.regions)
+    parts = f"{count} moving part{'s' if count > 1 else ''}, {moving:.1%} of the photograph"
+    hidden = f"; motion is unobservable in {unseen:.0%}" if unseen >= LEAST_SHARE else ""
+    return (parts if count else "nothing moves") + hidden

@@ -23,7 +23,7 @@ EPIPOLAR_LINES = 14
 def draw_overlay(
     image: NDArray[np.float32], field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry
 ) -> Picture:
-    """Draw what was found in a photograph.
+    """Return the overlay of an estimate on its photograph.
 
     Inlier smears are vivid, coloured by orientation; outliers are grey; white lines are epipolar lines of
     F through a spread of inliers, and a ring marks an epipole that lies in the picture. The panel below
@@ -83,14 +83,14 @@ class View:
 
     @classmethod
     def of(cls, shape: tuple[int, ...]) -> "View":
-        """Choose the canvas of a photograph of shape (H, W, ...)."""
+        """Return the canvas of a photograph of shape (H, W, ...)."""
         height, width = shape[:2]
         longer = max(height, width)
         scale = min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX) / longer
         return cls(width=max(round(width * scale), 1), height=max(round(height * scale), 1), scale=scale)
 
     def to_canvas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Map points (..., 2) of the photograph to the canvas; centres of corner pixels keep their place."""
+        """Return points (..., 2) of the photograph on the canvas; its corners are the canvas's corners."""
         return (points + 0.5) * self.scale - 0.5
 
     def backdrop(self, image: NDArray[np.float32]) -> Picture:
@@ -129,7 +129,7 @@ def _spacing(view: View, matches: SmearMatches) -> float:
 
 
 def _quality(matches: SmearMatches) -> NDArray[np.floating]:
-    """Rank smears for drawing: certain relative to their length."""
+    """Return the rank of smears for drawing: the more certain relative to their length the higher."""
     return np.asarray(matches.length_px / (matches.sigma_px + 0.1))
 
 
@@ -197,7 +197,7 @@ def _draw_epipoles(canvas: Picture, view: View, F: NDArray[np.float64]) -> None:
 
 
 def _stack(canvas: Picture, panel: Picture) -> Picture:
-    """Put the panel below the canvas, which a narrow photograph leaves narrower."""
+    """Return the panel below the canvas, which a narrow photograph leaves narrower."""
     picture = np.full((canvas.shape[0] + panel.shape[0], panel.shape[1], 3), PAPER, np.uint8)
     left = (panel.shape[1] - canvas.shape[1]) // 2
     picture[: canvas.shape[0], left : left + canvas.shape[1]] = canvas

@@ -1,4 +1,4 @@
-"""The panel below the overlay: the answer in words, the key of the colours, a map of sigma."""
+"""The panel below the overlay: the verdict in words, the key of the colours, a map of sigma."""
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ _AIDS_HEIGHT_PX = 132
 
 
 def draw_panel(width: int, field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
-    """Draw the caption on the left, the orientation key and the sigma map on the right."""
+    """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(field)])
     room = width - aids.shape[1] - 24
     reason = wrap(geometry.reason, room, TEXT_SIZE)
@@ -40,7 +40,7 @@ def draw_panel(width: int, field: SmearField, matches: SmearMatches, geometry: T
 
 
 def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
-    """Say how many smears were used and how long they are."""
+    """Return how many smears were used and how long they are."""
     if len(matches) == 0:
         return "no smears used"
     length = f"median length {np.median(matches.length_px):.1f} px"
@@ -50,7 +50,7 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
 
 
 def _orientation_key() -> Picture:
-    """Draw a wheel whose spokes have the colour of their orientation."""
+    """Return a wheel whose spokes have the colour of their orientation."""
     key = np.full((_AIDS_HEIGHT_PX, 96, 3), PAPER, np.uint8)
     angles = np.radians(np.arange(0, 180, 3))
     spokes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -63,7 +63,7 @@ def _orientation_key() -> Picture:
 
 
 def _sigma_inset(field: SmearField) -> Picture:
-    """Draw a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
+    """Return a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
     height, width = field.shape
     scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
@@ -79,6 +79,11 @@ def _sigma_inset(field: SmearField) -> Picture:
         np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
     )
     write(inset, "sigma, px of the photo", (0, 16), colour=FAINT)
-    write(inset, f"{10**high:.2g}", (174, 35))
-    write(inset, f"{10**low:.2g}", (174, 24 + bar_height))
+    write(inset, short_number(10**high), (174, 35))
+    write(inset, short_number(10**low), (174, 24 + bar_height))
     return inset
+
+
+def short_number(value: float) -> str:
+    """Return a positive number with two digits, without an exponent up to 9999, so that it fits the scale."""
+    return f"{value:.0f}" if 9.5 <= value < 9999.5 else f"{value:.2g}"

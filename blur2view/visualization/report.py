@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything in it, to look at what was found in many photographs."""
+"""The report: one HTML file with everything in it, that shows the results of many photographs."""
 
 import base64
 import hashlib
@@ -11,10 +11,11 @@ from pathlib import PurePath
 from string import Template
 from typing import Any
 
-from blur2view.documents import FileEstimate
+from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
-from blur2view.visualization.report_photograph import VERDICT_ORDER, photograph
+from blur2view.visualization.report_photograph import photograph
+from blur2view.visualization.verdicts import VERDICT_ORDER
 
 SCRIPTS = (
     "unpack",
@@ -42,7 +43,7 @@ class Entry:
     name : str
         As the user named it.
     kind, verdict : str
-        Kind of verdict, see `report_photograph.VERDICTS`, or "failed"; the configuration, or "FAILED".
+        Kind of verdict, see `verdicts.VERDICTS`, or "failed"; the configuration, or "FAILED".
     text : str
         The reason, or the error.
     median_px : float or None
@@ -70,21 +71,21 @@ class Entry:
         *,
         timings: bool = True,
     ) -> "Entry":
-        """Pack a photograph that was estimated; see `report_photograph.photograph`."""
-        told = photograph(one, mask, mask_s, timings=timings)
+        """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
+        shown = photograph(one, mask, mask_s, timings=timings)
         return cls(
-            name=told["name"],
-            kind=told["kind"],
-            verdict=one.found.geometry.config.name,
-            text=one.found.geometry.reason,
-            median_px=told["median_px"],
+            name=shown["name"],
+            kind=shown["kind"],
+            verdict=one.estimate.geometry.config.name,
+            text=one.estimate.geometry.reason,
+            median_px=shown["median_px"],
             thumbnail=picture(one.image, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
-            content=json.dumps(told, allow_nan=False),
+            content=json.dumps(shown, allow_nan=False),
         )
 
     @classmethod
     def failed(cls, name: str, error: str) -> "Entry":
-        """Tell of a photograph that could not be estimated."""
+        """Return the entry of a photograph that could not be estimated."""
         return cls(name=name, kind="failed", verdict="FAILED", text=error)
 
 
@@ -121,7 +122,7 @@ def report(entries: Sequence[Entry], version: str) -> bytes:
 
 
 def _part(name: str) -> str:
-    """Read a file of the page."""
+    """Return the text of a file of the page."""
     return (files("blur2view.visualization") / "report_page" / name).read_text("utf-8")
 
 
@@ -131,17 +132,17 @@ def _hash(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Escape text for HTML, also within quotes."""
+    """Return text escaped for HTML, also within quotes."""
     return escape(text, quote=True)
 
 
 def _title(entries: Sequence[Entry]) -> str:
-    """Name the report."""
+    """Return the title of the report."""
     return entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"
 
 
 def _count(entries: Sequence[Entry]) -> str:
-    """Say how many photographs there are and how many gave an F."""
+    """Return how many photographs there are and how many have an F."""
     failed = sum(not entry.content for entry in entries)
     with_F = sum(entry.kind == "found" for entry in entries)
     said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{with_F} with F"]

@@ -3,7 +3,7 @@
 import base64
 import zlib
 from io import BytesIO
-from typing import Any
+from typing import Any, TypedDict
 
 import cv2
 import numpy as np
@@ -15,8 +15,17 @@ PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 16
 THUMBNAIL_SIDE_PX = 400
 
 
-def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> dict[str, Any]:
-    """Code an array as integers of a type, ``value / step`` rounded.
+class Packed(TypedDict):
+    """An array as text, see `packed`: the integers' type, shape, what one of them stands for, base64."""
+
+    type: str
+    shape: list[int]
+    step: float
+    data: str
+
+
+def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Packed:
+    """Return an array as integers of a type, ``value / step`` rounded.
 
     Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes
     first, deflated and written in base64; ``report_page/unpack.js`` is the inverse.
@@ -32,8 +41,8 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> dict[str, Any]
 
     Returns
     -------
-    dict
-        ``type``, ``shape``, ``step`` and ``data``. An error is at most half a ``step``.
+    Packed
+        An error is at most half a ``step``.
 
     Raises
     ------

@@ -1,47 +1,88 @@
-"""What the report's page is told of one photograph: its picture, its smears and what was found, as JSON."""
+"""What the report's page shows of one photograph: its picture, its smears and its estimate, as JSON."""
 
-import json
-from typing import Any
+from dataclasses import replace
+from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
-from blur2view.documents import FileEstimate
-from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.documents.estimate import EstimateDocument
+from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import STRIDE, SmearMatches
-from blur2view.visualization.report_pack import packed, picture
+from blur2view.visualization.report_pack import Packed, packed, picture
+from blur2view.visualization.verdicts import verdict
 
 MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
 SMEAR_STEP_PX = 1 / 64
 DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
 LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ordinary lenses
 LENS_STEP_PX = 2**-10
-# Configuration -> kind of verdict (its colour and place in the order) and what it means, in plain words.
-VERDICTS = {
-    Configuration.CALIBRATED: (
-        "found",
-        "The camera moved past things at different depths: F, E and the pose are given.",
-    ),
-    Configuration.UNCALIBRATED: ("found", "The camera moved past things at different depths: F is given."),
-    Configuration.MULTIPLE: (
-        "open",
-        "Two motions share the picture: F is that of the one most smears follow.",
-    ),
-    Configuration.PLANAR_OR_PANORAMIC: ("open", "It is open whether there is parallax."),
-    Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
-    Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
-    Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
-    Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
-}
-UNPROVEN = "The camera moved: F is given, but that things lie at different depths is not proven."
-VERDICT_ORDER = [config.name for config in VERDICTS]
+
+
+class Grid(TypedDict):
+    """Smears at the nodes of a grid, which starts at (x0, y0); the sigmas in pixels and in radians."""
+
+    x0: int
+    y0: int
+    step_px: int
+    displacement: Packed
+    sigma_px: Packed
+    sigma_rad: Packed | None
+
+
+class Matches(TypedDict):
+    """The smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
+
+    ends: Packed
+    flags: Packed
+
+
+class Lens(TypedDict):
+    """Where pixels would lie without distortion, less where they lie, at the nodes of a grid."""
+
+    step_px: int
+    shift: Packed
+
+
+class Motion(TypedDict):
+    """A motion mask: labels at every k-th pixel, probability at the nodes of the grid of smears."""
+
+    labels: Packed
+    every_px: int
+    probability: Packed
+    reason: str
+    regions: int
+
+
+class PhotographRecord(TypedDict):
+    """What the page shows of one photograph.
+
+    ``picture`` is a data URI, ``kind`` and ``meaning`` are those of `verdicts.verdict`, ``median_px`` is the
+    median length of the smears that were used, ``document`` the text of the JSON document of ``blur2view
+    estimate``, ``seconds`` the time of every step.
+    """
+
+    name: str
+    width: int
+    height: int
+    picture: str
+    kind: str
+    meaning: str
+    median_px: float | None
+    document: str
+    grid: Grid
+    matches: Matches
+    lens: Lens | None
+    mask: Motion | None
+    seconds: dict[str, float] | None
 
 
 def photograph(
     one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None, *, timings: bool = True
-) -> dict[str, Any]:
+) -> PhotographRecord:
     """Return everything the page shows of one photograph, in JSON's types.
 
     Parameters
@@ -52,21 +93,18 @@ def photograph(
     mask_s : float, optional
         Seconds that it took.
     timings : bool
-        Without them the same photograph gives the same text again.
+        Without them equal photographs have equal texts.
 
     Returns
     -------
-    dict
-        ``document`` is the text of the JSON that ``blur2view estimate`` gives (``timings_s`` null without
-        timings).
+    PhotographRecord
+        Its ``document`` has ``timings_s`` null without timings.
     """
-    found, geometry = one.found, one.found.geometry
-    facts = one.facts if timings else one.facts | {"timings_s": None}
-    seconds = one.facts["timings_s"] | ({} if mask_s is None else {"mask": mask_s})
-    kind, meaning = VERDICTS[geometry.config]
-    if kind == "found" and geometry.H is not None:
-        meaning = UNPROVEN
-    height, width = found.field.shape
+    estimate, geometry = one.estimate, one.estimate.geometry
+    document = EstimateDocument.of(one)
+    seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
+    kind, meaning = verdict(geometry)
+    height, width = estimate.field.shape
     return {
         "name": str(one.path),
         "width": width,
@@ -74,11 +112,11 @@ def photograph(
         "picture": picture(one.image),
         "kind": kind,
         "meaning": meaning,
-        "median_px": median_length(found.matches),
-        "document": json.dumps(facts, indent=2, allow_nan=False),
-        "grid": grid(found.field),
-        "matches": matches(found.matches, geometry.inlier_mask, geometry.swapped),
-        "lens": lens(found.camera),
+        "median_px": median_length(estimate.matches),
+        "document": (document if timings else replace(document, timings_s=None)).to_json(),
+        "grid": grid(estimate.field),
+        "matches": matches(estimate.matches, geometry.inlier_mask, geometry.swapped),
+        "lens": lens(estimate.camera),
         "mask": None if mask is None else motion(mask),
         "seconds": seconds if timings else None,
     }
@@ -90,7 +128,7 @@ def median_length(used: SmearMatches) -> float | None:
 
 
 def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Return rows and columns of the pixels that are told: those of `sampling.grid_pixels`, or every k-th.
+    """Return rows and columns of the pixels that are shown: those of `sampling.grid_pixels`, or every k-th.
 
     Parameters
     ----------
@@ -103,32 +141,32 @@ def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
     return slice(min(1, height - 1), None, step), slice(min(1, width - 1), None, step)
 
 
-def grid(field: SmearField) -> dict[str, Any]:
-    """Pack the smears at the nodes of a grid, and their sigmas."""
+def grid(field: SmearField) -> Grid:
+    """Return the smears at the nodes of a grid and their sigmas, packed."""
     rows, columns = node_pixels(field.shape)
     displacement = field.displacement[rows, columns].transpose(2, 0, 1)
-    told = field.sigma_rad
+    angles = None if field.sigma_rad is None else field.sigma_rad[rows, columns]
     return {
         "x0": columns.start,
         "y0": rows.start,
         "step_px": rows.step,
         "displacement": packed(displacement, "int16", SMEAR_STEP_PX),
         "sigma_px": packed(field.sigma_px[rows, columns], "uint16", SMEAR_STEP_PX),
-        "sigma_rad": None if told is None else packed(told[rows, columns], "uint16", DIRECTION_STEP_RAD),
+        "sigma_rad": None if angles is None else packed(angles, "uint16", DIRECTION_STEP_RAD),
     }
 
 
-def matches(used: SmearMatches, inlier_mask: Any, swapped: Any) -> dict[str, Any]:
-    """Pack the smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
-    flags = np.asarray(inlier_mask).astype(np.uint8) + 2 * np.asarray(swapped).astype(np.uint8)
+def matches(used: SmearMatches, inlier_mask: NDArray[np.bool_], swapped: NDArray[np.bool_]) -> Matches:
+    """Return the smears that were used, packed: x0, y0, x1, y1 of their ends; flags 1 inlier, 2 swapped."""
+    flags = inlier_mask.astype(np.uint8) + 2 * swapped.astype(np.uint8)
     return {
         "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),
         "flags": packed(flags, "uint8"),
     }
 
 
-def lens(camera: Camera | None) -> dict[str, Any] | None:
-    """Pack where a distorting camera's pixels would lie without distortion, on a grid; None without.
+def lens(camera: Camera | None) -> Lens | None:
+    """Return where a camera's pixels would lie without distortion, on a grid, packed; None without any.
 
     F and H hold for undistorted pixels, so that epipolar lines are curves in the photograph.
     """
@@ -143,8 +181,8 @@ def lens(camera: Camera | None) -> dict[str, Any] | None:
     return {"step_px": LENS_NODE_PX, "shift": packed(moved.transpose(2, 0, 1), "int32", LENS_STEP_PX)}
 
 
-def motion(mask: MotionMask) -> dict[str, Any]:
-    """Pack the labels of a motion mask at every k-th pixel, its probability at the nodes of the grid."""
+def motion(mask: MotionMask) -> Motion:
+    """Return a motion mask, packed: labels at every k-th pixel, probability at the nodes of the grid."""
     rows, columns = node_pixels(mask.labels.shape)
     every = max(rows.step // STRIDE, 1)
     return {

@@ -1,6 +1,7 @@
 """Reading photographs: every storage the issue names, and every way to be unusable."""
 
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -222,3 +223,10 @@ def test_unreadable_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_path_with_a_null_character_is_refused() -> None:
     with pytest.raises(ImageError, match="cannot be read"):
         read_image("a\0b.jpg")
+
+
+def test_pipe_is_refused_instead_of_waiting_for_its_end(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.jpg")
+    for path in (tmp_path / "pipe.jpg", Path("/dev/zero")):
+        with pytest.raises(ImageError, match="is no regular file"):
+            read_image(path)

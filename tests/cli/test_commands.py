@@ -11,7 +11,7 @@ import numpy as np
 import onnx
 import pytest
 
-from blur2view import documents as estimate_file
+from blur2view import pipeline
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
@@ -60,21 +60,34 @@ def test_F_of_the_files_fits_the_true_smears(run: Any, moving: Path, tmp_path: P
     assert np.median(rho) < 0.01
 
 
-def test_summary_names_configuration_reason_and_files(
+def test_summary_is_two_lines(
     run: Any, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(moving, "-o", tmp_path / "out") == 0
+    out = tmp_path / "out"
+    assert run(moving, "-o", out) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{moving}: UNCALIBRATED. The camera moved")
+    facts = json.loads((out / "moving.json").read_text())
+    assert f"{facts['num_inliers']} of {facts['num_matches']} smears fit" in second
+    assert "epipole (" in second and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
+
+
+def test_verbose_summary_has_reason_matrix_costs_and_timings(
+    run: Any, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(moving, "-v", "-o", tmp_path / "out") == 0
     text = capsys.readouterr().out
     facts = json.loads((tmp_path / "out" / "moving.json").read_text())
-    for words in ("UNCALIBRATED", facts["reason"], "F =", "epipoles", "moving.smear.npz"):
+    for words in ("UNCALIBRATED", facts["reason"], "F =", "epipoles", "penalised costs: ", "solve "):
         assert words in text
 
 
-def test_readme_explains_every_key(run: Any, still: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(still, "--json") == 0
-    (facts,) = json.loads(capsys.readouterr().out)["estimates"]
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    assert [key for key in facts if f"`{key}`" not in readme] == []
+def test_quiet_call_prints_failures_only(
+    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(still, tmp_path / "absent.jpg", "--quiet") == 1
+    printed = capsys.readouterr()
+    assert printed.out == "" and len(printed.err.splitlines()) == 1
 
 
 def test_names_of_any_kind_are_printed(run: Any, still: Path, tmp_path: Path) -> None:
@@ -196,7 +209,7 @@ def test_interrupt_is_no_traceback(
     def interrupt(path: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(estimate_file, "read_image", interrupt)
+    monkeypatch.setattr(pipeline, "read_image", interrupt)
     assert run(still) == 130
     assert capsys.readouterr().err == "blur2view: interrupted\n"
 
@@ -218,6 +231,16 @@ def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path
     )
     assert done.returncode == 0 and done.stderr == ""
     assert json.loads(done.stdout)["estimates"][0]["config"] == "UNCALIBRATED"
+
+
+def test_control_characters_of_a_name_are_printed_as_escapes(
+    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
+    assert run(odd, tmp_path / "absent\n.png") == 1
+    printed = capsys.readouterr()
+    assert "two\\nlines\\x1b[31m.png: DEGENERATE" in printed.out and len(printed.out.splitlines()) == 2
+    assert len(printed.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("buffered", [True, False])
@@ -243,11 +266,11 @@ def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Pa
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
 
 
-def test_certainty_of_directions_is_written_where_the_network_tells_it(tmp_path: Path, moving: Path) -> None:
-    for channels, told in ((3, False), (4, True)):
+def test_certainty_of_directions_is_written_where_the_network_has_it(tmp_path: Path, moving: Path) -> None:
+    for channels, written in ((3, False), (4, True)):
         onnx.save(colour_code_network(channels=channels), tmp_path / "network.onnx")
         words = ["estimate", str(moving), "--model", str(tmp_path / "network.onnx"), "--overwrite"]
         assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
         with np.load(tmp_path / "out" / f"{moving.stem}.smear.npz") as stored:
-            assert ("sigma_rad" in stored) == told
-            assert not told or stored["sigma_rad"].shape == stored["sigma_px"].shape
+            assert ("sigma_rad" in stored) == written
+            assert not written or stored["sigma_rad"].shape == stored["sigma_px"].shape

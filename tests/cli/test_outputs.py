@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view import documents as estimate_file
+from blur2view import pipeline
 from blur2view.cli import outputs as results
 from tests.support.colour_code import colour_code, write_picture
 
@@ -28,16 +28,34 @@ def test_nothing_is_overwritten_without_being_asked(
     assert (out / "moving.json").exists()
 
 
+def test_full_disk_while_overwriting_keeps_the_old_results(
+    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert run(moving, "-o", out) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def full(text: str) -> bytes:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(results, "methodcaller", lambda name, content: full)  # from the second file on
+    assert run(moving, "-o", out, "--overwrite", "--beta", "0.1") == 1
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
+    rename = Path.replace
 
-    def killed(path: Path, write: object) -> None:
-        raise OSError(28, "No space left on device")
+    def killed(self: Path, target: Path) -> Path:
+        if target.suffix == ".png":
+            raise KeyboardInterrupt
+        return rename(self, target)
 
-    monkeypatch.setattr(results, "write_atomically", killed)
-    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 1
+    monkeypatch.setattr(Path, "replace", killed)
+    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 130
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["moving.png", "moving.smear.npz"]
 
 
@@ -45,7 +63,7 @@ def test_refusal_comes_before_the_work(
     run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "moving.json").touch()
-    monkeypatch.setattr(estimate_file, "read_image", lambda path: pytest.fail("read in vain"))
+    monkeypatch.setattr(pipeline, "read_image", lambda path: pytest.fail("read in vain"))
     assert run(moving, "-o", tmp_path) == 1
 
 
@@ -86,6 +104,6 @@ def test_full_disk_leaves_no_half_written_file(
 
     monkeypatch.setattr(np, "savez", full)
     assert run(still, "-o", tmp_path / "out") == 1
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
     (line,) = capsys.readouterr().err.splitlines()
     assert "No space left on device" in line

@@ -12,7 +12,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.to_colmap import fresh_names
+from blur2view.cli.views import fresh_names
 from blur2view.geometry.sampson import sampson
 from tests.cli.test_cli_camera import SIZE, smears
 from tests.support.colour_code import colour_code, write_picture
@@ -115,7 +115,7 @@ def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_pat
     code, out, err = run("--db", tmp_path / "new.db", bad, photos[0], photos[0])
     assert code == 1
     assert err.count("\n") == 2 and "bad.jpg" in err and "named twice" in err
-    assert "wrote 2 images and 1 pairs of 1 photographs" in out
+    assert "wrote 2 images and 1 pair of 1 photograph\n" in out
 
 
 def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:
@@ -157,6 +157,11 @@ def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_pat
     pytest.importorskip("h5py")
     code, _, _ = run("--format", "hloc", "-o", tmp_path / "hloc", *CAMERA, *photos)
     assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
+
+
+def test_missing_photograph_changes_no_name(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    code, out, err = run("--db", tmp_path / "new.db", photos[0], tmp_path / "absent" / "a.png")
+    assert code == 1 and out.startswith("moving.png: add") and err.count("\n") == 1
 
 
 def test_names_are_below_the_folder_that_all_share() -> None:

@@ -4,23 +4,22 @@ import base64
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
-from blur2view.documents import FileEstimate, document
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.pipeline import Estimate, Run, Timings
+from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
+from blur2view.visualization.report_pack import Packed
 
 WIDTH, HEIGHT = 640, 360
 DOTS = ((401, 201), (417, 209))  # the white pixels of the photograph, the first a node of the grid
@@ -61,7 +60,7 @@ def made_up(
     camera: Camera | None = None,
     scale: float = 1.0,
 ) -> FileEstimate:
-    """Make up what was found in a photograph; ``scale`` stretches its smears."""
+    """Return a made-up estimate of a photograph; ``scale`` stretches its smears."""
     field = wavy_field(*size)
     field = replace(field, displacement=scale * field.displacement)
     used = select_matches(field, SelectOptions(max_matches=300))
@@ -75,8 +74,7 @@ def made_up(
         camera=camera,
     )
     run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
-    facts = document(Path(name), field.shape, found, run, 0.04)
-    return FileEstimate(path=Path(name), image=dotted_photograph(*size), found=found, facts=facts)
+    return FileEstimate(path=Path(name), image=dotted_photograph(*size), estimate=found, run=run, read_s=0.04)
 
 
 def some_geometry(
@@ -114,7 +112,7 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     )
 
 
-def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
+def unpacked(packed: Packed) -> NDArray[np.float64]:
     """Decode `report_pack.packed`, written from its description with Python's integers."""
     planes = zlib.decompress(base64.b64decode(packed["data"]))
     bits = int(packed["type"].lstrip("uint"))

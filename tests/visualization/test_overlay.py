@@ -12,7 +12,10 @@ from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.overlay import View, draw_overlay, farthest_points, spread_subset
+from blur2view.visualization.panel import short_number
+from tests.support.report_scenes import boxed_mask
 
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
 
@@ -160,6 +163,18 @@ def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
         )
         heights.append(draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry).shape[0])
     assert heights[1] > heights[0] + 100
+
+
+def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:
+    shown = [short_number(value) for value in (0.012, 0.34, 8.2, 9.49, 9.5, 82.4, 820.0, 1000.0)]
+    assert shown == ["0.012", "0.34", "8.2", "9.5", "10", "82", "820", "1000"]
+
+
+def test_caption_of_a_mask_counts_only_what_there_is() -> None:
+    assert headline(boxed_mask()) == "nothing moves; motion is unobservable in 25%"
+    labels = np.zeros((64, 64), np.uint8)
+    assert headline(replace(boxed_mask(), labels=labels)) == "nothing moves"
+    assert headline(replace(boxed_mask(), labels=labels + 2)) == "motion is unobservable everywhere"
 
 
 def test_sizes_that_disagree_are_refused() -> None:

@@ -17,7 +17,8 @@ from blur2view.camera.camera import Camera
 from blur2view.cli import commands as cli
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.visualization.report import Entry, report
-from blur2view.visualization.report_photograph import MAX_NODES, VERDICTS, lens, node_pixels, photograph
+from blur2view.visualization.report_photograph import MAX_NODES, lens, node_pixels, photograph
+from blur2view.visualization.verdicts import VERDICTS
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
 
@@ -78,15 +79,15 @@ def test_page_holds_what_estimate_prints(
     call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert call(moving) == 0
-    assert "moving.png: " in (told := capsys.readouterr().out) and "page.html" in told
+    assert "moving.png: " in (shown := capsys.readouterr().out) and "page.html" in shown
     assert cli.main(["estimate", "--json", "--model", str(tiny_model), str(moving)]) == 0
     (printed,) = json.loads(capsys.readouterr().out)["estimates"]
-    _, told_page = Markup((tmp_path / "page.html").read_bytes()).blocks()
-    document = json.loads(told_page["document"])
-    assert set(told_page["seconds"]) == {"read", "predict", "select", "solve", "mask"}
+    _, shown = Markup((tmp_path / "page.html").read_bytes()).blocks()
+    document = json.loads(shown["document"])
+    assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
     assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
     assert document == printed
-    assert told_page["document"] == json.dumps(json.loads(told_page["document"]), indent=2)
+    assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
 
 
 def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
@@ -100,14 +101,14 @@ def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) 
 
 
 def test_only_timings_differ_between_calls(call: Report, moving: Path, tmp_path: Path) -> None:
-    told = []
+    shown = []
     for _ in range(2):
         assert call(moving, "--overwrite") == 0
         _, photo = Markup((tmp_path / "page.html").read_bytes()).blocks()
         document = json.loads(photo.pop("document"))
-        told.append((photo.pop("seconds"), document.pop("timings_s"), photo, document))
-    assert told[0][2:] == told[1][2:]
-    assert told[0][0] != told[1][0]
+        shown.append((photo.pop("seconds"), document.pop("timings_s"), photo, document))
+    assert shown[0][2:] == shown[1][2:]
+    assert shown[0][0] != shown[1][0]
 
 
 def test_failure_is_a_card_not_the_end(
@@ -141,17 +142,18 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
 
 
-def test_page_is_kept_if_every_photograph_fails(
+def test_nothing_is_written_if_every_photograph_fails(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, absent = tmp_path / "page.html", tmp_path / "absent.jpg"
-    assert call(absent) == 1 and page.is_file()  # there was none to keep
+    assert call(absent) == 1 and not page.exists()
+    assert call(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
     assert call(moving, "--overwrite") == 0
     good = page.read_bytes()
     capsys.readouterr()
     assert call(absent, absent, "--overwrite") == 1 and page.read_bytes() == good
-    told = capsys.readouterr()
-    assert "page.html: kept as it was" in told.err.splitlines()[-1] and "wrote" not in told.out
+    printed = capsys.readouterr()
+    assert "page.html: is not written" in printed.err.splitlines()[-1] and "wrote" not in printed.out
     assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
 
 
@@ -201,10 +203,10 @@ def test_photograph_of_1280x720_stays_small() -> None:
     grain = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1).astype(
         np.float32
     )  # 10 of 255 levels
-    rough = rng.normal(0, 20, one.found.field.displacement.shape).astype(np.float32)
+    rough = rng.normal(0, 20, one.estimate.field.displacement.shape).astype(np.float32)
     one.image[:] = grain
-    one.found.field.displacement[:] = rough
-    one.found.field.sigma_px[:] = rng.uniform(0, 9, rough.shape[:2])
+    one.estimate.field.displacement[:] = rough
+    one.estimate.field.sigma_px[:] = rng.uniform(0, 9, rough.shape[:2])
     assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
 
 
@@ -221,33 +223,33 @@ def test_nodes_are_pixels_of_the_matches_grid_and_bounded(size: tuple[int, int])
 
 def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     one, mask = made_up(F=turning_F()), boxed_mask()
-    told = photograph(one, mask)
-    assert (told["width"], told["height"]) == (WIDTH, HEIGHT)
+    shown = photograph(one, mask)
+    assert (shown["width"], shown["height"]) == (WIDTH, HEIGHT)
     rows, columns = node_pixels((HEIGHT, WIDTH))
-    field = one.found.field
+    field = one.estimate.field
     expected = field.displacement[rows, columns].transpose(2, 0, 1)
-    assert abs(unpacked(told["grid"]["displacement"]) - expected).max() <= 0.5 / 64
-    assert abs(unpacked(told["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
+    assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
+    assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
     assert field.sigma_rad is not None
-    assert abs(unpacked(told["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
-    ends = unpacked(told["matches"]["ends"]).T.reshape(-1, 2, 2)
-    assert abs(ends - one.found.matches.ends).max() <= 0.5 / 64
-    flags = unpacked(told["matches"]["flags"]).astype(int)
-    np.testing.assert_array_equal(flags & 1, one.found.geometry.inlier_mask)
-    np.testing.assert_array_equal(flags >> 1, one.found.geometry.swapped)
-    np.testing.assert_array_equal(unpacked(told["mask"]["labels"]), mask.labels)
-    assert (
-        abs(unpacked(told["mask"]["probability"]) - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
-    )
+    assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
+    assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
+    ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)
+    assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
+    flags = unpacked(shown["matches"]["flags"]).astype(int)
+    np.testing.assert_array_equal(flags & 1, one.estimate.geometry.inlier_mask)
+    np.testing.assert_array_equal(flags >> 1, one.estimate.geometry.swapped)
+    np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
+    probability = unpacked(shown["mask"]["probability"])
+    assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
 
 
 def test_lens_tells_where_pixels_would_lie() -> None:
     text = f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 500 320 180 0.15"
     camera = Camera.from_string(text)
-    told = lens(camera)
-    assert told is not None
-    shift = unpacked(told["shift"]).transpose(1, 2, 0)
-    y, x = np.mgrid[: shift.shape[0], : shift.shape[1]] * told["step_px"]
+    shown = lens(camera)
+    assert shown is not None
+    shift = unpacked(shown["shift"]).transpose(1, 2, 0)
+    y, x = np.mgrid[: shift.shape[0], : shift.shape[1]] * shown["step_px"]
     pixels = np.stack([x, y], -1).astype(float)
     assert abs(pixels + shift - camera.undistorted(pixels)).max() < 1e-3
     assert x.max() >= WIDTH - 1 and y.max() >= HEIGHT - 1 and abs(shift).max() > 5
@@ -263,5 +265,6 @@ def test_every_configuration_has_words() -> None:
 
 def test_proof_of_parallax_is_not_claimed_beside_a_homography() -> None:
     one = made_up(F=turning_F())
-    beside = replace(one, found=replace(one.found, geometry=replace(one.found.geometry, H=np.eye(3))))
+    geometry = replace(one.estimate.geometry, H=np.eye(3))
+    beside = replace(one, estimate=replace(one.estimate, geometry=geometry))
     assert "not proven" in photograph(beside)["meaning"] and "not proven" not in photograph(one)["meaning"]

@@ -83,7 +83,7 @@ def test_address_names_a_photograph(opened: Opener) -> None:
     assert page.locator("#gallery").is_visible() and page.locator("#photo").is_hidden()
 
 
-def test_damaged_photograph_is_told_also_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
+def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
     visits = Visits(browser=browser, folder=tmp_path)
     page = visits.open(*gallery_entries())
     page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
@@ -108,8 +108,14 @@ def test_facts_are_those_of_the_document(opened: Opener) -> None:
     ]
     assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")
     F = np.array([float(cell) for cell in page.locator("#matrix td").all_inner_texts()]).reshape(3, 3)
-    np.testing.assert_allclose(F, one.facts["F"], rtol=1e-4)
+    np.testing.assert_allclose(F, turning_F(), rtol=1e-4)
     assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
+
+
+def test_inliers_are_counted_only_where_there_is_a_geometry(opened: Opener) -> None:
+    one = made_up(config=Configuration.DEGENERATE)
+    page = opened(Entry.of(one))
+    assert "inliers -" in " ".join(page.locator("#counts").inner_text().split())
 
 
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:
@@ -121,10 +127,10 @@ def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path)
             page.locator(button).click()
         return Path(download.value.path()).read_bytes()
 
-    told = [json.loads(entry.content)["document"] for entry in entries if entry.content]
-    assert downloaded("#download") == told[2].encode() + b"\n"
+    texts = [json.loads(entry.content)["document"] for entry in entries if entry.content]
+    assert downloaded("#download") == texts[2].encode() + b"\n"
     everything = {
-        "estimates": list(map(json.loads, told)),
+        "estimates": list(map(json.loads, texts)),
         "failures": [{"image": "a.png", "error": "a.png: is damaged"}],
     }
     assert downloaded("#download-all").decode() == json.dumps(everything, indent=2) + "\n"
@@ -172,7 +178,7 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     assert (red + green + blue < 128) == dark
 
 
-def test_old_browser_is_told(browser: Browser, tmp_path: Path) -> None:
+def test_old_browser_gets_a_message(browser: Browser, tmp_path: Path) -> None:
     (tmp_path / "old.html").write_bytes(report(gallery_entries(), "1.0"))
     page = browser.new_page()
     page.add_init_script("delete window.DecompressionStream")

@@ -26,8 +26,8 @@ from tests.support.report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, m
 
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     F, one = turning_F(), made_up(F=turning_F())
-    page, field_ = opened(Entry.of(one, boxed_mask())), one.found.field
-    used = one.found.matches.midpoint.round().astype(int).tolist()
+    page, field_ = opened(Entry.of(one, boxed_mask())), one.estimate.field
+    used = one.estimate.matches.midpoint.round().astype(int).tolist()
     inner = [point for point in used if 20 < point[0] < WIDTH - 20 and 20 < point[1] < HEIGHT - 20]
     assert field_.sigma_rad is not None
     inside, right = (153, 101), (609, 201)
@@ -36,20 +36,20 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
         page.locator("#stage").hover(position={"x": (x + 1.4) * scale, "y": (y - 0.4) * scale})
         d, ends = field_.displacement[y, x], quantised_ends((x, y), field_.displacement[y, x])
 
-        def told(key: str) -> list[float]:
+        def shown(key: str) -> list[float]:
             return numbers(value(page, key, "pointer"))
 
-        assert told("position") == [x, y]
-        assert told("displacement") == pytest.approx(d.tolist(), abs=0.02)
-        assert told("length") == pytest.approx([np.hypot(*d)], abs=0.02)
-        assert told("direction") == pytest.approx([np.degrees(np.arctan2(d[1], d[0]))], abs=0.1)
-        assert told("sigma") == pytest.approx([field_.sigma_px[y, x]], abs=0.02)
-        assert told("sigma-direction") == pytest.approx([np.degrees(field_.sigma_rad[y, x])], abs=0.1)
-        assert told("error") == pytest.approx(np.sqrt(serrmin(F, ends[None])), abs=0.006)
+        assert shown("position") == [x, y]
+        assert shown("displacement") == pytest.approx(d.tolist(), abs=0.02)
+        assert shown("length") == pytest.approx([np.hypot(*d)], abs=0.02)
+        assert shown("direction") == pytest.approx([np.degrees(np.arctan2(d[1], d[0]))], abs=0.1)
+        assert shown("sigma") == pytest.approx([field_.sigma_px[y, x]], abs=0.02)
+        assert shown("sigma-direction") == pytest.approx([np.degrees(field_.sigma_rad[y, x])], abs=0.1)
+        assert shown("error") == pytest.approx(np.sqrt(serrmin(F, ends[None])), abs=0.006)
         label = "moving" if (x, y) == inside else ("unobservable" if x >= 480 else "static")
         assert value(page, "label", "pointer") == label
-        assert told("probability") == [0.9 if (x, y) == inside else 0.1]
-        mask = dict(zip(map(tuple, used), one.found.geometry.inlier_mask.tolist(), strict=True))
+        assert shown("probability") == [0.9 if (x, y) == inside else 0.1]
+        mask = dict(zip(map(tuple, used), one.estimate.geometry.inlier_mask.tolist(), strict=True))
         words = {True: "inlier", False: "outlier", None: "not used"}
         assert value(page, "used", "pointer") == words[mask.get((x, y))]
     page.mouse.move(2, 2)
@@ -96,12 +96,12 @@ def test_used_smears_have_the_colour_of_their_orientation(opened: Opener) -> Non
     page = opened(Entry.of(one))
     toggle(page, "photograph", "smears", "inliers")
     pixels, scale = stage_pixels(page), scale_of(page)
-    inliers = np.flatnonzero(one.found.geometry.inlier_mask)
-    assert 0 < len(inliers) < len(one.found.matches)
+    inliers = np.flatnonzero(one.estimate.geometry.inlier_mask)
+    assert 0 < len(inliers) < len(one.estimate.matches)
     agree = []
-    for k in [*inliers[:20], *np.flatnonzero(~one.found.geometry.inlier_mask)[:20]]:
-        x, y = one.found.matches.midpoint[k]
-        dx, dy = one.found.matches.displacement[k]
+    for k in [*inliers[:20], *np.flatnonzero(~one.estimate.geometry.inlier_mask)[:20]]:
+        x, y = one.estimate.matches.midpoint[k]
+        dx, dy = one.estimate.matches.displacement[k]
         hue = math.degrees(math.atan2(dy, dx)) % 180 / 180
         colour = 255 * np.array(colorsys.hls_to_rgb(hue, 0.63, 1)) if k in inliers else np.full(3, 190)
         seen = pixels[int((y + 0.5) * scale), int((x + 0.5) * scale)]
@@ -113,7 +113,7 @@ def test_click_takes_a_used_smear_where_those_are_shown(opened: Opener) -> None:
     one = made_up(F=turning_F())
     page = opened(Entry.of(one))
     toggle(page, "inliers")
-    middle = one.found.matches.midpoint
+    middle = one.estimate.matches.midpoint
     x, y = middle[np.linalg.norm(middle - (WIDTH / 2, HEIGHT / 2), axis=1).argmin()].tolist()
     click_at(page, (x + 3.5, y - 2.5))
     assert numbers(value(page, "position")) == [x, y] and value(page, "used") in ("inlier", "outlier")

@@ -87,7 +87,7 @@ def test_click_draws_both_epipolar_lines_where_F_says(opened: Opener, point: tup
     toggle(page, "photograph", "smears")
     click_at(page, (point[0] + 1.2, point[1] - 1.4))  # nearest to this node
     assert numbers(value(page, "position")) == list(point)
-    ends = quantised_ends(point, one.found.field.displacement[point[1], point[0]])
+    ends = quantised_ends(point, one.estimate.field.displacement[point[1], point[0]])
     scale = scale_of(page)
     check_lines(stage_pixels(page), F, ends, scale, np.full(2, scale / 2))
 
@@ -109,7 +109,7 @@ def test_lines_and_ends_stay_with_the_photograph_when_zoomed(opened: Opener) -> 
     scale = float(np.linalg.norm(found[1] - found[0]) / np.linalg.norm(np.subtract(*DOTS)))
     corner = found[0] - scale * np.array(DOTS[0])
     assert scale > 8  # half a pixel is at least 4 pixels of the screen
-    ends = quantised_ends(DOTS[0], one.found.field.displacement[DOTS[0][1], DOTS[0][0]])
+    ends = quantised_ends(DOTS[0], one.estimate.field.displacement[DOTS[0][1], DOTS[0][0]])
     check_lines(marked, F, ends, scale, corner, 0.5)  # the dots' borders are those of the screen's pixels
     for mark, end in zip(("end-1", "end-2"), in_order(F, ends), strict=True):
         circle = page.locator(f"[data-mark={mark}]")
@@ -128,12 +128,12 @@ def test_fan_of_epipolar_lines_is_where_F_says(opened: Opener) -> None:
     page = opened(Entry.of(one))
     toggle(page, "photograph", "smears", "lines")
     pixels, scale = stage_pixels(page), scale_of(page)
-    inliers = np.flatnonzero(one.found.geometry.inlier_mask)
-    chosen = inliers[farthest_points(one.found.matches.midpoint[inliers], 14)]
+    inliers = np.flatnonzero(one.estimate.geometry.inlier_mask)
+    chosen = inliers[farthest_points(one.estimate.matches.midpoint[inliers], 14)]
     white = near(pixels, (255, 255, 255), 165)
     explained = np.zeros_like(white)
     for k in chosen:
-        line = on_screen(F @ [*in_order(F, one.found.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
+        line = on_screen(F @ [*in_order(F, one.estimate.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
         columns = np.arange(len(pixels[0])) + 0.5
         rows = -(line[0] * columns + line[2]) / line[1]
         seen = [(int(y), int(x)) for y, x in zip(rows, columns, strict=True) if 3 <= y < len(pixels) - 3]
@@ -150,7 +150,7 @@ def test_lines_of_a_distorting_lens_are_curves(opened: Opener) -> None:
     page = opened(Entry.of(one))
     point = (121, 41)
     click_at(page, point)
-    ends = camera.undistorted(quantised_ends(point, one.found.field.displacement[point[1], point[0]]))
+    ends = camera.undistorted(quantised_ends(point, one.estimate.field.displacement[point[1], point[0]]))
     first, second = in_order(F, ends)
     for mark, line in (("line-1", F.T @ [*second, 1]), ("line-2", F @ [*first, 1])):
         path = page.locator(f"[data-mark={mark}]").get_attribute("d") or ""

@@ -28,11 +28,13 @@ import numpy as np
 
 import blur2view
 from blur2view.cli.outputs import OutputFiles, write_results
+from blur2view.documents.estimate import EstimateDocument
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.pipeline import estimate
+from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.robust.minimal_solvers import solve_seven_smears
-from blur2view.smears.sampling import select_matches
+from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.options import EstimatorOptions
 from tools.datasets.testset import test_options, write_scene
 
 SIZE = (1280, 720)
@@ -71,8 +73,9 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     from blur2view.cli.commands import main as command
 
     network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
-    image = blur2view.read_image(photo)
-    found = estimate(image, network=network)
+    run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
+    one = estimate_file(photo, network, run)
+    image, found = one.image, one.estimate
     field, matches = found.field, found.matches
     sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # any F: without one the mask's network is not asked
     moving = replace(found, geometry=replace(found.geometry, F=sideways))
@@ -83,7 +86,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "network": timed(lambda: network.predict(image), repeats),
         "matches": timed(lambda: select_matches(field), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
-        "draw and write": timed(lambda: write_results(files, {}, image, found), repeats),
+        "draw and write": timed(lambda: write_results(files, EstimateDocument.of(one), one), repeats),
         "motion mask": timed(lambda: blur2view.segment(moving, image, network=motion_network), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),

@@ -23,7 +23,7 @@ function showFacts(photo) {
   byId("meaning").textContent = photo.meaning;
   byId("reason").textContent = facts.reason;
   byId("ends-note").textContent = facts.F
-    ? "1 is the end of shutter-open and 2 that of shutter-close, or all of them the other way round: one photograph does not tell."
+    ? "1 is the end of shutter-open and 2 that of shutter-close, or all of them the other way round: one photograph does not show the direction of time."
     : "";
   showPairs(byId("counts"), countsOf(photo));
   showScores(facts);
@@ -35,7 +35,7 @@ function countsOf({ facts, medianPx, lens }) {
   const pairs = [
     ["photograph", `${facts.width} x ${facts.height}`],
     ["smears used", String(facts.num_matches)],
-    ["inliers", facts.num_matches ? `${facts.num_inliers} (${Math.round(100 * facts.support)} %)` : "-"],
+    ["inliers", facts.F || facts.H ? `${facts.num_inliers} (${Math.round(100 * facts.support)} %)` : "-"],
     ["median length", medianPx === null ? "-" : `${medianPx.toFixed(1)} px`],
     ["network", facts.model_id],
     ["seed", String(facts.seed)],
@@ -107,7 +107,7 @@ const fixed = (value, unit, digits = 2) => `${value.toFixed(digits)}${unit}`;
 const both = (...values) => values.map((value) => value.toFixed(Math.hypot(...values) < 100 ? 2 : 1)).join(", ");
 const degrees = (radians) => (radians * 180) / Math.PI;
 
-// What is told of a smear: a key, its name, and its text.
+// The values of a smear that are shown: a key, its name, and its text.
 const VALUES = [
   ["position", "position x, y", (smear) => `${smear.x}, ${smear.y}`],
   ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${both(dx, dy)})`],
@@ -139,16 +139,16 @@ function makeValues() {
 
 /** Fill a column, "pointer" or "chosen", with a smear's values; null empties it. */
 function showValues(of, smear) {
-  for (const [key, , tell] of VALUES) {
-    byId("values").querySelector(`[data-of="${of}"][data-value="${key}"]`).textContent = smear ? tell(smear) : "-";
+  for (const [key, , textOf] of VALUES) {
+    byId("values").querySelector(`[data-of="${of}"][data-value="${key}"]`).textContent = smear ? textOf(smear) : "-";
   }
 }
 
 /** One sentence about a smear, for those who hear the page. */
 function sentenceOf(smear) {
-  const told = ["length", "direction", "sigma", "error", "used"].map((key) => {
-    const [, name, tell] = VALUES.find(([other]) => other === key);
-    return `${name} ${tell(smear)}`;
+  const values = ["length", "direction", "sigma", "error", "used"].map((key) => {
+    const [, name, textOf] = VALUES.find(([other]) => other === key);
+    return `${name} ${textOf(smear)}`;
   });
-  return `Smear at ${smear.x}, ${smear.y}: ${told.join(", ")}`;
+  return `Smear at ${smear.x}, ${smear.y}: ${values.join(", ")}`;
 }

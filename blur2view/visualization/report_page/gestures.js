@@ -39,7 +39,7 @@ Viewer.prototype.drag = function (pointer, place) {
   const others = [...this.pointers.values()].filter((other) => other !== pointer);
   if (Math.hypot(place[0] - pointer.from[0], place[1] - pointer.from[1]) > STILL_PX) pointer.moved = true;
   if (!pointer.moved) return;
-  const share = others.length ? 0.5 : 1; // two fingers that move alike pan by half of each one's way
+  const share = others.length ? 0.5 : 1; // two fingers that move together pan by half of each one's way
   const before = pointer.place;
   pointer.place = place;
   this.view.pan(share * (place[0] - before[0]), share * (place[1] - before[1]));

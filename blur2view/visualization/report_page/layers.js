@@ -82,7 +82,7 @@ function drawMask(context, photo) {
   context.drawImage(once(photo, "mask", maskMap), 0, 0, columns * every, rows * every);
 }
 
-/** Pink where something moves by itself, hatched where it cannot be told. */
+/** Pink where something moves by itself, hatched where motion is unobservable. */
 function maskMap(photo) {
   const { values, shape } = photo.mask.labels;
   const [moving, unknown] = [MOVING, UNKNOWN].map((colour) => pixelOf(colour, MASK_ALPHA));
@@ -149,9 +149,9 @@ function drawUsed(context, view, photo) {
   strokePieces(context, view, outliers, 1.4, OUTLIER);
   drawDots(context, view, outliers, OUTLIER);
   for (let bucket = 0; bucket < HUES; bucket++) {
-    const alike = inliers.filter((match) => bucketOf(...difference(match.ends)) === bucket);
-    strokePieces(context, view, alike, 1.4, hueColour(bucket));
-    drawDots(context, view, alike, hueColour(bucket));
+    const group = inliers.filter((match) => bucketOf(...difference(match.ends)) === bucket);
+    strokePieces(context, view, group, 1.4, hueColour(bucket));
+    drawDots(context, view, group, hueColour(bucket));
   }
 }
 

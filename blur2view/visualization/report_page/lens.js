@@ -1,6 +1,6 @@
 // Distorting cameras: F holds for undistorted pixels, so that its lines are curves in the photograph.
 
-/** Where pixels would lie without distortion, told at every step-th pixel, bilinear between. */
+/** Where pixels would lie without distortion, known at every step-th pixel, bilinear between. */
 class Lens {
   constructor(step, shift) {
     this.step = step;

@@ -49,25 +49,25 @@ async function imageOf(uri) {
   return image;
 }
 
-/** What Python told of photograph number `index`, with its arrays unpacked. */
+/** The record of photograph number `index`, with its arrays unpacked. */
 async function photographOf(index) {
-  const told = JSON.parse(document.getElementById(`photo-data-${index}`).textContent);
-  const { grid, matches, mask, lens } = told;
+  const record = JSON.parse(document.getElementById(`photo-data-${index}`).textContent);
+  const { grid, matches, mask, lens } = record;
   const [picture, displacement, sigmaPx, sigmaRad, ends, flags, labels, probability, shift] = await Promise.all([
-    imageOf(told.picture),
+    imageOf(record.picture),
     ...[grid.displacement, grid.sigma_px, grid.sigma_rad, matches.ends, matches.flags].map(unpacked),
     ...[mask && mask.labels, mask && mask.probability, lens && lens.shift].map(unpacked),
   ]);
   return {
-    name: told.name,
-    width: told.width,
-    height: told.height,
-    kind: told.kind,
-    meaning: told.meaning,
-    medianPx: told.median_px,
-    seconds: told.seconds,
-    text: told.document,
-    facts: JSON.parse(told.document),
+    name: record.name,
+    width: record.width,
+    height: record.height,
+    kind: record.kind,
+    meaning: record.meaning,
+    medianPx: record.median_px,
+    seconds: record.seconds,
+    text: record.document,
+    facts: JSON.parse(record.document),
     picture,
     grid: {
       x0: grid.x0,

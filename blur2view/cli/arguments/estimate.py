@@ -1,0 +1,94 @@
+"""``blur2view estimate``: its options and its help."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from blur2view.cli.arguments.shared import (
+    CommandParser,
+    add_camera,
+    add_estimation,
+    add_photographs,
+    add_verbosity,
+    epilog,
+    keys,
+    paragraph,
+    table,
+)
+from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
+
+ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
+DESCRIPTION = """
+Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
+matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
+essential matrix and the pose. Where no F can be trusted the configuration and its reason say why. Prints a
+summary of two lines for each photograph; with -o writes files beside each other.
+"""
+CONFIGURATIONS = (
+    ("UNCALIBRATED", 'the camera moved: F; with H beside it "parallax is not proven"'),
+    ("CALIBRATED", "the same with known intrinsics: E and the pose, too"),
+    ("MULTIPLE", "two motions share the picture: F is that of the one most smears follow; no pose"),
+    (
+        "PLANAR_OR_PANORAMIC",
+        "with F: it is open whether there is parallax; without: a plane or a rotation, H",
+    ),
+    ("PLANAR", "one plane: H, no F"),
+    ("PANORAMIC", "the camera only rotated: H, no F; with known intrinsics the rotation"),
+    ("DEGENERATE", "too few, too short or collinear smears, a still camera or a constant picture: no F"),
+    ("UNDEFINED", "the best F explains hardly more smears than chance: none is given"),
+)
+FILES = (
+    ("<stem>.json", "the JSON document of the photograph; written last"),
+    (
+        "<stem>.smear.npz",
+        "displacement (H, W, 2), sigma_px and, where the network has it, sigma_rad (H, W), float32: the "
+        "smear of every pixel in pixels, the standard deviations of the whole (pixels) and of its direction "
+        "(radians). ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, "
+        "their sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end",
+    ),
+    (
+        "<stem>.png",
+        "the overlay: inlier smears coloured by orientation, outliers grey, epipolar lines white, epipoles "
+        "ringed; below it the verdict and a map of sigma",
+    ),
+)
+EXAMPLES = (
+    "blur2view estimate models/sample.jpg -o out",
+    "blur2view estimate photographs/*.jpg --json > estimates.json",
+    'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
+)
+
+
+def describe(parser: CommandParser) -> None:
+    """Add the options and the help of ``blur2view estimate``."""
+    parser.description = paragraph(DESCRIPTION)
+    add_photographs(parser)
+    output = parser.add_argument_group("output")
+    add = output.add_argument
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write DIR/<stem>.json, .smear.npz and .png, see below",
+    )
+    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add_verbosity(output)
+    add_camera(parser, exposure=True)
+    add_estimation(parser)
+    parser.epilog = epilog(
+        table("configurations, in COLMAP's names", CONFIGURATIONS),
+        table("files of -o", FILES),
+        table("JSON document of --json", keys(EstimatesDocument)),
+        table("JSON document of a photograph", keys(EstimateDocument)),
+        examples=EXAMPLES,
+    )
+    parser.set_defaults(run=partial(_run, parser))
+
+
+def _run(parser: CommandParser, options: argparse.Namespace) -> int:
+    """Return the exit code of the command; what it needs is imported only now."""
+    from blur2view.cli.estimate import run_estimate
+
+    return run_estimate(options, parser.error)

@@ -1,0 +1,74 @@
+"""``blur2view report``: its options and its help."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from blur2view.cli.arguments.shared import (
+    CommandParser,
+    add_camera,
+    add_estimation,
+    add_photographs,
+    add_verbosity,
+    epilog,
+    paragraph,
+    table,
+)
+
+ABOUT = "write one HTML page that shows the result of each photograph"
+DESCRIPTION = """
+Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of the
+photographs, sortable by verdict, length of the smears and name; for each the picture with smears, inliers,
+epipolar lines, sigma and motion mask as layers, the verdict with its reason, the models that competed, F, the
+timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card with its
+reason. It needs a browser of 2023 or later.
+"""
+CONTROLS = (
+    ("click or tap", "a smear: its ends and both epipolar lines"),
+    ("hover", "the values of a smear"),
+    ("pinch, Ctrl and wheel", "zoom; also by the keys + and -"),
+    ("arrow keys", "walk from smear to smear"),
+)
+TERMS = (
+    ("SErrMin", "squared Sampson distance of a smear's ends, in the better of both orders, squared pixels"),
+    ("sqrt SErrMin", "its root: the distance in pixels that --max-error is compared with"),
+    ("P(moves)", "probability that a pixel moves by itself, of the motion mask"),
+    ("sigma", "standard deviation of a smear that the network predicts, pixels"),
+)
+EXAMPLES = (
+    "blur2view report photographs/*.jpg -o report.html",
+    "blur2view report a.jpg --focal 525 --no-mask --overwrite",
+)
+
+
+def describe(parser: CommandParser) -> None:
+    """Add the options and the help of ``blur2view report``."""
+    parser.description = paragraph(DESCRIPTION)
+    add_photographs(parser)
+    output = parser.add_argument_group("output")
+    add = output.add_argument
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("report.html"),
+        metavar="HTML",
+        help="the page (default: %(default)s)",
+    )
+    add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
+    add("--no-mask", action="store_true", help="without the motion mask: faster")
+    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_verbosity(output)
+    add_camera(parser, exposure=True)
+    add_estimation(parser)
+    parser.epilog = epilog(
+        table("on the page", CONTROLS), table("terms of the page", TERMS), examples=EXAMPLES
+    )
+    parser.set_defaults(run=partial(_run, parser))
+
+
+def _run(parser: CommandParser, options: argparse.Namespace) -> int:
+    """Return the exit code of the command; what it needs is imported only now."""
+    from blur2view.cli.report import run_report
+
+    return run_report(options, parser.error)

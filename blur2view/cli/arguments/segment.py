@@ -1,0 +1,79 @@
+"""``blur2view segment``: its options and its help."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from blur2view.cli.arguments.shared import (
+    CommandParser,
+    add_camera,
+    add_estimation,
+    add_photographs,
+    add_verbosity,
+    epilog,
+    keys,
+    paragraph,
+    table,
+)
+from blur2view.documents.masks import MaskDocument, MasksDocument
+
+ABOUT = "segment what moves by itself from what the camera's motion explains"
+DESCRIPTION = """
+Segment what moves by itself from what the camera's motion explains. Each smear is scored by its squared
+distance from the epipolar lines of the camera's F (without F: by its error under the homography; before a
+still camera: by its length), over its variance. Before a camera that moves a second, small network sees the
+photograph, the smears and their scores, and decides with them; before a still camera the scores decide alone.
+An object that moves along the camera's epipolar lines looks like one at another depth and is not seen.
+"""
+FILES = (
+    (
+        "<stem>.mask.png",
+        "indexed: 0 static, 1 moving, 2 unobservable (the smear is too short or uncertain, or so near the "
+        "epipole that any motion would fit)",
+    ),
+    ("<stem>.moving.png", "probability of moving, times 255; above one half where the mask says moving"),
+    (
+        "<stem>.motion.png",
+        "the photograph over a caption, pink on what moves, hatched where it is unobservable",
+    ),
+    ("<stem>.motion.json", "the JSON document of the photograph; written last"),
+)
+EXAMPLES = (
+    "blur2view segment street.jpg -o masks",
+    "blur2view segment photographs/*.jpg --objects --json > masks.json",
+)
+
+
+def describe(parser: CommandParser) -> None:
+    """Add the options and the help of ``blur2view segment``."""
+    parser.description = paragraph(DESCRIPTION)
+    add_photographs(parser)
+    output = parser.add_argument_group("output")
+    add = output.add_argument
+    add(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below",
+    )
+    add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
+    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add_verbosity(output)
+    add_camera(parser, exposure=False)
+    add_estimation(parser)
+    parser.epilog = epilog(
+        table("files of -o", FILES),
+        table("JSON document of --json", keys(MasksDocument)),
+        table("JSON document of a photograph", keys(MaskDocument)),
+        examples=EXAMPLES,
+    )
+    parser.set_defaults(run=partial(_run, parser))
+
+
+def _run(parser: CommandParser, options: argparse.Namespace) -> int:
+    """Return the exit code of the command; what it needs is imported only now."""
+    from blur2view.cli.segment import run_segment
+
+    return run_segment(options, parser.error)

@@ -1,0 +1,189 @@
+"""What the commands share: parsers filled when they are chosen, common options, the help's format."""
+
+import argparse
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from inspect import cleandoc
+from pathlib import Path
+from typing import Any
+
+NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
+EXIT_CODES = (
+    ("0", "done; a photograph without F is a result, with its reason"),
+    ("1", "something failed: one line on stderr each, other photographs are done all the same"),
+    ("2", "wrong usage"),
+    ("130", "interrupted by Ctrl-C"),
+)
+
+
+class CommandParser(argparse.ArgumentParser):
+    """A parser whose options are described when it is used, so that other commands start faster.
+
+    Parameters
+    ----------
+    describe : callable, optional
+        Adds the options.
+    **settings
+        Those of `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        self._describe = describe
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the options as argparse does, after describing them."""
+        if self._describe is not None:
+            describe, self._describe = self._describe, None
+            describe(self)
+        return super().parse_known_args(args, namespace)
+
+
+def width() -> int:
+    """Return the columns that the help may fill."""
+    return min(max(shutil.get_terminal_size().columns, 60), 110) - 2
+
+
+def paragraph(text: str) -> str:
+    """Return a text in lines of the terminal's width."""
+    return textwrap.fill(" ".join(text.split()), width())
+
+
+def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a titled list of names and their explanations."""
+    lines = [f"{title}:"]
+    for name, text in rows:
+        first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
+        start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
+        lines += [] if start is first else [first.rstrip()]
+        lines.append(textwrap.fill(text, width(), initial_indent=start, subsequent_indent=" " * NAME_WIDTH))
+    return "\n".join(lines)
+
+
+def keys(document: type) -> list[tuple[str, str]]:
+    """Return the keys of a JSON document and their explanations, from the docstring of its type."""
+    section = cleandoc(document.__doc__ or "").partition("Parameters\n----------\n")[2]
+    rows: list[tuple[str, str]] = []
+    for line in section.splitlines():
+        if line.startswith(" "):
+            name, text = rows[-1]
+            rows[-1] = name, f"{text} {line.strip()}"
+        elif line:
+            name, _, kind = line.partition(" : ")
+            rows.append((name, f"({kind})"))
+    return rows
+
+
+def epilog(*tables: str, examples: Sequence[str]) -> str:
+    """Return what stands below the options: tables, exit codes, and examples at the end."""
+    shown = "\n".join(["examples:", *(f"  {example}" for example in examples)])
+    return "\n\n".join([*tables, table("exit codes", EXIT_CODES), shown])
+
+
+def add_photographs(parser: argparse.ArgumentParser) -> None:
+    """Describe the photographs of a call."""
+    parser.add_argument_group("input").add_argument(
+        "images",
+        nargs="+",
+        type=Path,
+        metavar="IMG",
+        help="photographs: JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits",
+    )
+
+
+def add_verbosity(group: Any) -> None:
+    """Describe how much is printed."""
+    either = group.add_mutually_exclusive_group()
+    add = either.add_argument
+    add(
+        "-v",
+        "--verbose",
+        action="store_const",
+        dest="verbosity",
+        const=1,
+        default=0,
+        help="print everything: reasons, matrices, the costs of the models, timings",
+    )
+    add("-q", "--quiet", action="store_const", dest="verbosity", const=-1, help="print failures only")
+
+
+def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
+    """Describe the options of the intrinsics, and of the exposure time where a rate is asked for."""
+    group = parser.add_argument_group(
+        "camera",
+        paragraph(
+            "Known intrinsics give the essential matrix E and the pose. Without these options the focal "
+            "length of EXIF, where there is one, is a hint, and nothing is called calibrated."
+        ),
+    )
+    group.add_argument(
+        "--focal",
+        type=float,
+        metavar="PX",
+        help="focal length in pixels; the principal point is the photograph's centre",
+    )
+    group.add_argument(
+        "--camera",
+        metavar="CAMERA",
+        help='instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for example '
+        '"SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR; one of another size is '
+        'scaled), a COLMAP database as "project.db" (the camera of the image of this name) or '
+        '"project.db:ID", or "exif" to take the focal length of EXIF for true',
+    )
+    if exposure:
+        group.add_argument(
+            "--exposure",
+            type=float,
+            metavar="S",
+            help="exposure time in seconds, with --focal or --camera: the angular velocity is the rotation "
+            "over it (default: that of EXIF)",
+        )
+
+
+def add_estimation(parser: argparse.ArgumentParser) -> None:
+    """Describe the options of the estimator; their defaults are those of its dataclasses."""
+    from blur2view.smears.matches import STRIDE
+    from blur2view.smears.sampling import SelectOptions
+    from blur2view.two_view.options import EstimatorOptions
+
+    group = parser.add_argument_group(
+        "estimation",
+        paragraph(
+            "A smear is the path of a scene point in the picture while the shutter was open; its two ends "
+            "are a match whose order in time is unknown."
+        ),
+    )
+    add = group.add_argument
+    add(
+        "--beta",
+        type=float,
+        default=SelectOptions.beta,
+        metavar="SHARE",
+        help=f"share, above 0 and at most 1, of the smears at every {STRIDE}th pixel that may be used, the "
+        f"most certain ones; at most {SelectOptions.max_matches} of them, spread over the photograph, are "
+        "(default: %(default)s)",
+    )
+    add(
+        "--max-error",
+        type=float,
+        default=EstimatorOptions.max_error_px,
+        metavar="PX",
+        help="a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the "
+        "better of both orders, is below this many pixels or below "
+        f"{EstimatorOptions.cutoff:g} of its own standard deviations "
+        f"(default: {EstimatorOptions.max_error_px:.4g}, the square root of the paper's 3 squared pixels)",
+    )
+    add(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)",
+    )
+    add(
+        "--model",
+        metavar="ONNX",
+        help='the smear network: "fast", in 8-bit integers; "float", in floating point, as good and half as '
+        "fast; or a file of tools/training/export_onnx.py (default: fast)",
+    )

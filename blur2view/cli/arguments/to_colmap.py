@@ -1,0 +1,134 @@
+"""``blur2view to-colmap``: its options and its help."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from blur2view.cli.arguments.shared import (
+    CommandParser,
+    add_camera,
+    add_estimation,
+    add_photographs,
+    add_verbosity,
+    epilog,
+    keys,
+    paragraph,
+    table,
+)
+from blur2view.documents.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
+
+ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
+DESCRIPTION = """
+Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
+shutter opened and when it closed. They share the photograph's camera and have a rig and a frame, keypoints
+(both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with known
+intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP. No files have
+these names, and mapping needs none; blur2view.mapper_options() has the mapper's options, as its defaults
+refuse such short baselines.
+"""
+WRITTEN = (
+    (
+        "a fresh database",
+        "appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get COLMAP's "
+        "guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that as "
+        "a prior. Without F and H a photograph has its configuration and no matches: its ends have no order",
+    ),
+    (
+        "--link",
+        "finds the image of each photograph by the longest ending of its path, moves its features k to k - "
+        "d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to "
+        "1.5 px), and adds the pairs photograph-open, photograph-close and open-close. Rows of yours are "
+        "read, never written; one transaction, after a copy to DB.<time>.bak; a second run changes nothing. "
+        "Our rows are listed in the table blur2view_views. Where COLMAP has a prior, the project's focal "
+        "length is a hint; --camera project.db takes it for true. Whatever maps the project later sees the "
+        "views, too, unless it is limited to images (image_names) or given the backup. Databases up to "
+        "COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line",
+    ),
+    (
+        "--format matches",
+        "text for colmap feature_importer and matches_importer --match_type inliers; the docstring of "
+        "blur2view.colmap.text_formats has both commands",
+    ),
+    ("--format hloc", "features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')"),
+    (
+        "open or close first",
+        "one photograph does not show the direction of time; neighbours in a video do, by the project's "
+        "matches or by SIFT. Where they do not decide, one direction is taken and marked unknown",
+    ),
+)
+EXAMPLES = (
+    "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
+    "blur2view to-colmap --db project.db --link --sequence frames/*.png",
+    "blur2view to-colmap --format hloc -o hloc a.jpg b.jpg",
+)
+
+
+def describe(parser: CommandParser) -> None:
+    """Add the options and the help of ``blur2view to-colmap``."""
+    parser.description = paragraph(DESCRIPTION)
+    add_photographs(parser)
+    output = parser.add_argument_group("output")
+    _add_target(output.add_argument)
+    add_verbosity(output)
+    _add_views(parser.add_argument_group("views").add_argument)
+    add_camera(parser, exposure=False)
+    add_estimation(parser)
+    parser.epilog = epilog(
+        table("what is written", WRITTEN),
+        table("JSON document of --json", keys(ToColmapDocument)),
+        table("JSON object of a photograph", keys(ViewsDocument)),
+        examples=EXAMPLES,
+    )
+    parser.set_defaults(run=partial(_run, parser))
+
+
+def _add_target(add: Any) -> None:
+    """Describe where the views go."""
+    add("--db", type=Path, metavar="DB", help="the database: a new one, or with --link yours")
+    add("--link", action="store_true", help="add to a database that holds the photographs and their features")
+    add(
+        "--replace",
+        action="store_true",
+        help="with --link: write anew what an earlier call has written (after new features, a new network)",
+    )
+    add(
+        "--no-backup",
+        action="store_true",
+        help="with --link: do not copy the database to DB.<time>.bak first",
+    )
+    add(
+        "--format",
+        choices=FORMATS,
+        default=DATABASE,
+        help="instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files "
+        "(default: %(default)s)",
+    )
+    add("-o", "--output", type=Path, metavar="DIR", help="where --format matches and hloc write")
+    add("--dry-run", action="store_true", help="estimate, say what would be written, and write nothing")
+    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+
+
+def _add_views(add: Any) -> None:
+    """Describe what the views are."""
+    add("--skip-degenerate", action="store_true", help="leave out photographs without F")
+    add(
+        "--corrected",
+        action="store_true",
+        help="move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at "
+        "the pose that was estimated; not with --link",
+    )
+    add(
+        "--sequence",
+        action=argparse.BooleanOptionalAction,
+        help="the photographs are a video in this order, so that neighbours show which view came first; with "
+        "--no-sequence nothing is concluded from neighbours (default: from those whose names differ by one "
+        "in their number)",
+    )
+
+
+def _run(parser: CommandParser, options: argparse.Namespace) -> int:
+    """Return the exit code of the command; what it needs is imported only now."""
+    from blur2view.cli.to_colmap import run_to_colmap
+
+    return run_to_colmap(options, parser.error)

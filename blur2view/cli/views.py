@@ -1,0 +1,181 @@
+"""The photographs of ``blur2view to-colmap``: their names, their plans if they are linked, their views."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.camera.camera import Camera
+from blur2view.camera.exif import read_exif
+from blur2view.camera.image import read_image
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
+from blur2view.cli.terminal import Say, complain, progress
+from blur2view.colmap.database import inliers, matched
+from blur2view.colmap.database_matches import DatabaseMatcher, database_names
+from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links
+from blur2view.colmap.project import storable
+from blur2view.documents.document import FailureDocument
+from blur2view.documents.to_colmap import ViewsDocument
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
+from blur2view.exposure.linked_views import KeypointViews, keypoint_views
+from blur2view.exposure.neighbours import PhotographMatcher
+from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
+from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import Run, estimate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NamedPhotograph:
+    """One photograph of a call: its path, its name in the database, and its plan if it is linked."""
+
+    path: Path
+    name: str
+    plan: LinkStep | None = None
+
+    @property
+    def kept(self) -> bool:
+        """Whether its views are in the project already and stay as they are."""
+        return self.plan is not None and self.plan.step is Step.KEEP
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhotographViews:
+    """A photograph's views; linked ones are its features moved, and ``usable`` says which."""
+
+    photograph: NamedPhotograph
+    views: ExposureViews
+    usable: np.ndarray | None = None
+
+    @property
+    def job(self) -> LinkJob:
+        """The argument of `write_links`."""
+        if self.photograph.plan is None or self.usable is None:
+            raise ValueError(f"{self.photograph.name} is not linked")
+        linked = KeypointViews(views=self.views, usable=self.usable)
+        return LinkJob(plan=self.photograph.plan, linked=linked)
+
+    def document(self, action: str | None = None) -> ViewsDocument:
+        """Return the document of the views; by default the action is that of the plan."""
+        views, plan = self.views, self.photograph.plan
+        return ViewsDocument(
+            image=str(self.photograph.path),
+            name=views.name,
+            views=list(views.names),
+            action=action or ("add" if plan is None else plan.step.value),
+            config=views.geometry.config.name,
+            reason=views.geometry.reason,
+            num_keypoints=len(views.points_open),
+            num_matches=int(self.usable.sum()) if self.usable is not None else len(matched(views)),
+            num_inliers=len(inliers(views)),
+            time_known=views.time.known,
+            time_confidence=views.time.confidence,
+        )
+
+
+def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
+    """Return the photographs with their names and plans, and those that cannot be stored, before any work."""
+    photographs: list[NamedPhotograph] = []
+    failures: list[FailureDocument] = []
+    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(options.images)
+    if options.link:
+        plans = plan_links(options.db, options.images, replace=options.replace)
+    for path, name, plan in zip(options.images, fresh_names(options.images), plans, strict=True):
+        if plan is None and any(photograph.name == name for photograph in photographs):
+            plan = DatabaseError(f"{path}: is named twice; name it once")
+        if plan is None and not storable(name):
+            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
+        if isinstance(plan, DatabaseError):
+            failures.append(failure(path, plan))
+        else:
+            name = plan.image.name if plan else name
+            photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
+    return photographs, failures
+
+
+def fresh_names(paths: Sequence[Path]) -> list[str]:
+    """Return names of photographs: their paths below the folder that all files share, with slashes.
+
+    A path at which there is no file changes no other's name.
+    """
+    absolute = [os.path.abspath(path) for path in paths]
+    there = [path for path in absolute if os.path.isfile(path)] or absolute
+    folder = os.path.commonpath([os.path.dirname(path) for path in there])
+    return [Path(os.path.relpath(path, folder)).as_posix() for path in absolute]
+
+
+def failure(path: Path, error: Blur2ViewError, say: Say = print) -> FailureDocument:
+    """Return the document of a photograph that failed, after printing its line."""
+    complain(error, say)
+    return FailureDocument(image=str(path), error=str(error))
+
+
+def make_views(
+    options: argparse.Namespace, run: Run, network: SmearNetwork, photographs: list[NamedPhotograph]
+) -> tuple[list[PhotographViews], list[FailureDocument]]:
+    """Return the views of the photographs, and those that fail; fields, which are large, are not kept."""
+    jobs, say = progress(photographs)
+    made: list[PhotographViews] = []
+    failures: list[FailureDocument] = []
+    for photograph in jobs:
+        try:
+            made.append(_views(options.db, photograph, network, run))
+        except Blur2ViewError as error:
+            failures.append(failure(photograph.path, error, say))
+    return made, failures
+
+
+def _views(
+    database: Path | None, photograph: NamedPhotograph, network: SmearNetwork, run: Run
+) -> PhotographViews:
+    """Return the views of one photograph."""
+    image = read_image(photograph.path, as_stored=True)  # COLMAP does not turn pictures upright
+    size = (image.shape[1], image.shape[0])
+    camera = _camera(database, photograph, run, size)
+    rng = np.random.default_rng(run.seed)
+    result = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
+    if photograph.plan is None:
+        return PhotographViews(photograph=photograph, views=views_of(photograph.name, result))
+    linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
+    return PhotographViews(photograph=photograph, views=linked.views, usable=linked.usable)
+
+
+def _camera(
+    database: Path | None, photograph: NamedPhotograph, run: Run, size: tuple[int, int]
+) -> Camera | None:
+    """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
+    stated = run.intrinsics.of(photograph.path, size, read_exif(photograph.path))
+    if photograph.plan is None or database is None:
+        return stated
+    image = photograph.plan.image
+    own = Camera.from_database(database, image.camera_id)
+    if (own.width, own.height) != size:
+        raise CameraError(
+            f"{photograph.path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
+            "; give the photograph that the features are from"
+        )
+    asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if image.prior_focal and not asked else stated
+
+
+def with_time(options: argparse.Namespace, made: list[PhotographViews]) -> list[PhotographViews]:
+    """Return the views with the direction of time that neighbouring frames decide."""
+    if options.sequence is False:
+        return made
+    names = [one.photograph.name for one in made]
+    if options.link and made and not options.sequence:  # photographs that are not linked have a vote too
+        names += sorted(set(database_names(options.db)) - set(names))
+    runs = consecutive_runs(names, in_order=bool(options.sequence))
+    matcher: Callable[[int, int], Any]
+    if options.link:
+        matcher = DatabaseMatcher(options.db, names)
+    else:
+        matcher = PhotographMatcher([one.photograph.path for one in made])
+    views = with_time_direction([one.views for one in made], runs, matcher)
+    return [replace(one, views=directed) for one, directed in zip(made, views, strict=True)]

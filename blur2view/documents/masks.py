@@ -1,0 +1,159 @@
+"""The document of ``blur2view segment``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from blur2view.documents.document import Document, FailureDocument, Matrix
+
+if TYPE_CHECKING:
+    from blur2view.documents.estimate import EstimateDocument
+    from blur2view.segmentation.mask import MotionMask, MovingRegion
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionDocument(Document):
+    """One connected part of a photograph that moves by itself.
+
+    Parameters
+    ----------
+    area_px : int
+        Its number of pixels.
+    box : list of 4 int
+        x, y, width and height of its bounding box.
+    centroid : list of 2 float
+        Mean x and y of its pixels.
+    score : float
+        Mean squared residual over variance of its pixels: 1 is expected where nothing moves.
+    F, H : 3x3 or null
+        With --objects: fundamental matrix or homography of its own smears.
+    reason : str
+        With --objects: how F or H came about, or why there is neither; else empty.
+    """
+
+    area_px: int
+    box: list[int]
+    centroid: list[float]
+    score: float
+    F: Matrix | None
+    H: Matrix | None
+    reason: str
+
+    @classmethod
+    def of(cls, region: MovingRegion) -> RegionDocument:
+        """Return the document of a region."""
+        return cls(
+            area_px=region.area_px,
+            box=list(region.box),
+            centroid=list(region.centroid),
+            score=region.score,
+            F=None if region.F is None else region.F.tolist(),
+            H=None if region.H is None else region.H.tolist(),
+            reason=region.reason,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaskDocument(Document):
+    """The document of one photograph of ``blur2view segment``; null where there is no such value.
+
+    Parameters
+    ----------
+    image : str
+        The photograph as it was named.
+    width, height : int
+        Its size in pixels, upright.
+    F, H : 3x3 or null
+        Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``.
+    config : str
+        The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    geometry_reason : str
+        One sentence with the figures that decided on the configuration.
+    reason : str
+        What the motion of a pixel was measured against.
+    labels : object
+        The value of static, moving and unobservable pixels in the mask.
+    shares : object
+        The share of the pixels with each of these labels.
+    regions : list
+        The connected moving parts, largest first: area_px, box (x, y, width, height), centroid, score (mean
+        squared residual over variance, 1 where nothing moves), and with --objects F, H and reason of their
+        own.
+    beta, max_error_px, seed : number
+        The options of these names.
+    model_id : str
+        The weights of the smear network.
+    motion_model_id : str or null
+        The weights of the motion segmentation network; null if scores alone decided.
+    timings_s : object
+        Seconds per step: read, predict, select, solve, segment.
+    """
+
+    image: str
+    width: int
+    height: int
+    F: Matrix | None
+    H: Matrix | None
+    config: str
+    geometry_reason: str
+    reason: str
+    labels: dict[str, int]
+    shares: dict[str, float]
+    regions: list[RegionDocument]
+    beta: float
+    max_error_px: float
+    seed: int
+    model_id: str
+    motion_model_id: str | None
+    timings_s: dict[str, float]
+
+    @classmethod
+    def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:
+        """Return the document of a mask.
+
+        Parameters
+        ----------
+        estimate : EstimateDocument
+            Of the same photograph.
+        mask : MotionMask
+        segment_s : float
+            Seconds that the mask took.
+        """
+        from blur2view.segmentation.mask import MotionLabel
+
+        return cls(
+            image=estimate.image,
+            width=estimate.width,
+            height=estimate.height,
+            F=estimate.F,
+            H=estimate.H,
+            config=estimate.config,
+            geometry_reason=estimate.reason,
+            reason=mask.reason,
+            labels={label.name.lower(): int(label) for label in MotionLabel},
+            shares={label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
+            regions=[RegionDocument.of(region) for region in mask.regions],
+            beta=estimate.beta,
+            max_error_px=estimate.max_error_px,
+            seed=estimate.seed,
+            model_id=estimate.model_id,
+            motion_model_id=mask.model_id or None,
+            timings_s=(estimate.timings_s or {}) | {"segment": segment_s},
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MasksDocument(Document):
+    """What ``blur2view segment --json`` prints.
+
+    Parameters
+    ----------
+    masks : list
+        One document per photograph.
+    failures : list
+        Photographs that failed: image, error.
+    """
+
+    masks: list[MaskDocument]
+    failures: list[FailureDocument]

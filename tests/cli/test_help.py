@@ -1,0 +1,83 @@
+"""``blur2view --help``: how fast it is, and that it explains everything."""
+
+import ast
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from blur2view.cli import commands as cli
+from blur2view.cli.arguments.shared import keys
+from blur2view.documents import document, estimate, masks, to_colmap
+from blur2view.documents.document import Document
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
+DOCUMENTS = [
+    kind
+    for module in (document, estimate, masks, to_colmap)
+    for kind in vars(module).values()
+    if isinstance(kind, type) and issubclass(kind, Document) and kind.__module__ == module.__name__
+    if kind is not Document
+]
+REFERENCE = {
+    "estimate": estimate.EstimateDocument,
+    "segment": masks.MaskDocument,
+    "to-colmap": to_colmap.ViewsDocument,
+}
+
+
+def imported_by(*arguments: str) -> set[str]:
+    """Return which heavy packages a call of the program imports."""
+    program = f"""
+import sys
+sys.argv = ["blur2view", *{arguments}]
+from blur2view.cli.commands import main
+try:
+    main()
+except SystemExit:
+    print([name for name in {HEAVY} if name in sys.modules])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    return set(ast.literal_eval(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_program_starts_without_what_takes_time(option: str) -> None:
+    assert imported_by(option) == set()
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_help_of_a_command_imports_no_network_and_no_colmap(command: str) -> None:
+    assert imported_by(command, "--help") <= {"numpy", "cv2"}
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main([command, "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    sections = ("input:", "output:", "camera:", "estimation:", "exit codes:", "examples:")
+    places = [text.index(f"\n{section}\n") for section in sections]
+    assert places == sorted(places) and f"blur2view {command} " in text[places[-1] :]
+    if command in REFERENCE:
+        words = text.replace(",", " ").split()
+        assert [f.name for f in dataclasses.fields(REFERENCE[command]) if f.name not in words] == []
+
+
+@pytest.mark.parametrize("kind", DOCUMENTS, ids=lambda kind: str(kind.__name__))
+def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document]) -> None:
+    explained = [name.strip() for names, _ in keys(kind) for name in names.split(",")]
+    assert explained == [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    assert all(len(text) > 15 for _, text in keys(kind))
+
+
+def test_wrong_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["estimat"])
+    assert caught.value.code == 2 and "to-colmap" in capsys.readouterr().err
