@@ -29,3 +29,8 @@ def test_linter_finds_nothing() -> None:
 @pytest.mark.skip(reason="blur2view/errors.py is not formatted yet")
 def test_formatter_changes_nothing() -> None:
     check("ruff", "format", "--check")
+
+
+def test_pictures_of_results_are_light() -> None:
+    pictures = [p for p in (ROOT / "tools/results").rglob("*") if p.suffix in {".png", ".jpg", ".webp"}]
+    assert sum(picture.stat().st_size for picture in pictures) < 3_000_000

@@ -4,7 +4,7 @@
     python -m tools.benchmarks.benchmark_estimators --scenes render/test
 
 sweeps one factor at a time (`estimator_cells`), appends one JSON line per finished instance to
-``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``, ``.json`` and ``.png``. A run that was
+``runs/estimators.jsonl`` and writes ``tools/results/estimators.md`` and ``.png``. A run that was
 stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables;
 ``--development`` takes other seeds, to tune on, and writes beside its log.
 Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -58,12 +57,10 @@ MEASURED_CODE = (
 
 
 def write(records: list[Record], head: dict[str, str], out: Path) -> str:
-    """Write OUT.md, OUT.json and OUT.png; give the text."""
+    """Write OUT.md and OUT.png; return the text."""
     out.parent.mkdir(parents=True, exist_ok=True)
     text = estimator_report.markdown(records, head)
     out.with_suffix(".md").write_text(text)
-    document = json.dumps(estimator_report.document(records, head), indent=None)
-    out.with_suffix(".json").write_text(document + "\n")
     plot(records, out.with_suffix(".png"))
     return text
 

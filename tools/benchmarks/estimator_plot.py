@@ -10,6 +10,7 @@ from tools.benchmarks.estimator_cells import BASE
 from tools.benchmarks.estimator_log import Record
 from tools.benchmarks.estimator_methods import OURS, PAPER
 from tools.benchmarks.estimator_report import KINDS, Figures, by_method, select
+from tools.reports.figure_style import new_figure, save
 
 SHOWN = {
     OURS: ("C0", "o", 2.5),
@@ -77,11 +78,7 @@ AXES = (
 
 def plot(records: list[Record], path: Path) -> None:
     """Draw every measure against every factor, two rows of panels for each measure: smooth, scattered."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(20, 16), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(20, 16)
     panels = figure.subplots(len(MEASURES) * len(KINDS), len(AXES), squeeze=False, sharey="row")
     cells = dict.fromkeys(cell for axis in AXES for cell in axis.ticks)
     for k, kind in enumerate(KINDS):
@@ -96,7 +93,7 @@ def plot(records: list[Record], path: Path) -> None:
                     panel.set_ylabel(f"{name}\n{kind} depth")
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(SHOWN))
-    figure.savefig(path, dpi=60)
+    save(figure, path, dpi=60)
 
 
 def _draw(panel: Any, axis: Axis, rows: dict[str, dict[str, Figures]], field: str) -> None:

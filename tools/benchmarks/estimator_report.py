@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,20 +70,6 @@ def by_method(records: Iterable[Record]) -> dict[str, Figures]:
         for name, measured in record.measured.items():
             found[name].append(measured)
     return {name: figures(rows) for name, rows in found.items() if rows}
-
-
-def document(records: list[Record], head: dict[str, str]) -> dict[str, object]:
-    """Figures of every cell, kind and method, to four digits."""
-    cells = [
-        {"cell": cell, "kind": kind, "method": name, **_rounded(f)}
-        for cell, kind in dict.fromkeys((r.instance.cell, r.instance.kind) for r in records)
-        for name, f in by_method(select(records, cell=cell, kind=kind)).items()
-    ]
-    return {**head, "cells": cells}
-
-
-def _rounded(f: Figures) -> dict[str, float]:
-    return {name: float(f"{value:.4g}") for name, value in asdict(f).items()}
 
 
 def select(records: Iterable[Record], cell: str | None = None, kind: str | None = None) -> list[Record]:

@@ -1,7 +1,7 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.png`` (some scenes: photograph with the truth, score,
+``segmentation.md`` (the table) and ``segmentation.webp`` (some scenes: photograph with the truth, score,
 probability, mask). Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
 smears are known. The scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
 `tools.datasets.mover_scenes` another with a mover in every picture.
@@ -33,6 +33,7 @@ from blur2view.smears.sampling import grid_pixels, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.visualization.mask_overlay import draw_motion
 from tools.datasets.testset import TestScene, read_test_set
+from tools.reports.figure_style import save_picture
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -303,7 +304,7 @@ def main() -> None:
     arguments.out.with_suffix(".md").write_text(text)
     some = with_movers(one for some in judged.values() for one in some)
     if some:
-        cv2.imwrite(str(arguments.out.with_suffix(".png")), panel(some)[..., ::-1])
+        save_picture(panel(some), arguments.out.with_suffix(".webp"))
 
 
 if __name__ == "__main__":

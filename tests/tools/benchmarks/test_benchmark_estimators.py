@@ -1,6 +1,5 @@
 """The estimators' comparison: what is run, that a killed run goes on, and what the tables say."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,9 +121,7 @@ def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
     assert "500 times faster in the median; success 1.000 against 0.000" in text
     assert f"smooth, {HARD}, 1 px, 20 px: ours succeeds in 100.0% of 1 seeds" in text
     assert "## Network smears: 1 rendered photographs" in text and "| ours | 3 | 1.000 |" in text
-    stored = json.loads((tmp_path / "out.json").read_text())
-    row = next(c for c in stored["cells"] if (c["cell"], c["kind"], c["method"]) == ("base", "smooth", OURS))
-    assert row["instances"] == 2 and row["auc10"] == 1 and stored["code"] == "one"
+    assert "| ours | 2 | 1.000 |" in text and "code one" in text
     assert (tmp_path / "out.png").stat().st_size > 1000 and (tmp_path / "out.md").read_text() == text
 
 

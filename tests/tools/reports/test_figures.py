@@ -132,6 +132,16 @@ def test_files_are_small_and_the_same_each_time(tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "never.png").exists()
 
 
+def test_pictures_are_small_and_the_same_each_time(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
+    for name in "ab":
+        figure_style.save_picture(cv2.blur(noise, (9, 9)).astype(np.uint8), tmp_path / name / "a.webp")
+    first, second = ((tmp_path / name / "a.webp").read_bytes() for name in "ab")
+    assert first == second and len(first) < noise.nbytes // 10
+    with pytest.raises(ValueError, match="webp"):
+        figure_style.save_picture(noise, tmp_path / "a.png")
+
+
 def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     static = np.ones_like(case.scene.static)
     static[8:16, 8:20] = False
