@@ -201,6 +201,7 @@ def test_interrupt_is_no_traceback(
     assert capsys.readouterr().err == "blur2view: interrupted\n"
 
 
+@pytest.mark.slow
 def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path, tmp_path: Path) -> None:
     root = Path(cli.__file__).parents[2]
     command = [
@@ -220,6 +221,7 @@ def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path
     assert json.loads(done.stdout)["estimates"][0]["config"] == "UNCALIBRATED"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffered", [True, False])
 @pytest.mark.parametrize(
     ("target", "words"),

@@ -74,6 +74,7 @@ def moving(tmp_path: Path) -> Path:
     return write_picture(tmp_path / "moving.png", colour_code(smears, 1.0))
 
 
+@pytest.mark.slow
 def test_page_holds_what_estimate_prints(
     call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,6 +90,7 @@ def test_page_holds_what_estimate_prints(
     assert told_page["document"] == json.dumps(json.loads(told_page["document"]), indent=2)
 
 
+@pytest.mark.slow
 def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
     pages = []
     for _ in range(2):
@@ -99,6 +101,7 @@ def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) 
     assert (tmp_path / "page.html").read_bytes() != pages[0]
 
 
+@pytest.mark.slow
 def test_only_timings_differ_between_calls(call: Report, moving: Path, tmp_path: Path) -> None:
     told = []
     for _ in range(2):
@@ -110,6 +113,7 @@ def test_only_timings_differ_between_calls(call: Report, moving: Path, tmp_path:
     assert told[0][0] != told[1][0]
 
 
+@pytest.mark.slow
 def test_failure_is_a_card_not_the_end(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,6 +145,7 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
 
 
+@pytest.mark.slow
 def test_page_is_kept_if_every_photograph_fails(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

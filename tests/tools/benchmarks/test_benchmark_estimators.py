@@ -96,6 +96,7 @@ def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert ran == [*all_of_it[:3], *all_of_it[4:]]
 
 
+@pytest.mark.slow
 def test_sweep_logs_every_instance(tmp_path: Path) -> None:
     log = Log(path=tmp_path / "log.jsonl")
     log.begin({"code": "one"})
@@ -110,6 +111,7 @@ def test_figures_are_those_of_the_answers() -> None:
     assert f.rho == 0.5 and f.ms == 10
 
 
+@pytest.mark.slow
 def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
     records = [record("base", seed, kind) for seed in range(2) for kind in estimator_report.KINDS]
     hard = record(HARD, 0)

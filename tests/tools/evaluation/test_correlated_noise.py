@@ -60,6 +60,7 @@ def test_oracle_on_exact_smears_is_the_truth(scene: TestScene, family: str) -> N
     assert (R is None) == (family == "general F") == (t is None)
 
 
+@pytest.mark.slow
 def test_tables_show_every_method_at_both_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for index in (3, 4):
         testset.write_scene(index, tmp_path, testset.test_options(None, SIZE))

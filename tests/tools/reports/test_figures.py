@@ -119,6 +119,7 @@ def test_line_that_is_drawn_is_the_one_that_is_meant(case: Case) -> None:
     assert len(axes.lines) == 2
 
 
+@pytest.mark.slow
 def test_files_are_small_and_the_same_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figure = figure_style.new_figure(6, 4)
     noise = np.random.default_rng(0).random((400, 600, 3))
@@ -174,6 +175,7 @@ def test_without_movers_the_picture_of_masks_is_left_out(
     assert capsys.readouterr().out == "no scene for segmentation\n" and not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn(case: Case, tmp_path: Path) -> None:
     static = case.scene.static.copy()
     static[8:20, 8:20] = False
@@ -199,6 +201,7 @@ def test_command_writes_the_figure_that_is_asked_for(
         figures.main()
 
 
+@pytest.mark.slow
 def test_failures_are_what_they_are_called(tiny_model: Path) -> None:
     scenes = {kind: failure_scene(kind, 0, size=(96, 72)) for kind in KINDS}
     movers, plane, rotation = scenes.values()
