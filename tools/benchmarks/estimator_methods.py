@@ -14,8 +14,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
@@ -23,8 +23,6 @@ from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import two_parameter_fundamental
 from tools.estimators import baselines
 from tools.estimators.paper import paper_two_view
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,28 +33,28 @@ class Problem:
     """
 
     matches: SmearMatches
-    ordered: Array  # (N, 2, 2)
-    true_ends: Array
-    K: Array
-    R: Array
-    t: Array
-    F: Array
+    ordered: AnyArray  # (N, 2, 2)
+    true_ends: AnyArray
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray
 
 
-Method = Callable[[Problem], "Array | None"]
+Method = Callable[[Problem], "AnyArray | None"]
 
 
-def ours(problem: Problem, **options: Any) -> Array | None:
+def ours(problem: Problem, **options: Any) -> AnyArray | None:
     """Estimate from the smears and what a photograph tells: the image's size."""
     return _estimate(problem.matches, EstimatorOptions(**options))
 
 
-def without_size(problem: Problem) -> Array | None:
+def without_size(problem: Problem) -> AnyArray | None:
     """Estimate with no camera assumed."""
     return _estimate(replace(problem.matches, image_size=None), EstimatorOptions())
 
 
-def with_camera(problem: Problem) -> Array | None:
+def with_camera(problem: Problem) -> AnyArray | None:
     """Estimate with the true intrinsics."""
     assert problem.matches.image_size is not None
     width, height = problem.matches.image_size
@@ -64,36 +62,38 @@ def with_camera(problem: Problem) -> Array | None:
     return _estimate(problem.matches, EstimatorOptions(), camera)
 
 
-def _estimate(matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None) -> Array | None:
+def _estimate(
+    matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
+) -> AnyArray | None:
     return estimate_two_view(matches, options, np.random.default_rng(0), camera).F
 
 
-def papers(problem: Problem) -> Array | None:
+def papers(problem: Problem) -> AnyArray | None:
     """Estimate as the paper does."""
     return paper_two_view(problem.matches).F
 
 
-def two_parameters(problem: Problem) -> Array | None:
+def two_parameters(problem: Problem) -> AnyArray | None:
     """Fit the point in which all smears meet."""
     return two_parameter_fundamental(problem.matches)
 
 
-def told(solver: baselines.Solver, problem: Problem) -> Array | None:
+def told(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
     """Give another's solver the true order."""
     return baselines.solve(solver, problem.ordered)
 
 
-def told_with_camera(problem: Problem) -> Array | None:
+def told_with_camera(problem: Problem) -> AnyArray | None:
     """Give PoseLib the true order and intrinsics."""
     return told(partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0), problem)
 
 
-def unordered(solver: baselines.Solver, problem: Problem) -> Array | None:
+def unordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
     """Give another's solver the ends as they come."""
     return baselines.solve(solver, baselines.scrambled(problem.matches.ends, np.random.default_rng(0)))
 
 
-def rightward(solver: baselines.Solver, problem: Problem) -> Array | None:
+def rightward(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
     """Give another's solver ends ordered by x."""
     return baselines.solve(solver, baselines.rightward(problem.matches.ends))
 

@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.datasets.shards import add_scene_arguments, scene_arguments
 from tools.rendering.render import Rendering, RenderOptions, render
 
-Array = NDArray[Any]
 
-
-def contact_sheet(seeds: range, options: RenderOptions) -> Array:
+def contact_sheet(seeds: range, options: RenderOptions) -> AnyArray:
     """Give rows of pictures, uint8 BGR (len(seeds) H, 3 W, 3): picture, smears, labels."""
     rows = []
     for seed in seeds:
@@ -34,7 +31,7 @@ def contact_sheet(seeds: range, options: RenderOptions) -> Array:
     return np.concatenate(rows, 0)
 
 
-def scene_row(rendering: Rendering) -> Array:
+def scene_row(rendering: Rendering) -> AnyArray:
     """Give one row, uint8 BGR (H, 3 W, 3)."""
     height, width = rendering.linear.shape[:2]
     image = (np.clip(rendering.linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)[..., ::-1]
@@ -43,7 +40,7 @@ def scene_row(rendering: Rendering) -> Array:
     return np.concatenate([image, *large], 1)
 
 
-def smear_picture(displacement: Array) -> Array:
+def smear_picture(displacement: AnyArray) -> AnyArray:
     """Colour a field (uint8 BGR): hue = orientation, brightness = length up to 40 px."""
     hue = (np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180).astype(np.uint8)
     length = np.clip(np.linalg.norm(displacement, axis=-1) / 40, 0, 1) ** 0.5 * 255
@@ -51,7 +48,7 @@ def smear_picture(displacement: Array) -> Array:
     return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR))
 
 
-def label_picture(rendering: Rendering) -> Array:
+def label_picture(rendering: Rendering) -> AnyArray:
     """Paint static pixels grey, moving ones pink, and darken where an end is hidden (uint8 BGR)."""
     picture = np.where(rendering.static[..., None], (170, 170, 170), (180, 80, 255))
     return np.asarray(np.where(rendering.valid[..., None], picture, picture // 4)).astype(np.uint8)

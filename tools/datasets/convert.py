@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from blur2view.output_files import write_atomically
 from tools.datasets.exposure import Exposure
 from tools.datasets.shards import Scenes, encode_linear
 from tools.rendering.exposure import GRID, grid_points
-
-Array = NDArray[Any]
 
 SHARD = 50
 """Exposures in one file."""
@@ -30,7 +29,7 @@ def cropped(exposure: Exposure) -> tuple[int, int]:
     return width // GRID * GRID, height // GRID * GRID
 
 
-def grid_truth(exposure: Exposure) -> tuple[Array, NDArray[np.bool_]]:
+def grid_truth(exposure: Exposure) -> tuple[AnyArray, NDArray[np.bool_]]:
     """Give displacement (h, w, 2), float32, and validity (h, w) at the centres of the 4 x 4 cells.
 
     A cell is valid if the four pixels about its centre are, and agree to a pixel: else it is cut by an edge.

@@ -13,16 +13,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from tools.rendering.render import RenderOptions, render
-
-Array = NDArray[Any]
 
 CROP_PX = 128
 """Side of the crops in which speed is told."""
@@ -44,9 +41,9 @@ class Scenes:
         uint8: 1 valid + 2 static.
     """
 
-    linear: Array
-    displacement: Array
-    labels: Array
+    linear: AnyArray
+    displacement: AnyArray
+    labels: AnyArray
 
     def __len__(self) -> int:
         """Count the scenes."""
@@ -66,12 +63,12 @@ class Scenes:
         return cls(linear=linear, displacement=displacement, labels=labels)
 
 
-def encode_linear(linear: Array) -> Array:
+def encode_linear(linear: AnyArray) -> AnyArray:
     """Code radiance (0 to 4) as uint16 of its square root: fine in the dark, room for highlights."""
     return np.asarray(np.sqrt(np.clip(linear, 0, WHITE) / WHITE) * 65535 + 0.5).astype(np.uint16)
 
 
-def decode_linear(coded: Array) -> Array:
+def decode_linear(coded: AnyArray) -> AnyArray:
     """Invert :func:`encode_linear`: float32."""
     root = coded.astype(np.float32) * np.float32(np.sqrt(WHITE) / 65535)
     return np.asarray(root * root)
@@ -89,7 +86,7 @@ def training_record(seed: int, options: RenderOptions) -> Scenes:
 def load_shards(folder: Path) -> Scenes:
     """Load all scenes of a folder; Blur2ViewError if it holds none."""
     paths = require_shards(folder)
-    merged: dict[str, Array] = {}
+    merged: dict[str, AnyArray] = {}
     counts = [stored_count(path) for path in paths]
     end = 0
     for path, count in zip(paths, counts, strict=True):

@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from tools.datasets.exposure import Exposure, Reader, linearised, numbered, read_frame, require_folder
 from tools.datasets.flow import (
@@ -24,8 +23,6 @@ from tools.datasets.flow import (
     sub_frames,
 )
 from tools.rendering.exposure import pixel_grid
-
-Array = NDArray[Any]
 
 NAME = re.compile(r"GOPR\d+_(\d+)_\d+")
 """GoPro's sequences; the number in the middle says how many sharp frames make a blurred one."""
@@ -132,7 +129,7 @@ def from_pair(name: str, blurred: Path, sharp: Sequence[Path], share: float) -> 
     )
 
 
-def half_way(first: Array, middle: Array, last: Array, share: float) -> MidSmears:
+def half_way(first: AnyArray, middle: AnyArray, last: AnyArray, share: float) -> MidSmears:
     """Give the smears of an exposure about a middle frame, `share` of the time between two frames long."""
     pixels = pixel_grid((middle.shape[1], middle.shape[0]))
     (ahead, returned), (back, advanced) = (computed_flow(middle, other) for other in (last, first))

@@ -15,13 +15,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
 from blur2view.networks.smear_network import SmearNetwork
@@ -35,7 +35,6 @@ from blur2view.visualization.mask_overlay import draw_motion
 from tools.datasets.testset import TestScene, read_test_set
 from tools.reports.figure_style import save_picture
 
-Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 REAL = Path("../shared/data/real")
@@ -67,7 +66,7 @@ class SceneFigures:
     called_baseline: float
 
 
-def average_precision(score: Array, moving: Mask) -> float:
+def average_precision(score: AnyArray, moving: Mask) -> float:
     """Mean precision at every moving pixel, ranked by score: 1 if all of them come first.
 
     Equal scores share the precision at their end.
@@ -109,7 +108,7 @@ def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
     )
 
 
-def squared_residual(found: Estimate) -> Array:
+def squared_residual(found: Estimate) -> AnyArray:
     """SErrMin at every pixel (H, W); without F half the squared length, the distance from no motion."""
     field, F = found.field, found.geometry.F
     if F is None:
@@ -235,14 +234,14 @@ def with_movers(judged: Iterable[Judged]) -> list[Judged]:
     return [one for one in judged if one.predicted.share >= LEAST_SHARE]
 
 
-def panel(judged: list[Judged], rows: int = 8) -> Array:
+def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
     """Show one scene or more, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
     some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
 
-def _panel_row(one: Judged) -> Array:
+def _panel_row(one: Judged) -> AnyArray:
     """Photograph with the truth outlined, square root of the score to 5, probability, mask."""
     height, width = one.image.shape[:2]
     photo = np.round(255 * one.image).astype(np.uint8)

@@ -14,12 +14,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import blur2view
+from blur2view.arrays import AnyArray
 from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
 from blur2view.robust.ransac import ransac, weighted_samples
@@ -33,8 +32,6 @@ from blur2view.two_view.search import build_estimator
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
-
-Array = NDArray[Any]
 
 SAMPLES = 200  # samples of seven per image
 REPEATS = 5  # timings per image, of which the median counts
@@ -59,7 +56,7 @@ class Case:
     """Matches whose true order is known: +1 where ends[:, 0] is the open end, 0 where nothing is known."""
 
     matches: SmearMatches
-    order: Array
+    order: AnyArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +72,7 @@ class Figures:
     largest: float
     three: float
     wrong: float
-    patterns: Array
+    patterns: AnyArray
     milliseconds: float
     seconds_all: float
     seconds_left: float
@@ -90,7 +87,7 @@ def synthetic_cases(options: SyntheticOptions, count: int) -> Iterator[Case]:
         )
 
 
-def field_case(field: SmearField, truth: Array, measurable: Array) -> Case:
+def field_case(field: SmearField, truth: AnyArray, measurable: AnyArray) -> Case:
     """Match a field's smears; orders from true displacements (h, w, 2), stride 4, where measurable (h, w)."""
     matches = select_matches(field)
     columns, rows = np.floor(matches.midpoint / 4).astype(int).T
@@ -145,7 +142,7 @@ def measure(case: Case) -> Figures:
     )
 
 
-def wrong_share(components: SignComponents, order: Array) -> float:
+def wrong_share(components: SignComponents, order: AnyArray) -> float:
     """Give the share of the smears of known order (N,) that contradict the majority of their component."""
     known = order != 0
     if not known.any():

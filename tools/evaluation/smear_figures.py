@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
-
-Array = NDArray[Any]
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
@@ -84,14 +81,14 @@ class Smears:
         See :func:`coherence`.
     """
 
-    found: Array
-    true: Array
-    sigma: Array
-    sure: Array
-    coherence: Array
+    found: AnyArray
+    true: AnyArray
+    sigma: AnyArray
+    sure: AnyArray
+    coherence: AnyArray
 
 
-def coherence(image: Array, sigma_px: float = 12.0) -> Array:
+def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
     """Give the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
 
     What a classical method would trust a blur's direction by: the difference of the eigenvalues over their
@@ -139,12 +136,12 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
     )
 
 
-def log_ratio(found: Array, length: Array) -> Array:
+def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
     """Give the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
     return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
 
 
-def by_octave(smears: Smears, error: Array, angle: Array, length: Array) -> Iterable[OctaveFigures]:
+def by_octave(smears: Smears, error: AnyArray, angle: AnyArray, length: AnyArray) -> Iterable[OctaveFigures]:
     """Yield the figures of every class of length that has smears."""
     ratio = log_ratio(smears.found, length)
     for start in OCTAVES_PX:
@@ -161,7 +158,7 @@ def by_octave(smears: Smears, error: Array, angle: Array, length: Array) -> Iter
             )
 
 
-def by_sigma(error: Array, sigma: Array) -> Iterable[SigmaBin]:
+def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
     """Yield predicted and found errors by tenths of sigma."""
     for chosen in np.array_split(np.argsort(sigma, kind="stable"), min(SIGMA_BINS, len(sigma))):
         yield SigmaBin(

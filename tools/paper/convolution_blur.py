@@ -13,12 +13,13 @@ import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.datasets.exposure import coded
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import Exposure, pixel_grid
@@ -32,7 +33,6 @@ from tools.reports.figure_style import new_figure, save, show_picture, style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 SEED, LENGTH_PX, SIZE = 11, 24.0, (640, 480)
 BORDER_PX = 8
@@ -43,9 +43,9 @@ BORDER_PX = 8
 class Blurs:
     """Linear pictures (H, W, 3): the sharp mid frame and both blurs; `border` (H, W) about edges."""
 
-    sharp: Array
-    averaged: Array
-    convolved: Array
+    sharp: AnyArray
+    averaged: AnyArray
+    convolved: AnyArray
     border: NDArray[np.bool_]
 
     def error(self, where: NDArray[np.bool_]) -> float:
@@ -62,7 +62,7 @@ class Blurs:
         }
 
 
-def convolve(sharp: Array, displacement: Array, count: int) -> Array:
+def convolve(sharp: AnyArray, displacement: AnyArray, count: int) -> AnyArray:
     """Blur every pixel of a sharp frame (H, W, 3) along its own smear (H, W, 2), `count` samples of it."""
     pixels = pixel_grid((sharp.shape[1], sharp.shape[0]))
     total = np.zeros_like(sharp)
@@ -98,7 +98,7 @@ def blurs(
     )
 
 
-def smears_of(exposure: Exposure, canvases: list[Canvas], index: Array) -> Array:
+def smears_of(exposure: Exposure, canvases: list[Canvas], index: AnyArray) -> AnyArray:
     """Give the smear (H, W, 2) of what is seen at every pixel at mid exposure, float32."""
     pixels = pixel_grid(exposure.size)
     displacement = np.zeros(pixels.shape, np.float32)

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import blur2view
+from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import PAPER_INLIER, cumulative_curve
@@ -39,8 +39,6 @@ from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import paper_two_view
-
-Array = NDArray[Any]
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
@@ -87,7 +85,7 @@ class Row:
     curve: tuple[float, ...]
 
 
-def cost(F: Array | None, matches: SmearMatches) -> float:
+def cost(F: AnyArray | None, matches: SmearMatches) -> float:
     """Mean squared error of smears in their standard deviations, at most CUTOFF^2 each; that without F."""
     if F is None:
         return CUTOFF**2
@@ -170,7 +168,7 @@ def cheapest(answers: Sequence[Found]) -> Found:
     return replace(min(answers, key=lambda one: one.cost), seconds=sum(one.seconds for one in answers))
 
 
-def all_true_ends(scene: TestScene) -> Array:
+def all_true_ends(scene: TestScene) -> AnyArray:
     """Give the ends (N, 2, 2) of all valid true smears, movers' too."""
     return smear_ends(scene.midpoints[scene.valid], scene.displacement[scene.valid].astype(np.float64))
 

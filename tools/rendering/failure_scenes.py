@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.exposure import Exposure
 from tools.rendering.motion import Trajectory, sample_camera_path, sample_object_path
 from tools.rendering.render import Rendering, expose, scaled_exposure
@@ -28,8 +27,6 @@ from tools.rendering.scene import (
 from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.textures import Image, photographs
 
-Array = NDArray[Any]
-
 CARDS, DRAWN = 6, 24
 TILT = 0.6
 """Largest tilt of the plane, radians."""
@@ -43,14 +40,16 @@ class FailureScene:
 
     kind: str
     seed: int
-    photograph: Array
+    photograph: AnyArray
     rendering: Rendering
 
 
-Layers = Callable[[np.random.Generator, "tuple[Image, ...]", Array, "tuple[int, int]"], "list[Layer]"]
+Layers = Callable[[np.random.Generator, "tuple[Image, ...]", AnyArray, "tuple[int, int]"], "list[Layer]"]
 
 
-def cards(rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]) -> list[Layer]:
+def cards(
+    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
+) -> list[Layer]:
     """Draw a background and before it, far to near, the CARDS of DRAWN that would cover most of the image."""
     depths = np.sort(rng.uniform(0.3, 0.8, DRAWN))[::-1]
     drawn = [sample_card(rng, pool, K, size, float(z)) for z in depths]
@@ -66,7 +65,7 @@ def covered(box: tuple[float, float, float, float], size: tuple[int, int]) -> fl
 
 
 def one_plane(
-    rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]
+    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
 ) -> list[Layer]:
     """Draw one tilted plane that fills the image."""
     plane = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, TILT), 1.0)

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import GRID, Exposure, grid_points, knot_weights, pixel_grid, upsample
 from tools.rendering.motion import Trajectory, sample_camera_path, sample_object_path
@@ -22,9 +21,6 @@ from tools.rendering.scene import Layer, sample_intrinsics, sample_layers
 from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import photographs
 from tools.rendering.truth import GridTruth, fundamental_of, grid_truth, relative_pose
-
-Array = NDArray[Any]
-
 
 STILL_PX = 1.0
 """Median smear below which a camera holds still, and objects choose a pace of their own."""
@@ -96,20 +92,20 @@ class Rendering(GridTruth):
         Sharp linear first and last instants.
     """
 
-    linear: Array
-    K: Array
-    R: Array
-    t: Array
-    F: Array | None
+    linear: AnyArray
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray | None
     kind: str
     straight: bool
-    open_image: Array
-    close_image: Array
+    open_image: AnyArray
+    close_image: AnyArray
 
 
-def compose(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
+def compose(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
     """Give one sharp sub-frame (H, W, 3): layers, displaced by their fields, over each other, far to near."""
-    frame: Array = np.zeros((size[1], size[0], 3), np.float32)
+    frame: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     pixels = pixel_grid(size)
     for canvas, coarse in zip(canvases, fields, strict=True):
         region = canvas.region(coarse, size)
@@ -212,11 +208,11 @@ def expose(
     )
 
 
-def mean_frame(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
+def mean_frame(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
     """Average sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
     longest = max(np.linalg.norm(f[-1] - f[0], axis=-1).max() for f in fields)
     count = int(np.clip(np.ceil(longest), 15, 200))
-    total: Array = np.zeros((size[1], size[0], 3), np.float32)
+    total: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     for weights in knot_weights((np.arange(count) + 0.5) / count - 0.5):
         total += compose(canvases, [np.tensordot(weights, f, 1) for f in fields], size)
     return total / np.float32(count)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from blur2view.arrays import AnyArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,14 +40,14 @@ def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
 
 
-def expose(rng: np.random.Generator, linear: Array) -> Array:
+def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     """Apply gain and white balance: a mean level between a dim and an overexposed photograph."""
     level = float(np.exp(rng.normal(np.log(0.25), 0.6)))
     gain = level / max(float(linear.mean()), 1e-3)
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
-def soften(rng: np.random.Generator, linear: Array, options: SensorOptions) -> Array:
+def soften(rng: np.random.Generator, linear: AnyArray, options: SensorOptions) -> AnyArray:
     """Apply an optical point spread; now and then defocus, which must not read as motion."""
     if rng.random() < options.defocus_share:
         radius = log_uniform(rng, (0.8, 6.0))
@@ -62,12 +60,12 @@ def soften(rng: np.random.Generator, linear: Array, options: SensorOptions) -> A
     return gaussian(linear, sigma) if sigma > 0.2 else linear
 
 
-def gaussian(image: Array, sigma_px: float) -> Array:
+def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
     """Blur by a Gaussian."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
-def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -> Array:
+def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions) -> AnyArray:
     """Add shot and read noise in linear light, then clip at black and white."""
     read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
     deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
@@ -75,7 +73,7 @@ def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
 
-def add_blotches(rng: np.random.Generator, signal: Array) -> Array:
+def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
     """Add coarse coloured noise: what denoising and video compression leave of a sensor's noise."""
     small = rng.standard_normal((-(-signal.shape[0] // 2), -(-signal.shape[1] // 2), 3), dtype=np.float32)
     size = (signal.shape[1], signal.shape[0])
@@ -84,7 +82,7 @@ def add_blotches(rng: np.random.Generator, signal: Array) -> Array:
     return np.asarray(np.clip(signal * (1 + np.float32(rng.uniform(0.01, 0.1)) * colour), 0, 1))
 
 
-def demosaic(signal: Array) -> Array:
+def demosaic(signal: AnyArray) -> AnyArray:
     """Sample a Bayer mosaic (RGGB) of linear RGB (H, W, 3) in [0, 1] and interpolate it back."""
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
@@ -94,7 +92,7 @@ def demosaic(signal: Array) -> Array:
     return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
 
 
-def tone(rng: np.random.Generator, linear: Array) -> Array:
+def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     """Apply sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
     if rng.random() < 0.4:
         curve = 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055
@@ -104,7 +102,7 @@ def tone(rng: np.random.Generator, linear: Array) -> Array:
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
-def sharpen(rng: np.random.Generator, coded: Array) -> Array:
+def sharpen(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
     """Sharpen half of the images by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
@@ -112,7 +110,7 @@ def sharpen(rng: np.random.Generator, coded: Array) -> Array:
     return np.asarray(np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1))
 
 
-def compress(rng: np.random.Generator, image: Array) -> Array:
+def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
     """Send a picture (uint8 RGB) through JPEG at a quality between poor and good."""
     quality = int(rng.integers(35, 98))
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
@@ -122,7 +120,7 @@ def compress(rng: np.random.Generator, image: Array) -> Array:
     return np.asarray(decoded[..., ::-1])
 
 
-def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions | None = None) -> Array:
+def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOptions | None = None) -> AnyArray:
     """Turn radiance into an 8-bit photograph.
 
     Parameters

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
 from blur2view.metrics import PAPER_INLIER, cumulative_curve, epe_s, sparsification_curve
@@ -22,34 +22,33 @@ from tools.reports.figure_style import BLACK, BLUE, GREEN, ORANGE, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 SERRMIN_PX2 = np.geomspace(1e-3, 1e3, 121)
 """Bounds at which cumulative curves are drawn."""
 
 
-def ours(case: Case) -> Array | None:
+def ours(case: Case) -> AnyArray | None:
     """Give the F of the pipeline."""
     return case.geometry.F
 
 
-def two_parameters(case: Case) -> Array | None:
+def two_parameters(case: Case) -> AnyArray | None:
     """Give the F whose smears all meet in one point."""
     return two_parameter_fundamental(case.matches)
 
 
-def unordered(case: Case) -> Array | None:
+def unordered(case: Case) -> AnyArray | None:
     """Give OpenCV's F of the same ends in random order."""
     ends = baselines.scrambled(case.matches.ends, np.random.default_rng(0))
     return baselines.solve(baselines.opencv_magsac, ends)
 
 
-def true(case: Case) -> Array | None:
+def true(case: Case) -> AnyArray | None:
     """Give the true F."""
     return case.scene.F
 
 
-SOURCES: dict[str, tuple[Callable[[Case], Array | None], str, str]] = {
+SOURCES: dict[str, tuple[Callable[[Case], AnyArray | None], str, str]] = {
     "ours": (ours, BLUE, "-"),
     "two-parameter F": (two_parameters, ORANGE, "-"),
     "unordered ends, OpenCV MAGSAC": (unordered, GREEN, "-"),
@@ -77,7 +76,7 @@ def sparsification(found: Sequence[Case]) -> Figure:
     return figure
 
 
-def image_curves(case: Case) -> Array:
+def image_curves(case: Case) -> AnyArray:
     """Give shares removed and curves (4, steps) of one image: by coherence, by sigma, by the error."""
     valid = case.scene.valid
     error = epe_s(case.displacement[valid], case.scene.displacement[valid])
@@ -107,17 +106,17 @@ def cumulative(found: Sequence[Case]) -> Figure:
     return figure
 
 
-def static_ends(case: Case) -> Array:
+def static_ends(case: Case) -> AnyArray:
     """Give the ends (N, 2, 2) of the true smears of static pixels."""
     return true_ends(case.scene)
 
 
-def matched_ends(case: Case) -> Array:
+def matched_ends(case: Case) -> AnyArray:
     """Give the ends (N, 2, 2) of the smears that were used."""
     return case.matches.ends
 
 
-def mean_curve(matrices: Sequence[Array | None], ends: Sequence[Array]) -> Array:
+def mean_curve(matrices: Sequence[AnyArray | None], ends: Sequence[AnyArray]) -> AnyArray:
     """Average the images' cumulative curves; no F explains no smear."""
     curves = [
         np.zeros(len(SERRMIN_PX2)) if F is None else cumulative_curve(serrmin(F, pairs), SERRMIN_PX2)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import sampson
 from blur2view.visualization.overlay import farthest_points, spread_subset
@@ -18,7 +18,6 @@ from tools.reports.figure_style import PALETTE, new_figure, show_picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 QUANTILES = (0.1, 0.5, 0.9)
 """Of the images, from good to bad: those that panels show."""
@@ -76,13 +75,13 @@ def classes(name: str) -> Any:
     return BoundaryNorm(CLASSES_PX, colormaps[name].N, extend="both")
 
 
-def pale(image: Array) -> Array:
+def pale(image: AnyArray) -> AnyArray:
     """Give the photograph (H, W, 3) in GREYS pale shades (H, W), so that what is drawn on it stands out."""
     steps = GREYS - 1
     return np.asarray(0.5 + 0.45 * np.round(image.mean(axis=2) * steps) / steps)
 
 
-def draw_smears(axes: Any, image: Array, points: Array, displacement: Array, shown: Array) -> Any:
+def draw_smears(axes: Any, image: AnyArray, points: AnyArray, displacement: AnyArray, shown: AnyArray) -> Any:
     """Draw a spread of the smears of a grid over the paled photograph, white where none is to be shown."""
     from matplotlib.collections import LineCollection
 
@@ -140,13 +139,13 @@ def epipolar_row(row: Sequence[Any], case: Case) -> None:
         draw_line(row[1], F_true @ homogeneous(first), color=colour, lw=1.2, ls=(0, (4, 3)), alpha=0.9)
 
 
-def in_true_time(F: Array, ends: Array) -> Array:
+def in_true_time(F: AnyArray, ends: AnyArray) -> AnyArray:
     """Give F or its transpose, whichever fits ends (N, 2, 2) in true order: one photograph cannot tell."""
     forward, backward = (np.median(sampson(f, ends[:, 0], ends[:, 1])) for f in (F, F.T))
     return F if forward <= backward else np.asarray(F.T)
 
 
-def draw_line(axes: Any, line: Array, **drawn: Any) -> None:
+def draw_line(axes: Any, line: AnyArray, **drawn: Any) -> None:
     """Draw the line (3,) over the whole picture, its limits kept."""
     normal = np.hypot(line[0], line[1])
     if not normal > 0:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.network import MotionNetwork
@@ -20,7 +20,6 @@ from tools.reports.figure_style import new_figure, show_picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 LEAST_SHARE = 0.03
 """Of the image that must move by itself for a scene to be shown."""
@@ -47,7 +46,7 @@ def mask_iou(case: Case, mask: MotionMask) -> float:
     return float(np.nan_to_num(overlap(mine, true)))
 
 
-def painted(image: Array, moving: Array, unseen: Array) -> Array:
+def painted(image: AnyArray, moving: AnyArray, unseen: AnyArray) -> AnyArray:
     """Paint masks (H, W) over the paled photograph (H, W, 3): pink what moves, dark what is not seen."""
     picture = np.repeat(pale(image)[..., None], 3, axis=2)
     picture[unseen] *= 0.35
