@@ -1,4 +1,4 @@
-"""Compare estimators of F, ours and those that are told the order, on synthetic and on network smears.
+"""Compare estimators of F, ours and those that are given the order, on synthetic and on network smears.
 
     python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
     python -m tools.benchmarks.benchmark_estimators --scenes render/test
@@ -66,7 +66,7 @@ def write(records: list[Record], head: dict[str, str], out: Path) -> str:
 
 
 def measure(method: Method, problem: Problem) -> Measured:
-    """Run a method once and judge its F."""
+    """Return how good a method's F of a problem is, and its CPU time."""
     start = time.process_time()
     F = method(problem)
     seconds = time.process_time() - start
@@ -77,7 +77,7 @@ def measure(method: Method, problem: Problem) -> Measured:
 
 
 def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = None) -> Record:
-    """Run every method that the plan wants; ``scenes`` is where the photographs of NETWORK lie."""
+    """Return the figures of every method that the plan wants; ``scenes`` holds the photographs of NETWORK."""
     warm_up()
     problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
     methods = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
@@ -87,7 +87,7 @@ def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = No
 
 
 def network_instance(instance: Instance, folder: Path | None) -> Problem:
-    """Give the matches of a rendered photograph."""
+    """Return the matches of a rendered photograph."""
     if folder is None:
         raise ValueError("network smears need a folder of rendered scenes")
     scene = _scenes(folder)[instance.seed]
@@ -114,7 +114,7 @@ def warm_up() -> None:
 
 
 def code_digest() -> str:
-    """Short digest of the sources that the figures depend on."""
+    """Return a short digest of the sources that the figures depend on."""
     sources = sorted((ROOT / "blur2view").rglob("*.py"))
     sources += [ROOT / "tools" / f"{name}.py" for name in MEASURED_CODE]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
@@ -147,13 +147,13 @@ def run(log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the libraries that are compared."""
+    """Return the versions of the libraries that are compared."""
     distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
     return {name: metadata.version(name) for name in distributions}
 
 
 def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
-    """Give the plan that the arguments ask for and the name of its files."""
+    """Return the plan that the arguments ask for and the name of its files."""
     plan, name = (QUICK, "estimators_quick") if arguments.quick else (FULL, "estimators")
     if arguments.development:
         plan, name = replace(plan, first_seed=DEVELOPMENT_SEED), f"{name}_development"

@@ -46,13 +46,13 @@ AXES = (
         ticks={"outliers 0%": "0"} | {f"second motion {s}%": s for s in ("15", "30", "45")},
     ),
     Axis(
-        label="noise, px, told truly",
+        label="noise, px, stated truly",
         ticks={f"noise {s} px": s for s in ("0.25", "0.5")} | {BASE: "1", "noise 2 px": "2"},
     ),
     Axis(
-        label="noise, px, told as 1",
-        ticks={f"noise {s} px, told as 1": s for s in ("0.25", "0.5")}
-        | {BASE: "1", "noise 2 px, told as 1": "2"},
+        label="noise, px, stated as 1",
+        ticks={f"noise {s} px, stated as 1": s for s in ("0.25", "0.5")}
+        | {BASE: "1", "noise 2 px, stated as 1": "2"},
     ),
     Axis(
         label="smear, px",
@@ -62,8 +62,8 @@ AXES = (
     Axis(
         label="noise that varies, 1 px",
         ticks={
-            BASE: "not", "noise varied": "told", "noise varied, constant": "told as\nmean",
-            "noise varied, wrong": "told\nwrongly",
+            BASE: "not", "noise varied": "stated", "noise varied, constant": "stated as\nmean",
+            "noise varied, wrong": "stated\nwrongly",
         },
     ),
     Axis(

@@ -19,7 +19,7 @@ from tools.rendering.render import Rendering, RenderOptions, render
 
 
 def contact_sheet(seeds: range, options: RenderOptions) -> AnyArray:
-    """Give rows of pictures, uint8 BGR (len(seeds) H, 3 W, 3): picture, smears, labels."""
+    """Return rows of pictures, uint8 BGR (len(seeds) H, 3 W, 3): picture, smears, labels."""
     rows = []
     for seed in seeds:
         rendering = render(seed, options)
@@ -32,7 +32,7 @@ def contact_sheet(seeds: range, options: RenderOptions) -> AnyArray:
 
 
 def scene_row(rendering: Rendering) -> AnyArray:
-    """Give one row, uint8 BGR (H, 3 W, 3)."""
+    """Return one row, uint8 BGR (H, 3 W, 3)."""
     height, width = rendering.linear.shape[:2]
     image = (np.clip(rendering.linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)[..., ::-1]
     truth = [smear_picture(rendering.displacement), label_picture(rendering)]
@@ -41,7 +41,7 @@ def scene_row(rendering: Rendering) -> AnyArray:
 
 
 def smear_picture(displacement: AnyArray) -> AnyArray:
-    """Colour a field (uint8 BGR): hue = orientation, brightness = length up to 40 px."""
+    """Return a field's colours (uint8 BGR): hue = orientation, brightness = length up to 40 px."""
     hue = (np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180).astype(np.uint8)
     length = np.clip(np.linalg.norm(displacement, axis=-1) / 40, 0, 1) ** 0.5 * 255
     hsv = np.stack([hue, np.full_like(hue, 255), length.astype(np.uint8)], -1)
@@ -49,7 +49,7 @@ def smear_picture(displacement: AnyArray) -> AnyArray:
 
 
 def label_picture(rendering: Rendering) -> AnyArray:
-    """Paint static pixels grey, moving ones pink, and darken where an end is hidden (uint8 BGR)."""
+    """Return static pixels grey, moving ones pink, darker where an end is hidden (uint8 BGR)."""
     picture = np.where(rendering.static[..., None], (170, 170, 170), (180, 80, 255))
     return np.asarray(np.where(rendering.valid[..., None], picture, picture // 4)).astype(np.uint8)
 

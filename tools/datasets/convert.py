@@ -24,13 +24,13 @@ SHARD = 50
 
 
 def cropped(exposure: Exposure) -> tuple[int, int]:
-    """Give the width and height that are kept: multiples of the grid's spacing."""
+    """Return the width and height that are kept: multiples of the grid's spacing."""
     height, width = exposure.linear.shape[:2]
     return width // GRID * GRID, height // GRID * GRID
 
 
 def grid_truth(exposure: Exposure) -> tuple[AnyArray, NDArray[np.bool_]]:
-    """Give displacement (h, w, 2), float32, and validity (h, w) at the centres of the 4 x 4 cells.
+    """Return displacement (h, w, 2), float32, and validity (h, w) at the centres of the 4 x 4 cells.
 
     A cell is valid if the four pixels about its centre are, and agree to a pixel: else it is cut by an edge.
     """
@@ -43,7 +43,7 @@ def grid_truth(exposure: Exposure) -> tuple[AnyArray, NDArray[np.bool_]]:
 
 
 def write_test_scenes(exposures: Iterable[Exposure], out: Path, source: str) -> int:
-    """Write what `testset.read_test_set` reads; finished ones are kept. Give their number.
+    """Write what `testset.read_test_set` reads; finished ones are kept. Return their number.
 
     ``origins.txt`` says which exposure of the source each number is, as every file does itself. Without
     cameras R and t are NaN and K is a guess.
@@ -114,7 +114,7 @@ def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
 
 
 def record(exposure: Exposure) -> Scenes:
-    """Turn one exposure into a training record."""
+    """Return the training record of one exposure."""
     width, height = cropped(exposure)
     displacement, valid = grid_truth(exposure)
     labels = valid.astype(np.uint8) + 2 * np.ones_like(valid, np.uint8)

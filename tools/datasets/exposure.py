@@ -77,7 +77,7 @@ class Exposure:
         return gold_standard_fundamental(self.ordered_ends())
 
     def ordered_ends(self) -> AnyArray:
-        """Give the ends (N, 2, 2) of the valid smears of every fourth pixel, first then last."""
+        """Return the ends (N, 2, 2) of the valid smears of every fourth pixel, first then last."""
         smears = self.smears
         rows, columns = np.nonzero(smears.valid[1::4, 1::4])
         middle = np.stack([4 * columns + 1, 4 * rows + 1], axis=1).astype(float)
@@ -93,12 +93,12 @@ class Reader(ABC):
         """Yield for every exposure what reads it, so that those passed over cost nothing."""
 
     def __iter__(self) -> Iterator[Exposure]:
-        """Read one after another."""
+        """Yield one after another."""
         return (read() for read in self.unread())
 
 
 def read_frame(path: Path) -> AnyArray:
-    """Read a frame (H, W, 3) as uint8 RGB.
+    """Return a frame (H, W, 3) as uint8 RGB.
 
     Raises
     ------
@@ -114,25 +114,25 @@ def read_frame(path: Path) -> AnyArray:
 
 
 def linearised(frame: AnyArray) -> AnyArray:
-    """Turn sRGB-coded uint8 into linear light: float32, white = 1."""
+    """Return sRGB-coded uint8 as linear light: float32, white = 1."""
     return srgb_to_linear(np.arange(256) / 255)[frame]
 
 
 def coded(linear: AnyArray) -> AnyArray:
-    """Invert :func:`linearised`, rounding to uint8."""
+    """Return the inverse of :func:`linearised`, rounded to uint8."""
     light = np.clip(linear, 0, 1)
     curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
     return (255 * curve + 0.5).astype(np.uint8)
 
 
 def require_folder(folder: Path, what: str) -> Path:
-    """Give the folder; Blur2ViewError, saying what should be in it, if there is none."""
+    """Return the folder; Blur2ViewError, saying what should be in it, if there is none."""
     if not folder.is_dir():
         raise Blur2ViewError(f"{folder}: no such folder, {what} expected; see help('tools.datasets')")
     return folder
 
 
 def numbered(folder: Path, suffixes: tuple[str, ...] = (".png",)) -> dict[int, Path]:
-    """Give the pictures of a folder whose names are numbers, by number, in order."""
+    """Return the pictures of a folder whose names are numbers, by number, in order."""
     found = {int(p.stem): p for p in folder.iterdir() if p.suffix in suffixes and p.stem.isdigit()}
     return dict(sorted(found.items()))

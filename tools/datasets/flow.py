@@ -35,14 +35,14 @@ class MidSmears:
 
 
 def sampled(field: AnyArray, positions: AnyArray) -> AnyArray:
-    """Interpolate a field (H, W) or (H, W, C) at positions (H, W, 2), its border repeated."""
+    """Return a field (H, W) or (H, W, C) interpolated at positions (H, W, 2), its border repeated."""
     at = positions.astype(np.float32)
     mapped = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
     return np.asarray(mapped)
 
 
 def sources(flow: AnyArray, share: float, start: AnyArray | None = None) -> tuple[AnyArray, AnyArray]:
-    """Give where the points come from that are at each pixel after `share` of their way.
+    """Return where the points come from that are at each pixel after `share` of their way.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def sources(flow: AnyArray, share: float, start: AnyArray | None = None) -> tupl
 
 
 def disagreement(forward: AnyArray, backward: AnyArray, at: AnyArray) -> AnyArray:
-    """Give |forward + backward| (H, W) along the way there and back, for points at positions (H, W, 2)."""
+    """Return |forward + backward| (H, W) along the way there and back, for points at positions (H, W, 2)."""
     there = sampled(forward, at)
     back = sampled(backward, at + there)
     return np.asarray(np.linalg.norm(there + back, axis=-1))
@@ -82,7 +82,7 @@ def inside(points: AnyArray) -> NDArray[np.bool_]:
 
 
 def mid_smears(forward: AnyArray, backward: AnyArray) -> MidSmears:
-    """Turn flows between the first and the last frame into smears at mid-exposure pixels.
+    """Return the smears at mid-exposure pixels that follow from flows between the first and the last frame.
 
     A smear is valid if a point of the first frame is half-way there, forward and backward flow cancel
     (CROSS_CHECK_PX) and both of its ends are inside the picture. Elsewhere the displacement is a guess.
@@ -98,7 +98,7 @@ def mid_smears(forward: AnyArray, backward: AnyArray) -> MidSmears:
 
 
 def sub_frames(forward: AnyArray, valid: NDArray[np.bool_] | None = None) -> int:
-    """Count the frames to average: max(2 s_max, 15), 2 s the longest displacement, at most MOST."""
+    """Return the number of frames to average: max(2 s_max, 15), 2 s the largest displacement, up to MOST."""
     length = np.linalg.norm(forward, axis=-1)
     longest = float(length[valid].max()) if valid is not None and valid.any() else float(length.max())
     return int(np.clip(np.ceil(longest), FEWEST, MOST))
@@ -127,13 +127,13 @@ def frames_between(
 
 
 def trust(miss: AnyArray, gap: AnyArray) -> AnyArray:
-    """Weigh (H, W) what one frame says: little where no point arrives or the cross-check fails."""
+    """Return weights (H, W) of one frame: small where no point arrives or the cross-check fails."""
     agreed = np.where(gap < CROSS_CHECK_PX, 1.0, HIDDEN_WEIGHT)
     return np.asarray(agreed / (1 + (miss / SOLVED_PX) ** 4) + 1e-6)
 
 
 def averaged(first: AnyArray, last: AnyArray, forward: AnyArray, backward: AnyArray, count: int) -> AnyArray:
-    """Average the frames between two linear frames (H, W, 3), in linear light: float32."""
+    """Return the average of the frames between two linear frames (H, W, 3), in linear light: float32."""
     total = np.zeros_like(first, dtype=np.float32)
     for frame in frames_between(first, last, forward, backward, count):
         total += frame
@@ -141,7 +141,7 @@ def averaged(first: AnyArray, last: AnyArray, forward: AnyArray, backward: AnyAr
 
 
 def computed_flow(first: AnyArray, last: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Compute flow from one uint8 RGB frame to another and back: OpenCV's DIS, refined forward-backward.
+    """Return flow from one uint8 RGB frame to another and back: OpenCV's DIS, refined forward-backward.
 
     Where both directions agree, each is replaced by the mean of what both say.
 
@@ -159,8 +159,8 @@ def computed_flow(first: AnyArray, last: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def merged(flow: AnyArray, back: AnyArray) -> AnyArray:
-    """Average a flow with what the flow back says of the same points, where the two agree."""
+    """Return the average of a flow and the reverse of the flow back, where the two agree."""
     pixels = pixel_grid((flow.shape[1], flow.shape[0]))
-    told = -sampled(back, pixels + flow)
-    agreed = np.linalg.norm(flow - told, axis=-1, keepdims=True) < CROSS_CHECK_PX
-    return np.where(agreed, (flow + told) / 2, flow).astype(np.float32)
+    reverse = -sampled(back, pixels + flow)
+    agreed = np.linalg.norm(flow - reverse, axis=-1, keepdims=True) < CROSS_CHECK_PX
+    return np.where(agreed, (flow + reverse) / 2, flow).astype(np.float32)

@@ -16,7 +16,7 @@ NOISE_PX = 0.5
 
 
 def signed_sampson(F: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
-    """Give the signed Sampson distances (N,) of points (N, 2)."""
+    """Return the signed Sampson distances (N,) of points (N, 2)."""
     x, y = homogeneous(first), homogeneous(last)
     lines, back = x @ F.T, y @ F
     value = (y * lines).sum(axis=1)
@@ -25,7 +25,7 @@ def signed_sampson(F: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
 
 
 def gold_standard_fundamental(ends: AnyArray) -> AnyArray | None:
-    """Estimate F from smears in their true order.
+    """Return F estimated from smears in their true order.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ FLIP: AnyArray = np.diag([1.0, -1.0, -1.0])
 
 
 def read_pfm(path: Path) -> AnyArray:
-    """Read a PFM file as float32 (H, W, 3) or (H, W), first row on top.
+    """Return a PFM file as float32 (H, W, 3) or (H, W), first row on top.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def read_pfm(path: Path) -> AnyArray:
 
 
 def read_cameras(path: Path, side: str) -> dict[int, AnyArray]:
-    """Read camera_data.txt: by frame, the camera-to-world matrix (4, 4) of one side, in Blender's axes.
+    """Return, by frame, the camera-to-world matrix (4, 4) of one side of camera_data.txt, in Blender's axes.
 
     Every frame has three lines, ``Frame 7``, ``L`` and ``R``, the latter with 16 numbers, row by row.
     """
@@ -83,13 +83,13 @@ def read_cameras(path: Path, side: str) -> dict[int, AnyArray]:
 
 
 def relative_pose(first: AnyArray, last: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Give R and t of ``cam_last_from_cam_first``, in our axes, from two camera-to-world matrices."""
+    """Return R and t of ``cam_last_from_cam_first``, in our axes, from two camera-to-world matrices."""
     moved = np.linalg.inv(last) @ first
     return FLIP @ moved[:3, :3] @ FLIP, FLIP @ moved[:3, 3]
 
 
 def intrinsics(scene: str, size: tuple[int, int]) -> AnyArray:
-    """Give K of pictures of a size (width, height); a folder such as ``15mm_focallength`` names the lens."""
+    """Return K of pictures of a size (width, height); a folder like ``15mm_focallength`` names the lens."""
     named = re.search(r"(\d+)mm_focallength", scene)
     focal = (float(named[1]) if named else USUAL_FOCAL_MM) / SENSOR_MM * size[0]
     return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
@@ -141,7 +141,7 @@ class SceneFlow(Reader):
     def exposure(
         self, scene: str, number: int, path: Path, next_path: Path, cameras: dict[int, AnyArray]
     ) -> Exposure:
-        """Read two frames with what lies between them, and blur."""
+        """Return the exposure of two frames and what lies between them, blurred."""
         if number not in cameras or number + 1 not in cameras:
             where = self.root / "camera_data" / scene / "camera_data.txt"
             raise Blur2ViewError(f"{where}: lacks frame {number} or {number + 1}; unpack camera_data again")
@@ -163,7 +163,7 @@ class SceneFlow(Reader):
         )
 
     def flow(self, scene: str, time: str, number: int) -> AnyArray:
-        """Read the flow of a frame into the "Future" or the "Past", (H, W, 2); its third channel is empty."""
+        """Return the flow of a frame into the "Future" or "Past", (H, W, 2); its third channel is empty."""
         folder = self.root / "optical_flow" / scene / f"into_{time.lower()}" / self.side
         values = read_pfm(folder / f"OpticalFlowInto{time}_{number:04d}_{SIDES[self.side]}.pfm")
         if values.ndim != 3:

@@ -58,7 +58,7 @@ def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> Ren
 
 
 def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray) -> AnyArray:
-    """Photograph an instant as a good camera would (uint8 RGB).
+    """Return an instant as a good camera would photograph it (uint8 RGB).
 
     Exposure follows the blurred picture `like`, tone curve and compression are fixed: both ends of one
     exposure come out alike, as two frames of one camera do. `rng` draws the noise.
@@ -70,7 +70,7 @@ def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray)
 
 
 def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tuple[Rendering, int]:
-    """Render the first seed of a series whose median visible smear is in range, and tell which it was.
+    """Return the rendering and number of the first seed whose median visible smear is in range.
 
     The renderer scales the median over all surfaces, hidden ones too, and bounds the longest smears, so that
     one scene in seven has a visible median outside.

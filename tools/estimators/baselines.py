@@ -1,6 +1,6 @@
 """Fundamental matrices by other means, on the same matches: what ours must be compared with.
 
-Some are told the order of every match, which no single photograph gives; some ignore that it is unknown.
+Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ MAX_ITERATIONS = 10_000
 def opencv_magsac(
     points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
 ) -> AnyArray | None:
-    """Solve with OpenCV's USAC_MAGSAC; None where it finds nothing."""
+    """Return the F of OpenCV's USAC_MAGSAC; None where it finds nothing."""
     return _opencv(cv2.USAC_MAGSAC, points1, points2, max_error_px)
 
 
 def opencv_accurate(
     points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
 ) -> AnyArray | None:
-    """Solve with OpenCV's USAC_ACCURATE; None where it finds nothing."""
+    """Return the F of OpenCV's USAC_ACCURATE; None where it finds nothing."""
     return _opencv(cv2.USAC_ACCURATE, points1, points2, max_error_px)
 
 
@@ -46,7 +46,7 @@ def pycolmap_ransac(
     trials: tuple[int, int] = (1000, MAX_ITERATIONS),
     confidence: float = CONFIDENCE,
 ) -> AnyArray | None:
-    """Solve with pycolmap's LO-RANSAC, at least and at most so many trials."""
+    """Return the F of pycolmap's LO-RANSAC, at least and at most so many trials."""
     import pycolmap
 
     options = pycolmap.RANSACOptions()
@@ -62,7 +62,7 @@ def poselib_ransac(
     max_error_px: float = MAX_ERROR_PX,
     max_iterations: int = MAX_ITERATIONS,
 ) -> AnyArray | None:
-    """Solve with PoseLib's LO-RANSAC."""
+    """Return the F of PoseLib's LO-RANSAC."""
     import poselib
 
     options = {
@@ -77,7 +77,7 @@ def poselib_ransac(
 def poselib_calibrated(
     points1: AnyArray, points2: AnyArray, K: AnyArray, max_error_px: float = MAX_ERROR_PX
 ) -> AnyArray:
-    """Solve for the pose with PoseLib's LO-RANSAC, both views sharing K without skew; give its F."""
+    """Return the F of the pose by PoseLib's LO-RANSAC, both views sharing K without skew."""
     import poselib
 
     middle, focal = K[:2, 2], np.diag(K)[:2]
@@ -89,24 +89,24 @@ def poselib_calibrated(
 
 
 def scrambled(ends: AnyArray, rng: np.random.Generator) -> AnyArray:
-    """Put ends (N, 2, 2) in random order."""
+    """Return ends (N, 2, 2) in random order."""
     return np.where(rng.random(len(ends))[:, None, None] < 0.5, ends, ends[:, ::-1])
 
 
 def rightward(ends: AnyArray) -> AnyArray:
-    """Order ends (N, 2, 2) by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
+    """Return ends (N, 2, 2) ordered by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
     backwards = ends[:, 1, 0] < ends[:, 0, 0]
     return np.where(backwards[:, None, None], ends[:, ::-1], ends)
 
 
 def in_true_order(ends: AnyArray, displacement: AnyArray) -> AnyArray:
-    """Order ends (N, 2, 2) along true displacements (N, 2)."""
+    """Return ends (N, 2, 2) ordered along true displacements (N, 2)."""
     backwards = ((ends[:, 1] - ends[:, 0]) * displacement).sum(1) < 0
     return np.where(backwards[:, None, None], ends[:, ::-1], ends)
 
 
 def solve(solver: Solver, ends: AnyArray) -> AnyArray | None:
-    """Run a solver on ordered ends (N, 2, 2); None too where it fails or returns no finite matrix."""
+    """Return a solver's F of ordered ends (N, 2, 2); None too where it fails or its F is not finite."""
     if len(ends) < 8:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))

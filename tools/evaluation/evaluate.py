@@ -68,9 +68,9 @@ def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
 
 
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
-    """Every method of the table, as a function of the matches."""
+    """Return every method of the table, as a function of the matches."""
 
-    def told(solver: baselines.Solver, matches: SmearMatches) -> AnyArray | None:
+    def ordered_truly(solver: baselines.Solver, matches: SmearMatches) -> AnyArray | None:
         ordered = baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
         return baselines.solve(solver, ordered)
 
@@ -89,9 +89,9 @@ def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | N
         "two-parameter F": two_parameter_fundamental,
         "unordered, OpenCV MAGSAC": unordered,
         "u > 0 order, OpenCV MAGSAC": rightward,
-        "true order, OpenCV MAGSAC": partial(told, baselines.opencv_magsac),
-        "true order, pycolmap": partial(told, baselines.pycolmap_ransac),
-        "true order, PoseLib": partial(told, baselines.poselib_ransac),
+        "true order, OpenCV MAGSAC": partial(ordered_truly, baselines.opencv_magsac),
+        "true order, pycolmap": partial(ordered_truly, baselines.pycolmap_ransac),
+        "true order, PoseLib": partial(ordered_truly, baselines.poselib_ransac),
         "true F": lambda _: scene.F,
     }
 
@@ -121,7 +121,7 @@ class Truth(Protocol):
 
 
 def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
-    """Judge F on the true ends (N, 2, 2) of a scene whose camera translates.
+    """Return how good F is on the true ends (N, 2, 2) of a scene whose camera translates.
 
     None is the worst answer: errors as long as the smears, and an epipole at right angles.
     """
@@ -140,7 +140,7 @@ def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
 
 
 def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
-    """Medians of the errors, means of the shares, and inliers as a fraction of what the true F reaches."""
+    """Return medians of the errors, means of the shares, and inliers as a fraction of the true F's."""
     values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
     inliers = float(values["inliers"].mean())
     return FundamentalFigures(
@@ -158,7 +158,7 @@ def summarise(method: str, judged: list[Judged], reference: list[Judged], missin
 
 
 def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> list[FundamentalFigures]:
-    """Run every method on every image whose camera translates."""
+    """Return the figures of every method on every image whose camera translates."""
     table: dict[str, list[Judged]] = {}
     missing: dict[str, int] = {}
     for scene, field in scenes:
@@ -173,7 +173,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> lis
 
 
 def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
-    """All tables."""
+    """Return all tables."""
     rows = [f"Model {model_id}, {smears.images} rendered images.", "", *smear_tables(smears), ""]
     head = (
         "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "

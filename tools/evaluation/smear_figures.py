@@ -89,7 +89,7 @@ class Smears:
 
 
 def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
-    """Give the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
+    """Return the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
 
     What a classical method would trust a blur's direction by: the difference of the eigenvalues over their
     sum, of a photograph (H, W, 3) in [0, 1] (Bigun and Granlund, ICCV 1987).
@@ -102,7 +102,7 @@ def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
 
 
 def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]:
-    """Collect the valid pixels of all images, and count the images."""
+    """Return the valid pixels of all images, and the number of images."""
     parts = []
     for scene, field in scenes:
         sigma = field.sigma_px[1::4, 1::4][scene.valid]
@@ -115,7 +115,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
 
 
 def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
-    """Judge the smears of all images together; "top 50 %" is the more certain half of each image."""
+    """Return the figures of all smears together; "top 50 %" is the more certain half of each image."""
     error, length = epe_s(smears.found, smears.true), np.linalg.norm(smears.true, axis=1)
     angle, clear = direction_error_deg(smears.found, smears.true), length >= DIRECTION_MIN_PX
     ratio, half = log_ratio(smears.found, length)[clear], smears.sure
@@ -137,7 +137,7 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
 
 
 def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
-    """Give the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
+    """Return the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
     return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
 
 
@@ -169,7 +169,7 @@ def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
 
 
 def smear_tables(smears: SmearFigures) -> list[str]:
-    """Write the figures as lines of Markdown: all, by length, by sigma."""
+    """Return the figures as lines of Markdown: all, by length, by sigma."""
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     rows = ["| smears | |", "|---|---|", *(f"| {name} | {getattr(smears, name):.4g} |" for name in plain)]
     rows += [

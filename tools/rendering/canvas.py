@@ -35,14 +35,14 @@ class Canvas:
     layer: Layer
 
     def warp(self, positions: AnyArray) -> AnyArray:
-        """Give RGBA (h, w, 4) at mid-exposure image positions (h, w, 2), float32."""
+        """Return RGBA (h, w, 4) at mid-exposure image positions (h, w, 2), float32."""
         x = (positions[..., 0] - np.float32(self.left)) * np.float32(self.detail)
         y = (positions[..., 1] - np.float32(self.top)) * np.float32(self.detail)
         border = cv2.BORDER_REPLICATE if self.layer.stencil is None else cv2.BORDER_CONSTANT
         return np.asarray(cv2.remap(self.rgba, x, y, cv2.INTER_LINEAR, None, border))
 
     def region(self, field: AnyArray, size: tuple[int, int]) -> tuple[slice, slice] | None:
-        """Give the rows and columns of the image that a displacement field takes it to; None if none."""
+        """Return the rows and columns of the image that a displacement field takes it to; None if none."""
         if self.layer.stencil is None:
             return slice(0, size[1]), slice(0, size[0])
         rows, columns = self.rgba.shape[:2]
@@ -54,7 +54,7 @@ class Canvas:
 
 
 def texel_spacing(texel: AnyArray) -> AnyArray:
-    """Give the largest texture step (h, w) between neighbouring canvas pixels (h, w, 2)."""
+    """Return the largest texture step (h, w) between neighbouring canvas pixels (h, w, 2)."""
     spacing: AnyArray = np.zeros(texel.shape[:2], np.float32)
     for axis in (0, 1):
         step = np.abs(np.diff(texel, axis=axis))
@@ -65,14 +65,14 @@ def texel_spacing(texel: AnyArray) -> AnyArray:
 
 
 def mirrored(texture: AnyArray, texel: AnyArray) -> AnyArray:
-    """Look a texture up at texels (h, w, 2), bilinearly, repeating it in mirror images."""
+    """Return a texture at texels (h, w, 2), bilinearly, repeated in mirror images."""
     period = np.array([2 * texture.shape[1], 2 * texture.shape[0]], np.float32)
     at = texel - np.floor(texel / period) * period  # remap itself walks back one period at a time
     return np.asarray(cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT))
 
 
 def textured(plane: Plane, rays: AnyArray) -> AnyArray:
-    """Give linear RGB (h, w, 3) of a plane along rays, filtered by the level of detail each pixel needs."""
+    """Return linear RGB (h, w, 3) of a plane along rays, filtered by the level of detail each pixel needs."""
     texel = plane.texel(rays).astype(np.float32)
     level = np.clip(np.log2(np.maximum(texel_spacing(texel), 1e-3)), 0, 5)
     pyramid: AnyArray = plane.texture
@@ -86,7 +86,7 @@ def textured(plane: Plane, rays: AnyArray) -> AnyArray:
 
 
 def stencil_alpha(layer: Layer, points: AnyArray) -> AnyArray:
-    """Give the alpha (h, w) of a layer at image points (h, w, 2), filtered against aliasing."""
+    """Return the alpha (h, w) of a layer at image points (h, w, 2), filtered against aliasing."""
     if layer.stencil is None:
         return np.ones(points.shape[:2], np.float32)
     x, y, width, height = layer.box
@@ -102,7 +102,7 @@ def stencil_alpha(layer: Layer, points: AnyArray) -> AnyArray:
 
 
 def surface_colour(layer: Layer, rays: AnyArray) -> AnyArray:
-    """Give linear RGB (h, w, 3) along rays: of the nearest plane of the layer."""
+    """Return linear RGB (h, w, 3) along rays: of the nearest plane of the layer."""
     rgb = textured(layer.planes[0], rays)
     if len(layer.planes) == 1:
         return rgb
@@ -114,7 +114,7 @@ def surface_colour(layer: Layer, rays: AnyArray) -> AnyArray:
 
 
 def canvas_points(layer: Layer, size: tuple[int, int], margin: float, detail: float) -> AnyArray:
-    """Give the image positions (h, w, 2) of a canvas: image and margin, as far as the layer covers them."""
+    """Return the image positions (h, w, 2) of a canvas: image and margin, as far as the layer covers them."""
     left, top, right, bottom = -margin, -margin, size[0] + margin, size[1] + margin
     if layer.stencil is not None:
         x, y, width, height = layer.box
@@ -127,7 +127,7 @@ def canvas_points(layer: Layer, size: tuple[int, int], margin: float, detail: fl
 def paint(
     rng: np.random.Generator, layer: Layer, K: AnyArray, size: tuple[int, int], margin: float, detail: float
 ) -> Canvas:
-    """Paint a layer over the part of the image, and of a margin in pixels, that it covers.
+    """Return a layer painted over the part of the image, and of a margin in pixels, that it covers.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def paint(
 
 
 def add_highlights(rng: np.random.Generator, rgb: AnyArray) -> AnyArray:
-    """Add specular glints and lamps, far above white, to one surface in eight."""
+    """Return a surface with, in one case of eight, specular glints and lamps, far above white."""
     if rng.random() > 0.12:
         return rgb
     glow = np.zeros(rgb.shape[:2], np.float32)

@@ -50,7 +50,7 @@ Layers = Callable[[np.random.Generator, "tuple[Image, ...]", AnyArray, "tuple[in
 def cards(
     rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
 ) -> list[Layer]:
-    """Draw a background and before it, far to near, the CARDS of DRAWN that would cover most of the image."""
+    """Return a background and before it, far to near, the CARDS of DRAWN that cover most of the image."""
     depths = np.sort(rng.uniform(0.3, 0.8, DRAWN))[::-1]
     drawn = [sample_card(rng, pool, K, size, float(z)) for z in depths]
     largest = sorted(np.argsort([-covered(card.box, size) for card in drawn])[:CARDS])
@@ -58,7 +58,7 @@ def cards(
 
 
 def covered(box: tuple[float, float, float, float], size: tuple[int, int]) -> float:
-    """Give the area in square pixels of the part of a box that lies in the image."""
+    """Return the area in square pixels of the part of a box that lies in the image."""
     start = np.maximum(box[:2], 0)
     sides = np.minimum(np.add(box[:2], box[2:]), size) - start
     return float(np.prod(np.maximum(sides, 0)))
@@ -67,13 +67,13 @@ def covered(box: tuple[float, float, float, float], size: tuple[int, int]) -> fl
 def one_plane(
     rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
 ) -> list[Layer]:
-    """Draw one tilted plane that fills the image."""
+    """Return one random tilted plane that fills the image."""
     plane = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, TILT), 1.0)
     return [Layer(planes=(plane,), relief=np.zeros((2, 2)), illumination=sample_illumination(rng))]
 
 
 def path_of(rng: np.random.Generator, kinds: tuple[str, ...]) -> tuple[Trajectory, str]:
-    """Draw a straight camera path of one of these kinds."""
+    """Return a random straight camera path of one of these kinds."""
     while True:
         path, kind = sample_camera_path(rng, straight=True)
         if kind in kinds:
@@ -92,7 +92,7 @@ KINDS: dict[str, tuple[Layers, tuple[str, ...]]] = {
 def failure_scene(
     kind: str, seed: int, photos: Path | None = None, size: tuple[int, int] = (640, 480)
 ) -> FailureScene:
-    """Render one scene of a kind; the same arguments give the same bytes.
+    """Return one rendered scene of a kind; the same arguments give the same bytes.
 
     Parameters
     ----------
@@ -120,5 +120,5 @@ def failure_scene(
 
 
 def moving(rng: np.random.Generator, card: Layer, camera: Trajectory) -> Layer:
-    """Give a card a path of its own."""
+    """Return a card with a path of its own."""
     return replace(card, own_path=sample_object_path(rng, camera))

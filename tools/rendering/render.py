@@ -104,7 +104,7 @@ class Rendering(GridTruth):
 
 
 def compose(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
-    """Give one sharp sub-frame (H, W, 3): layers, displaced by their fields, over each other, far to near."""
+    """Return one sharp sub-frame (H, W, 3): layers displaced by their fields, composed far to near."""
     frame: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     pixels = pixel_grid(size)
     for canvas, coarse in zip(canvases, fields, strict=True):
@@ -121,7 +121,7 @@ def compose(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int
 
 
 def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -> Exposure:
-    """Scale a unit path so that the median smear over all layers is `length_px` and the longest bounded."""
+    """Return a unit path scaled to a median smear of `length_px` over all layers, the longest bounded."""
 
     def at(factor: float) -> Exposure:
         return replace(exposure, camera=exposure.camera.scaled(factor))
@@ -135,7 +135,7 @@ def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -
 
 
 def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
-    """Draw the median smear length of a scene, pixels."""
+    """Return a random median smear length of a scene, pixels."""
     return (
         float(rng.random() ** 2) if rng.random() < options.sharp_share else log_uniform(rng, options.smear_px)
     )
@@ -144,7 +144,7 @@ def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
 def set_in_motion(
     rng: np.random.Generator, layers: list[Layer], camera: Trajectory, share: float
 ) -> list[Layer]:
-    """Give one or two cards, rather large ones, paths as fast as the camera's in a share of the scenes."""
+    """Return layers with, in a share of the scenes, one or two rather large cards as fast as the camera."""
     if len(layers) < 2 or rng.random() > share:
         return layers
     area = np.array([layer.box[2] * layer.box[3] for layer in layers])  # the background's is zero
@@ -157,7 +157,7 @@ def set_in_motion(
 
 
 def render(seed: int, options: RenderOptions | None = None) -> Rendering:
-    """Render one scene with its truth; the same seed and options give the same bytes.
+    """Return one rendered scene with its truth; the same seed and options give the same bytes.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def render(seed: int, options: RenderOptions | None = None) -> Rendering:
 def expose(
     rng: np.random.Generator, layers: list[Layer], exposure: Exposure, kind: str, detail: float
 ) -> Rendering:
-    """Paint the layers, average the sub-frames and compute the truth; `rng` draws the highlights."""
+    """Return the painted layers' average of sub-frames with the truth; `rng` draws the highlights."""
     fields = [exposure.inverse_displacements(layer) for layer in layers]
     margin = min(float(max(np.abs(f).max() for f in fields)), 160.0) + 4
     canvases = [paint(rng, layer, exposure.K, exposure.size, margin, detail) for layer in layers]
@@ -209,7 +209,7 @@ def expose(
 
 
 def mean_frame(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
-    """Average sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
+    """Return the average of sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
     longest = max(np.linalg.norm(f[-1] - f[0], axis=-1).max() for f in fields)
     count = int(np.clip(np.ceil(longest), 15, 200))
     total: AnyArray = np.zeros((size[1], size[0], 3), np.float32)

@@ -36,19 +36,19 @@ class SensorOptions:
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    """Draw between two positive bounds, uniformly in the logarithm."""
+    """Return a number between two positive bounds, uniform in the logarithm."""
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
 
 
 def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
-    """Apply gain and white balance: a mean level between a dim and an overexposed photograph."""
+    """Return radiance after gain and white balance, its mean level between dim and overexposed."""
     level = float(np.exp(rng.normal(np.log(0.25), 0.6)))
     gain = level / max(float(linear.mean()), 1e-3)
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
 def soften(rng: np.random.Generator, linear: AnyArray, options: SensorOptions) -> AnyArray:
-    """Apply an optical point spread; now and then defocus, which must not read as motion."""
+    """Return the picture after an optical point spread; now and then defocus, which is no motion."""
     if rng.random() < options.defocus_share:
         radius = log_uniform(rng, (0.8, 6.0))
         reach = int(np.ceil(radius)) + 1
@@ -61,12 +61,12 @@ def soften(rng: np.random.Generator, linear: AnyArray, options: SensorOptions) -
 
 
 def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
-    """Blur by a Gaussian."""
+    """Return the picture blurred by a Gaussian."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
 def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions) -> AnyArray:
-    """Add shot and read noise in linear light, then clip at black and white."""
+    """Return linear light with shot and read noise, clipped at black and white."""
     read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
     deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
@@ -74,7 +74,7 @@ def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions
 
 
 def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
-    """Add coarse coloured noise: what denoising and video compression leave of a sensor's noise."""
+    """Return the picture with coarse coloured noise, as denoising and video compression leave it."""
     small = rng.standard_normal((-(-signal.shape[0] // 2), -(-signal.shape[1] // 2), 3), dtype=np.float32)
     size = (signal.shape[1], signal.shape[0])
     coarse = np.asarray(cv2.resize(gaussian(small, rng.uniform(0.6, 1.5)), size))
@@ -83,7 +83,7 @@ def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
 
 
 def demosaic(signal: AnyArray) -> AnyArray:
-    """Sample a Bayer mosaic (RGGB) of linear RGB (H, W, 3) in [0, 1] and interpolate it back."""
+    """Return linear RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic (RGGB) and interpolated back."""
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
@@ -93,7 +93,7 @@ def demosaic(signal: AnyArray) -> AnyArray:
 
 
 def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
-    """Apply sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
+    """Return sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
     if rng.random() < 0.4:
         curve = 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055
         return np.where(linear <= 0.0031308, 12.92 * linear, curve)
@@ -103,7 +103,7 @@ def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
 
 
 def sharpen(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
-    """Sharpen half of the images by unsharp masking, as cameras do."""
+    """Return the picture, in half of the cases sharpened by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
     soft = gaussian(coded, rng.uniform(0.7, 1.6))
@@ -111,7 +111,7 @@ def sharpen(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
 
 
 def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
-    """Send a picture (uint8 RGB) through JPEG at a quality between poor and good."""
+    """Return a picture (uint8 RGB) after JPEG at a quality between poor and good."""
     quality = int(rng.integers(35, 98))
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
@@ -121,7 +121,7 @@ def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
 
 
 def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOptions | None = None) -> AnyArray:
-    """Turn radiance into an 8-bit photograph.
+    """Return radiance as an 8-bit photograph.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class GridTruth:
 
 
 def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
-    """Give the mid-exposure position (H, W, 2) of what is visible at each pixel of one sub-frame."""
+    """Return the mid-exposure position (H, W, 2) of what is visible at each pixel of one sub-frame."""
     pixels = pixel_grid(size)
     origin = pixels.copy()
     for canvas, coarse in zip(canvases, fields, strict=True):
@@ -51,7 +51,7 @@ def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, 
 
 
 def top_layer(canvases: list[Canvas], points: AnyArray) -> AnyArray:
-    """Give the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
+    """Return the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
     index = np.zeros(points.shape[:2], np.int64)
     for k, canvas in enumerate(canvases[1:], 1):
         index[canvas.warp(points.astype(np.float32))[..., 3] > 0.5] = k
@@ -68,7 +68,7 @@ def end_visible(origin: AnyArray, end: AnyArray, points: AnyArray, size: tuple[i
 
 
 def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure) -> GridTruth:
-    """Compute the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
+    """Return the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
     size = exposure.size
     points = grid_points(size)
     index = top_layer(canvases, points)
@@ -94,5 +94,5 @@ def relative_pose(camera: Trajectory) -> tuple[AnyArray, AnyArray]:
 
 
 def fundamental_of(R: AnyArray, t: AnyArray, K: AnyArray) -> AnyArray | None:
-    """Give F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
+    """Return F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
     return fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None

@@ -36,7 +36,7 @@ class Case:
         return read_image(self.scene.image_path)
 
     def sharp(self, end: str) -> AnyArray:
-        """Read the sharp frame at shutter-"open" or "close", (H, W, 3)."""
+        """Return the sharp frame at shutter-"open" or "close", (H, W, 3)."""
         return read_image(self.scene.image_path.with_stem(f"{self.scene.name}_{end}"))
 
     @property
@@ -71,7 +71,7 @@ class Case:
 
 
 def cases(scenes: Iterable[TestScene], network: SmearNetwork) -> Iterator[Case]:
-    """Run the whole path on every photograph."""
+    """Yield the whole path's answer on every photograph."""
     for scene in scenes:
         found = estimate(read_image(scene.image_path), network=network)
         yield Case(scene=scene, field=found.field, matches=found.matches, geometry=found.geometry)
@@ -80,7 +80,7 @@ def cases(scenes: Iterable[TestScene], network: SmearNetwork) -> Iterator[Case]:
 def at_quantiles(
     found: Sequence[Case], measure: Callable[[Case], float], quantiles: Sequence[float]
 ) -> list[Case]:
-    """Choose the cases at these quantiles of a measure, of those where it is finite: no choice by hand.
+    """Return the cases at these quantiles of a measure, of those where it is finite: no choice by hand.
 
     Raises
     ------
@@ -95,6 +95,6 @@ def at_quantiles(
 
 
 def at_pixels(grid: AnyArray, shape: tuple[int, int]) -> AnyArray:
-    """Enlarge a map (h, w) of the grid to pixels (H, W), cell by cell."""
+    """Return a map (h, w) of the grid enlarged to pixels (H, W), cell by cell."""
     coarse = grid.astype(np.float32)
     return np.asarray(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_NEAREST))

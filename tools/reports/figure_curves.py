@@ -28,23 +28,23 @@ SERRMIN_PX2 = np.geomspace(1e-3, 1e3, 121)
 
 
 def ours(case: Case) -> AnyArray | None:
-    """Give the F of the pipeline."""
+    """Return the F of the pipeline."""
     return case.geometry.F
 
 
 def two_parameters(case: Case) -> AnyArray | None:
-    """Give the F whose smears all meet in one point."""
+    """Return the F whose smears all meet in one point."""
     return two_parameter_fundamental(case.matches)
 
 
 def unordered(case: Case) -> AnyArray | None:
-    """Give OpenCV's F of the same ends in random order."""
+    """Return OpenCV's F of the same ends in random order."""
     ends = baselines.scrambled(case.matches.ends, np.random.default_rng(0))
     return baselines.solve(baselines.opencv_magsac, ends)
 
 
 def true(case: Case) -> AnyArray | None:
-    """Give the true F."""
+    """Return the true F."""
     return case.scene.F
 
 
@@ -58,7 +58,7 @@ SOURCES: dict[str, tuple[Callable[[Case], AnyArray | None], str, str]] = {
 
 
 def sparsification(found: Sequence[Case]) -> Figure:
-    """Draw sparsification curves: of all smears together, and of each image's, averaged over the images."""
+    """Return sparsification curves: of all smears together, and of each image's, averaged over the images."""
     smears, images = pooled((case.scene, case.field) for case in found)
     figure = new_figure(9, 3.8)
     together, each = figure.subplots(1, 2, sharey=True)
@@ -77,7 +77,7 @@ def sparsification(found: Sequence[Case]) -> Figure:
 
 
 def image_curves(case: Case) -> AnyArray:
-    """Give shares removed and curves (4, steps) of one image: by coherence, by sigma, by the error."""
+    """Return shares removed and curves (4, steps) of one image: by coherence, by sigma, by the error."""
     valid = case.scene.valid
     error = epe_s(case.displacement[valid], case.scene.displacement[valid])
     classical = coherence(read_image(case.scene.image_path))[valid]
@@ -86,7 +86,7 @@ def image_curves(case: Case) -> AnyArray:
 
 
 def cumulative(found: Sequence[Case]) -> Figure:
-    """Draw cumulative SErrMin curves, means over the images whose camera translates.
+    """Return cumulative SErrMin curves, means over the images whose camera translates.
 
     Left on true smears, where the true F has no error; right on the matches that every estimator was given.
     """
@@ -107,17 +107,17 @@ def cumulative(found: Sequence[Case]) -> Figure:
 
 
 def static_ends(case: Case) -> AnyArray:
-    """Give the ends (N, 2, 2) of the true smears of static pixels."""
+    """Return the ends (N, 2, 2) of the true smears of static pixels."""
     return true_ends(case.scene)
 
 
 def matched_ends(case: Case) -> AnyArray:
-    """Give the ends (N, 2, 2) of the smears that were used."""
+    """Return the ends (N, 2, 2) of the smears that were used."""
     return case.matches.ends
 
 
 def mean_curve(matrices: Sequence[AnyArray | None], ends: Sequence[AnyArray]) -> AnyArray:
-    """Average the images' cumulative curves; no F explains no smear."""
+    """Return the average of the images' cumulative curves; no F explains no smear."""
     curves = [
         np.zeros(len(SERRMIN_PX2)) if F is None else cumulative_curve(serrmin(F, pairs), SERRMIN_PX2)
         for F, pairs in zip(matrices, ends, strict=True)

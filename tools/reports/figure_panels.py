@@ -34,7 +34,7 @@ POINTS = 7
 
 
 def smear_panels(found: Sequence[Case]) -> Figure:
-    """Draw input, certain half of the prediction, truth and sigma of a good, a middling and a bad image."""
+    """Return input, certain half of the prediction, truth and sigma of a good, a middling and a bad image."""
     chosen = at_quantiles(found, lambda case: case.relative_error, QUANTILES)
     figure = new_figure(10, 2.05 * len(chosen) + 0.8)
     grid = figure.add_gridspec(len(chosen) + 1, 4, height_ratios=[1] * len(chosen) + [0.07])
@@ -56,7 +56,7 @@ def smear_panels(found: Sequence[Case]) -> Figure:
 
 
 def smear_row(row: Sequence[Any], case: Case) -> tuple[Any, Any]:
-    """Draw one image's four panels; give what the colour bars need."""
+    """Draw one image's four panels; return what the colour bars need."""
     image, scene = case.image, case.scene
     show_picture(row[0], image)
     draw_smears(row[1], image, scene.midpoints, case.displacement, case.sure)
@@ -68,7 +68,7 @@ def smear_row(row: Sequence[Any], case: Case) -> tuple[Any, Any]:
 
 
 def classes(name: str) -> Any:
-    """Give the norm that has one colour of a map for each class, and one for what lies beyond either end."""
+    """Return the norm that has one colour of a map for each class, and one beyond either end."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm
 
@@ -76,7 +76,7 @@ def classes(name: str) -> Any:
 
 
 def pale(image: AnyArray) -> AnyArray:
-    """Give the photograph (H, W, 3) in GREYS pale shades (H, W), so that what is drawn on it stands out."""
+    """Return the photograph (H, W, 3) in GREYS pale shades (H, W), so that what is drawn on it stands out."""
     steps = GREYS - 1
     return np.asarray(0.5 + 0.45 * np.round(image.mean(axis=2) * steps) / steps)
 
@@ -107,7 +107,7 @@ def draw_smears(axes: Any, image: AnyArray, points: AnyArray, displacement: AnyA
 
 
 def epipolar_panels(found: Sequence[Case]) -> Figure:
-    """Draw points of the first sharp frame, and their epipolar lines on the last one, ours and the true."""
+    """Return points of the first sharp frame, and their epipolar lines on the last one, ours and the true."""
     chosen = at_quantiles(found, lambda case: case.rho, QUANTILES)
     figure = new_figure(8, 2.95 * len(chosen) + 0.4)
     rows = figure.subplots(len(chosen), 2, squeeze=False)
@@ -140,7 +140,7 @@ def epipolar_row(row: Sequence[Any], case: Case) -> None:
 
 
 def in_true_time(F: AnyArray, ends: AnyArray) -> AnyArray:
-    """Give F or its transpose, whichever fits ends (N, 2, 2) in true order: one photograph cannot tell."""
+    """Return F or its transpose, whichever fits ends (N, 2, 2) in true order: one photograph cannot tell."""
     forward, backward = (np.median(sampson(f, ends[:, 0], ends[:, 1])) for f in (F, F.T))
     return F if forward <= backward else np.asarray(F.T)
 

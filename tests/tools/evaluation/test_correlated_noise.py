@@ -1,4 +1,4 @@
-"""The correlated-noise study: what the noise is, that told ends stay in order, that the oracles are near."""
+"""The correlated-noise study: what the noise is, that ordered ends stay in order, the oracles are near."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def test_noise_is_alike_nearby_and_of_unit_variance() -> None:
 def test_told_ends_know_one_order_only(scene: TestScene) -> None:
     assert scene.F is not None
     ends = true_ends(scene)
-    told = study.ToldEnds(ends=ends, sigma=np.full(len(ends), 0.5))
+    told = study.OrderedEnds(ends=ends, sigma=np.full(len(ends), 0.5))
     assert np.median(told.residuals(scene.F).squared) < 0.01
     assert np.median(told.residuals(scene.F.T).squared) > 100
 

@@ -23,7 +23,7 @@ from tools.rendering.failure_scenes import CARDS, KINDS, covered, failure_scene
 from tools.reports import figure_style, figures
 from tools.reports.figure_cases import Case, at_pixels, at_quantiles
 from tools.reports.figure_curves import SERRMIN_PX2, image_curves, mean_curve
-from tools.reports.figure_failures import failure_figure, told
+from tools.reports.figure_failures import caption, failure_figure
 from tools.reports.figure_panels import draw_line, in_true_time
 from tools.reports.figure_segmentation import mask_iou, painted, segmentation_panels
 
@@ -151,7 +151,7 @@ def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     plain = np.zeros(SIZE[::-1], np.float32)
     mask = MotionMask(labels=labels, probability=plain, score=plain, evidence=plain, regions=(), reason="")
     assert mask_iou(shown, mask) == 1
-    labels[:, 4 * 16 : 4 * 20] = 2  # a third of it cannot be told
+    labels[:, 4 * 16 : 4 * 20] = 2  # a third of it is unobservable
     assert mask_iou(shown, mask) == 1
     labels[:, : 4 * 14] = 0  # of the rest, 2 of 8 columns are found
     assert mask_iou(shown, mask) == pytest.approx(2 / 8)
@@ -214,8 +214,8 @@ def test_failures_are_what_they_are_called(tiny_model: Path) -> None:
     assert np.abs(cv2.perspectiveTransform(first[None], H)[0] - last).max() < 0.01
     with figure_style.style():
         figure = failure_figure([plane], SmearNetwork(tiny_model))
-    assert figure.axes[0].get_title() == told(plane) and "dominant plane, seed 0" in told(plane)
-    assert "moves by itself" in told(movers)
+    assert figure.axes[0].get_title() == caption(plane) and "dominant plane, seed 0" in caption(plane)
+    assert "moves by itself" in caption(movers)
 
 
 def test_cards_are_those_that_cover_most() -> None:
