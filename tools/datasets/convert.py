@@ -101,7 +101,7 @@ def write_test_scene(exposure: Exposure, stem: Path, origin: str) -> None:
 
 
 def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
-    """Write what :func:`tools.datasets.shards.load_shards` reads, SHARD exposures a file. Give their number.
+    """Write what :func:`tools.datasets.shards.load_shards` reads, SHARD a file. Return the number.
 
     All pictures must be of one size. Files are written whole; a stopped run starts anew.
     """

@@ -70,7 +70,7 @@ class Exposure:
         return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
 
     def fundamental(self) -> AnyArray | None:
-        """Give the true F: of the cameras, else the gold standard of the smears; None without translation."""
+        """Return the true F: the cameras', else the gold standard of the smears; None without translation."""
         if self.pose is not None:
             still = not np.linalg.norm(self.pose.t) > 0
             return None if still else fundamental_from_pose(self.pose.K, self.pose.R, self.pose.t)
