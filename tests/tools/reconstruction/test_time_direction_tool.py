@@ -96,13 +96,12 @@ def test_rendered_frames_are_put_right_by_their_neighbours(tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.skipif(not RECORDED.exists(), reason="needs ../shared/data/redkitchen_sequence")
 def test_recorded_frames_are_put_right_by_their_neighbours() -> None:
-    video = redkitchen(RECORDED)
-    few = slice(4, 12)
+    whole, few = redkitchen(RECORDED), slice(4, 12)
     video = replace(
-        video,
-        paths=video.paths[few],
-        rotation=video.rotation[few],
-        flow=lambda index, points: redkitchen(RECORDED).flow(index + 4, points),
+        whole,
+        paths=whole.paths[few],
+        rotation=whole.rotation[few],
+        flow=lambda index, points: whole.flow(index + 4, points),
         judged=range(8),
     )
     _, drawn = report([video], blur2view.SmearNetwork())
