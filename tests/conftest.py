@@ -1,8 +1,16 @@
-"""Fixtures: tiny networks, pictures that they read, a browser."""
+"""Fixtures: tiny networks, pictures that they read, a browser. Markers that follow from what a test needs.
 
+Without torch (``pip install '.[test]'``) the tests that need it are not collected, which the header says.
+"""
+
+import os
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # one thread each; before numpy and torch read it
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import onnx
@@ -15,6 +23,30 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
     from tests.support.report_browser import Opener
+
+NEEDS_TORCH = (
+    "tools/training/test_*.py",
+    "tools/paper/test_paper_experiments.py",
+    "tools/paper/test_paper_variants.py",
+)
+collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
+
+
+def pytest_report_header() -> list[str]:
+    """Return a line that says which tests are left out, if any."""
+    return [f"no torch: without {', '.join(collect_ignore_glob)}"] if collect_ignore_glob else []
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what needs torch or a browser; start with the checks of the repository, which take longest."""
+    for item in items:
+        path = item.path.relative_to(Path(__file__).parent)
+        if any(path.match(pattern) for pattern in NEEDS_TORCH):
+            item.add_marker("train")
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker("browser")
+    items.sort(key=lambda item: item.get_closest_marker("lint") is None)
+
 
 @pytest.fixture(scope="session")
 def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Path:

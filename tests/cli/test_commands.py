@@ -214,6 +214,7 @@ def test_interrupt_is_no_traceback(
     assert capsys.readouterr().err == "blur2view: interrupted\n"
 
 
+@pytest.mark.slow
 def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path, tmp_path: Path) -> None:
     root = Path(cli.__file__).parents[2]
     command = [
@@ -243,6 +244,7 @@ def test_control_characters_of_a_name_are_printed_as_escapes(
     assert len(printed.err.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("buffered", [True, False])
 @pytest.mark.parametrize(
     ("target", "words"),

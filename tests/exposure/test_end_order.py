@@ -24,6 +24,7 @@ def right_share(swapped: np.ndarray, scene: Scene) -> float:
     return max(float((swapped == scene.swapped).mean()), float((swapped != scene.swapped).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, None], ids=["translation", "general"])
 def test_depth_orders_what_F_leaves_open(share: float | None) -> None:
     plain, deep = [], []

@@ -40,6 +40,7 @@ def test_matches_of_a_shifted_picture_are_its_shift(tmp_path: Path) -> None:
     assert (np.linalg.norm(points2 - points1 - SHIFT, axis=1) < 2).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_large_pictures_are_matched_smaller_in_their_own_pixels(tmp_path: Path) -> None:
     large = 4 * SHIFT
     points1, points2 = PhotographMatcher(write_pair(tmp_path, (1600, 1200), large))(0, 1)

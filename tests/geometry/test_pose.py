@@ -82,6 +82,7 @@ def test_swapping_ends_changes_no_pose() -> None:
     assert min(difference(one.cam2_from_cam1, flip) for flip in flips) < 0.02
 
 
+@pytest.mark.slow
 def test_known_intrinsics_improve_the_pose() -> None:
     """Median rotation and translation errors over seeds, against the assumed camera's F decomposed."""
     table = []
@@ -164,6 +165,7 @@ def test_distance_of_a_pose_is_measured_in_standard_deviations() -> None:
     assert np.isclose(covariance.translation_sigma_deg, np.degrees(0.5))
 
 
+@pytest.mark.slow
 def test_regions_hold_the_truth_about_as_often_as_they_say() -> None:
     """Nominal 90 %: over 30 seeds between 0.73 and 1; tools/results/pose_coverage.md has 200."""
     held = []

@@ -118,6 +118,7 @@ def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> Non
     assert np.allclose(OrderedResiduals(forward=value, backward=-3 * value, decided=True).squared, value**2)
 
 
+@pytest.mark.slow
 def test_weighing_both_orders_invents_less_rotation() -> None:
     """In the mean, that is: the worst cases are rarer. Of the seeds alone two in five go the other way."""
     invented = {True: 0.0, False: 0.0}

@@ -34,7 +34,6 @@ from tests.support.motion_scenes import (
     estimate_of,
     sideways,
 )
-from tools.training.train_motion import mirrored, transposed
 
 SHAPE = (48, 64)
 Features = NDArray[np.float32]
@@ -179,9 +178,11 @@ def test_neither_signs_of_smears_nor_of_time_change_what_is_told() -> None:
         np.testing.assert_allclose(told(other), one, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.train
 @pytest.mark.parametrize("kind", ["F", "H", "still"])
 @pytest.mark.parametrize("way", ["left and right", "up and down", "x and y"])
 def test_training_mirrors_features_as_a_mirrored_photograph_has_them(kind: str, way: str) -> None:
+    training = pytest.importorskip("tools.training.train_motion", reason="needs torch")
     smears = random_smears(2)
     if kind == "still":
         smears["displacement"][:, :48] *= 0.01
@@ -190,13 +191,13 @@ def test_training_mirrors_features_as_a_mirrored_photograph_has_them(kind: str, 
     blank = np.zeros((*SHAPE, 3), np.uint8), features, np.zeros((12, 16), np.uint8)
     height, width = SHAPE  # cells are sampled at pixels 1, 5, ... side - 3, which a mirror maps on each other
     if way == "x and y":
-        M, expected = np.eye(3)[[1, 0, 2]], transposed(*blank)[1]
+        M, expected = np.eye(3)[[1, 0, 2]], training.transposed(*blank)[1]
         other = {name: np.swapaxes(value, 0, 1) for name, value in smears.items()}
     elif way == "left and right":
-        M, expected = np.array([[-1, 0, width - 2], [0, 1, 0], [0, 0, 1.0]]), mirrored(*blank, 1)[1]
+        M, expected = np.array([[-1, 0, width - 2], [0, 1, 0], [0, 0, 1.0]]), training.mirrored(*blank, 1)[1]
         other = {name: np.flip(value, 1) for name, value in smears.items()}
     else:
-        M, expected = np.array([[1, 0, 0], [0, -1, height - 2], [0, 0, 1.0]]), mirrored(*blank, 0)[1]
+        M, expected = np.array([[1, 0, 0], [0, -1, height - 2], [0, 0, 1.0]]), training.mirrored(*blank, 0)[1]
         other = {name: np.flip(value, 0) for name, value in smears.items()}
     other["displacement"] = other["displacement"] @ M[:2, :2].astype(np.float32)
     F, model = (None if F is None else M.T @ F @ M), (None if model is None else M @ model @ M)  # M M = 1

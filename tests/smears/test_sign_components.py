@@ -173,6 +173,7 @@ def wrong_grouping(scene: Scene, kind: str) -> SignComponents:
     return SignComponents(label=np.zeros(count, int), sign=np.where(wrong, -true, true))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [True, False])
 def test_a_wrong_grouping_costs_the_estimate_nothing(monkeypatch: pytest.MonkeyPatch, camera: bool) -> None:
     """Geometric means of median rho over 10 scenes, 1 px of noise, 30 % outliers: as found and wrong."""

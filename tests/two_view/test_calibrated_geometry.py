@@ -57,6 +57,7 @@ def test_E_F_and_the_pose_agree() -> None:
     assert np.median(serrmin(geometry.F, scene.true_ends)) < 1e-4
 
 
+@pytest.mark.slow
 def test_outliers_and_noise_leave_a_pose_within_its_standard_deviations() -> None:
     worst = []
     for seed in range(6):

@@ -81,6 +81,7 @@ def test_still_camera_is_no_motion_whatever_its_noise() -> None:
         assert "no motion" in geometry.reason
 
 
+@pytest.mark.slow
 def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
     found = [solve(draw_scene("several or none", seed)) for seed in range(0, 16, 2)]
     named = [geometry for geometry in found if geometry.config is Configuration.MULTIPLE]
@@ -97,6 +98,7 @@ def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
         assert estimate_two_view(matches).config is Configuration.UNCALIBRATED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation_px", [40.0, 80.0, 120.0])
 def test_smooth_fields_without_geometry_mostly_get_no_confident_F(correlation_px: float) -> None:
     configs = []
@@ -108,6 +110,7 @@ def test_smooth_fields_without_geometry_mostly_get_no_confident_F(correlation_px
     assert sum(config is Configuration.UNCALIBRATED for config in configs) <= 1
 
 
+@pytest.mark.slow
 def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
     """Rotations with a network's errors: never a confident F; scenes with depth keep theirs."""
     for seed in SEEDS:
@@ -129,6 +132,7 @@ def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
                 assert np.median(rho(geometry.F, scene.true_ends)) < 0.1
 
 
+@pytest.mark.slow
 def test_with_overstated_errors_F_is_given_but_said_not_to_be_proven() -> None:
     """Real smears err far less than their sigma says: then nothing tells errors from small parallax."""
     for seed in SEEDS:
@@ -155,6 +159,7 @@ def test_without_an_image_size_a_rotation_is_not_told_from_a_plane() -> None:
     assert "image size" in geometry.reason
 
 
+@pytest.mark.slow
 def test_similarity_of_the_pixels_carries_H_along() -> None:
     scene = draw_scene("plane", 3)
     scaled = replace(

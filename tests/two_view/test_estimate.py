@@ -89,6 +89,7 @@ def test_the_order_of_the_given_ends_does_not_matter() -> None:
     assert (swapped_order(F, matches.ends[:, ::-1]) != swapped_order(F, matches.ends)).mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction_deg", [1.0, 4.0, 8.0])
 def test_network_like_smears_beat_the_plain_baselines(direction_deg: float) -> None:
     """Median rho over 16 scenes: ours, two-parameter F, OpenCV on unordered and on ordered ends."""
@@ -108,6 +109,7 @@ def test_network_like_smears_beat_the_plain_baselines(direction_deg: float) -> N
     assert ours < 1.1 * ordered  # which was told every order
 
 
+@pytest.mark.slow
 def test_pure_translation_does_not_invent_rotation() -> None:
     """Where the two-parameter F is the truth, ours is hardly worse and its epipole as good."""
     values = []
@@ -123,6 +125,7 @@ def test_pure_translation_does_not_invent_rotation() -> None:
     assert angle < 8
 
 
+@pytest.mark.slow
 def test_sixty_percent_outliers_and_a_pixel_of_noise() -> None:
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -132,6 +135,7 @@ def test_sixty_percent_outliers_and_a_pixel_of_noise() -> None:
         assert geometry.inlier_mask[~scene.outlier].mean() > 0.85
 
 
+@pytest.mark.slow
 def test_a_moving_object_does_not_pull_F() -> None:
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -214,6 +218,7 @@ def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int)
     assert solve(few).F is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation_px", [0.0, 20.0])
 def test_random_smears_give_no_F(correlation_px: float) -> None:
     for seed in range(4):
@@ -251,6 +256,7 @@ def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
         EstimatorOptions(**wrong)
 
 
+@pytest.mark.slow
 def test_errors_across_the_smears_weigh_them() -> None:
     better = []
     for seed in range(8):

@@ -57,6 +57,7 @@ def test_values_that_are_not_used_do_not_count() -> None:
     assert independence(wild, used, middle) == independence(values, used, middle)
 
 
+@pytest.mark.slow
 def test_two_halves_that_move_differently_need_two_F() -> None:
     found = [two("several or none", seed) for seed in range(0, 20, 2)]
     several = [m for m in found if m is not None and m.balance >= LEAST_BALANCE]
@@ -68,6 +69,7 @@ def test_two_halves_that_move_differently_need_two_F() -> None:
         assert motions.balance <= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["general", "pure translation"])
 def test_one_motion_is_not_taken_for_two(kind: Kind) -> None:
     for seed in range(12):

@@ -1,6 +1,7 @@
 """F from a dominant plane and the parallax beside it: exact, and over named seeds against plain samples."""
 
 import numpy as np
+import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
@@ -99,6 +100,7 @@ def seven_smear_ransac(matches: SmearMatches, samples: int, rng: np.random.Gener
     return best
 
 
+@pytest.mark.slow
 def test_F_beside_a_dominant_plane_is_recovered_where_plain_samples_fail() -> None:
     """80 % of the smears on a plane, 20 % off it, one in ten wrong: epipole's error over 16 seeds.
 

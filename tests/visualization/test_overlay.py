@@ -114,6 +114,7 @@ def test_epipole_in_the_picture_is_ringed() -> None:
     np.testing.assert_array_equal(picture[240, 320], picture[0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "canvas"),
     [

@@ -75,6 +75,7 @@ def moving(tmp_path: Path) -> Path:
     return write_picture(tmp_path / "moving.png", colour_code(smears, 1.0))
 
 
+@pytest.mark.slow
 def test_page_holds_what_estimate_prints(
     call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,6 +91,7 @@ def test_page_holds_what_estimate_prints(
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
 
 
+@pytest.mark.slow
 def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
     pages = []
     for _ in range(2):
@@ -100,6 +102,7 @@ def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) 
     assert (tmp_path / "page.html").read_bytes() != pages[0]
 
 
+@pytest.mark.slow
 def test_only_timings_differ_between_calls(call: Report, moving: Path, tmp_path: Path) -> None:
     shown = []
     for _ in range(2):
@@ -111,6 +114,7 @@ def test_only_timings_differ_between_calls(call: Report, moving: Path, tmp_path:
     assert shown[0][0] != shown[1][0]
 
 
+@pytest.mark.slow
 def test_failure_is_a_card_not_the_end(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +146,7 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
 
 
+@pytest.mark.slow
 def test_nothing_is_written_if_every_photograph_fails(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,10 +1,10 @@
-"""Compare estimators of F, ours and those that are told the order, on synthetic and on network smears.
+"""Compare estimators of F, ours and those that are given the order, on synthetic and on network smears.
 
     python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
     python -m tools.benchmarks.benchmark_estimators --scenes render/test
 
 sweeps one factor at a time (`estimator_cells`), appends one JSON line per finished instance to
-``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``, ``.json`` and ``.png``. A run that was
+``runs/estimators.jsonl`` and writes ``tools/results/estimators.md`` and ``.png``. A run that was
 stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables;
 ``--development`` takes other seeds, to tune on, and writes beside its log.
 Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -58,18 +57,16 @@ MEASURED_CODE = (
 
 
 def write(records: list[Record], head: dict[str, str], out: Path) -> str:
-    """Write OUT.md, OUT.json and OUT.png; give the text."""
+    """Write OUT.md and OUT.png; return the text."""
     out.parent.mkdir(parents=True, exist_ok=True)
     text = estimator_report.markdown(records, head)
     out.with_suffix(".md").write_text(text)
-    document = json.dumps(estimator_report.document(records, head), indent=None)
-    out.with_suffix(".json").write_text(document + "\n")
     plot(records, out.with_suffix(".png"))
     return text
 
 
 def measure(method: Method, problem: Problem) -> Measured:
-    """Run a method once and judge its F."""
+    """Return how good a method's F of a problem is, and its CPU time."""
     start = time.process_time()
     F = method(problem)
     seconds = time.process_time() - start
@@ -80,7 +77,7 @@ def measure(method: Method, problem: Problem) -> Measured:
 
 
 def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = None) -> Record:
-    """Run every method that the plan wants; ``scenes`` is where the photographs of NETWORK lie."""
+    """Return the figures of every method that the plan wants; ``scenes`` holds the photographs of NETWORK."""
     warm_up()
     problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
     methods = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
@@ -90,7 +87,7 @@ def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = No
 
 
 def network_instance(instance: Instance, folder: Path | None) -> Problem:
-    """Give the matches of a rendered photograph."""
+    """Return the matches of a rendered photograph."""
     if folder is None:
         raise ValueError("network smears need a folder of rendered scenes")
     scene = _scenes(folder)[instance.seed]
@@ -117,7 +114,7 @@ def warm_up() -> None:
 
 
 def code_digest() -> str:
-    """Short digest of the sources that the figures depend on."""
+    """Return a short digest of the sources that the figures depend on."""
     sources = sorted((ROOT / "blur2view").rglob("*.py"))
     sources += [ROOT / "tools" / f"{name}.py" for name in MEASURED_CODE]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
@@ -150,13 +147,13 @@ def run(log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the libraries that are compared."""
+    """Return the versions of the libraries that are compared."""
     distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
     return {name: metadata.version(name) for name in distributions}
 
 
 def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
-    """Give the plan that the arguments ask for and the name of its files."""
+    """Return the plan that the arguments ask for and the name of its files."""
     plan, name = (QUICK, "estimators_quick") if arguments.quick else (FULL, "estimators")
     if arguments.development:
         plan, name = replace(plan, first_seed=DEVELOPMENT_SEED), f"{name}_development"

@@ -22,7 +22,7 @@ CELLS: dict[str, dict[str, Any]] = {
     **{f"outliers {share:.0%}": {"outliers": share} for share in (0.0, 0.15, 0.5, 0.6, 0.7)},
     **{f"second motion {s:.0%}": {"outliers": 0.0, "second_motion": s} for s in (0.15, 0.3, 0.45)},
     **{f"noise {px:g} px": {"noise_px": px} for px in (0.25, 0.5, 2.0)},
-    **{f"noise {px:g} px, told as 1": {"noise_px": px, "report": "constant"} for px in (0.25, 0.5, 2.0)},
+    **{f"noise {px:g} px, stated as 1": {"noise_px": px, "report": "constant"} for px in (0.25, 0.5, 2.0)},
     **{f"noise {report}": {"report": report} for report in ("varied", "varied, constant", "varied, wrong")},
     **{f"length {px:g} px": {"length_px": px} for px in (5.0, 10.0, 40.0, 60.0)},
     **{m: {"motion": m} for m in ("forward", "sideways", "rotating", "near-planar")},
@@ -50,7 +50,7 @@ class Instance:
 
     @property
     def truthful(self) -> bool:
-        """Whether the standard deviations that are told are the true ones; the network's are not known."""
+        """Whether the standard deviations that are stated are the true ones; the network's are not known."""
         return self.kind != NETWORK and self.options.truthful
 
 
@@ -97,7 +97,7 @@ class Plan:
                     yield from (Instance(seed=seed, cell=cell, kind=kind) for kind in get_args(Kind))
 
     def photographs(self, scenes: int) -> list[Instance]:
-        """List the instances of network smears, if there are so many rendered scenes."""
+        """Return the instances of network smears, if there are so many rendered scenes."""
         return [Instance(seed=k, cell=NETWORK, kind=NETWORK) for k in range(min(scenes, 2 * self.seeds))]
 
     def wants(self, method: str, instance: Instance) -> bool:
@@ -111,13 +111,13 @@ QUICK = Plan(cells=QUICK_CELLS, seeds=4, hard_seeds=4, paper_seeds=1)
 
 
 def synthetic_problem(instance: Instance) -> Problem:
-    """Draw the instance's smears."""
+    """Return the instance's smears."""
     s = synthetic_smears(instance.seed, instance.options)
     return Problem(matches=s.matches, ordered=s.ordered, true_ends=s.true_ends, K=s.K, R=s.R, t=s.t, F=s.F)
 
 
 def network_problem(scene: TestScene, field: SmearField) -> Problem:
-    """Give the matches that the network makes of a photograph, and their order by the true smears."""
+    """Return the matches that the network makes of a photograph, and their order by the true smears."""
     assert scene.F is not None
     matches = select_matches(field)
     return Problem(
@@ -132,5 +132,5 @@ def network_problem(scene: TestScene, field: SmearField) -> Problem:
 
 
 def moving_scenes(folder: Path) -> list[TestScene]:
-    """Read the rendered scenes whose camera translates."""
+    """Return the rendered scenes whose camera translates."""
     return [scene for scene in read_test_set(folder) if scene.F is not None]

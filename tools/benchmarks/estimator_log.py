@@ -31,13 +31,13 @@ class Record:
     measured: dict[str, Measured]
 
     def to_json(self) -> str:
-        """Give one line, figures to five digits."""
+        """Return one line, figures to five digits."""
         rows = {name: [float(f"{v:.5g}") for v in astuple(m)] for name, m in self.measured.items()}
         return json.dumps({**asdict(self.instance), "measured": rows}, separators=(",", ":"))
 
     @classmethod
     def from_json(cls, line: str) -> Record:
-        """Read a line of `to_json`."""
+        """Return the record of a line of `to_json`."""
         stored = json.loads(line)
         names = Measured.__dataclass_fields__
         measured = {
@@ -54,11 +54,11 @@ class Log:
     path: Path
 
     def read(self) -> list[Record]:
-        """Read what is finished; a last line cut short by a kill is left out."""
+        """Return what is finished; a last line cut short by a kill is left out."""
         return [Record.from_json(line) for line in self._lines()[1:]]
 
     def head(self) -> dict[str, str]:
-        """Read the first line; empty where there is none."""
+        """Return the first line; empty where there is none."""
         lines = self._lines()
         found: dict[str, str] = json.loads(lines[0]) if lines else {}
         return found

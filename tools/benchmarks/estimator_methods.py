@@ -14,8 +14,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
@@ -23,8 +23,6 @@ from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import two_parameter_fundamental
 from tools.estimators import baselines
 from tools.estimators.paper import paper_two_view
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,66 +33,68 @@ class Problem:
     """
 
     matches: SmearMatches
-    ordered: Array  # (N, 2, 2)
-    true_ends: Array
-    K: Array
-    R: Array
-    t: Array
-    F: Array
+    ordered: AnyArray  # (N, 2, 2)
+    true_ends: AnyArray
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray
 
 
-Method = Callable[[Problem], "Array | None"]
+Method = Callable[[Problem], "AnyArray | None"]
 
 
-def ours(problem: Problem, **options: Any) -> Array | None:
-    """Estimate from the smears and what a photograph tells: the image's size."""
+def ours(problem: Problem, **options: Any) -> AnyArray | None:
+    """Return the F of the smears and of what a photograph gives: the image's size."""
     return _estimate(problem.matches, EstimatorOptions(**options))
 
 
-def without_size(problem: Problem) -> Array | None:
-    """Estimate with no camera assumed."""
+def without_size(problem: Problem) -> AnyArray | None:
+    """Return the F found with no camera assumed."""
     return _estimate(replace(problem.matches, image_size=None), EstimatorOptions())
 
 
-def with_camera(problem: Problem) -> Array | None:
-    """Estimate with the true intrinsics."""
+def with_camera(problem: Problem) -> AnyArray | None:
+    """Return the F found with the true intrinsics."""
     assert problem.matches.image_size is not None
     width, height = problem.matches.image_size
     camera = Camera(K=problem.K, width=width, height=height)
     return _estimate(problem.matches, EstimatorOptions(), camera)
 
 
-def _estimate(matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None) -> Array | None:
+def _estimate(
+    matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
+) -> AnyArray | None:
     return estimate_two_view(matches, options, np.random.default_rng(0), camera).F
 
 
-def papers(problem: Problem) -> Array | None:
-    """Estimate as the paper does."""
+def papers(problem: Problem) -> AnyArray | None:
+    """Return the F of the paper's estimator."""
     return paper_two_view(problem.matches).F
 
 
-def two_parameters(problem: Problem) -> Array | None:
-    """Fit the point in which all smears meet."""
+def two_parameters(problem: Problem) -> AnyArray | None:
+    """Return the F whose smears all meet in one point."""
     return two_parameter_fundamental(problem.matches)
 
 
-def told(solver: baselines.Solver, problem: Problem) -> Array | None:
-    """Give another's solver the true order."""
+def ordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
+    """Return the F of another's solver, given the true order."""
     return baselines.solve(solver, problem.ordered)
 
 
-def told_with_camera(problem: Problem) -> Array | None:
-    """Give PoseLib the true order and intrinsics."""
-    return told(partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0), problem)
+def ordered_with_camera(problem: Problem) -> AnyArray | None:
+    """Return the F of PoseLib, given the true order and intrinsics."""
+    return ordered(partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0), problem)
 
 
-def unordered(solver: baselines.Solver, problem: Problem) -> Array | None:
-    """Give another's solver the ends as they come."""
+def unordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
+    """Return the F of another's solver, given ends in random order."""
     return baselines.solve(solver, baselines.scrambled(problem.matches.ends, np.random.default_rng(0)))
 
 
-def rightward(solver: baselines.Solver, problem: Problem) -> Array | None:
-    """Give another's solver ends ordered by x."""
+def rightward(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
+    """Return the F of another's solver, given ends ordered by x."""
     return baselines.solve(solver, baselines.rightward(problem.matches.ends))
 
 
@@ -107,12 +107,12 @@ POSELIB = partial(baselines.poselib_ransac, max_error_px=2.0, max_iterations=100
 OURS = "ours"
 PAPER = "the paper's"
 PYCOLMAP_NAME = "true order, pycolmap"
-TOLD: dict[str, Method] = {
-    "true order, OpenCV MAGSAC": partial(told, MAGSAC),
-    "true order, OpenCV ACCURATE": partial(told, ACCURATE),
-    PYCOLMAP_NAME: partial(told, PYCOLMAP),
-    "true order, pycolmap at COLMAP's trials": partial(told, COLMAP),
-    "true order, PoseLib": partial(told, POSELIB),
+TRUE_ORDER: dict[str, Method] = {
+    "true order, OpenCV MAGSAC": partial(ordered, MAGSAC),
+    "true order, OpenCV ACCURATE": partial(ordered, ACCURATE),
+    PYCOLMAP_NAME: partial(ordered, PYCOLMAP),
+    "true order, pycolmap at COLMAP's trials": partial(ordered, COLMAP),
+    "true order, PoseLib": partial(ordered, POSELIB),
 }
 METHODS: dict[str, Method] = {
     OURS: ours,
@@ -123,6 +123,6 @@ METHODS: dict[str, Method] = {
     PAPER: papers,
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
-    **TOLD,
-    "true order and K, PoseLib": told_with_camera,
+    **TRUE_ORDER,
+    "true order and K, PoseLib": ordered_with_camera,
 }

@@ -10,6 +10,7 @@ from tools.benchmarks.estimator_cells import BASE
 from tools.benchmarks.estimator_log import Record
 from tools.benchmarks.estimator_methods import OURS, PAPER
 from tools.benchmarks.estimator_report import KINDS, Figures, by_method, select
+from tools.reports.figure_style import new_figure, save
 
 SHOWN = {
     OURS: ("C0", "o", 2.5),
@@ -45,13 +46,13 @@ AXES = (
         ticks={"outliers 0%": "0"} | {f"second motion {s}%": s for s in ("15", "30", "45")},
     ),
     Axis(
-        label="noise, px, told truly",
+        label="noise, px, stated truly",
         ticks={f"noise {s} px": s for s in ("0.25", "0.5")} | {BASE: "1", "noise 2 px": "2"},
     ),
     Axis(
-        label="noise, px, told as 1",
-        ticks={f"noise {s} px, told as 1": s for s in ("0.25", "0.5")}
-        | {BASE: "1", "noise 2 px, told as 1": "2"},
+        label="noise, px, stated as 1",
+        ticks={f"noise {s} px, stated as 1": s for s in ("0.25", "0.5")}
+        | {BASE: "1", "noise 2 px, stated as 1": "2"},
     ),
     Axis(
         label="smear, px",
@@ -61,8 +62,8 @@ AXES = (
     Axis(
         label="noise that varies, 1 px",
         ticks={
-            BASE: "not", "noise varied": "told", "noise varied, constant": "told as\nmean",
-            "noise varied, wrong": "told\nwrongly",
+            BASE: "not", "noise varied": "stated", "noise varied, constant": "stated as\nmean",
+            "noise varied, wrong": "stated\nwrongly",
         },
     ),
     Axis(
@@ -77,11 +78,7 @@ AXES = (
 
 def plot(records: list[Record], path: Path) -> None:
     """Draw every measure against every factor, two rows of panels for each measure: smooth, scattered."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(20, 16), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(20, 16)
     panels = figure.subplots(len(MEASURES) * len(KINDS), len(AXES), squeeze=False, sharey="row")
     cells = dict.fromkeys(cell for axis in AXES for cell in axis.ticks)
     for k, kind in enumerate(KINDS):
@@ -96,7 +93,7 @@ def plot(records: list[Record], path: Path) -> None:
                     panel.set_ylabel(f"{name}\n{kind} depth")
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(SHOWN))
-    figure.savefig(path, dpi=60)
+    save(figure, path, dpi=60)
 
 
 def _draw(panel: Any, axis: Axis, rows: dict[str, dict[str, Figures]], field: str) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from tools.benchmarks.estimator_cells import BASE, CELLS, FULL, HARD, NETWORK
 from tools.benchmarks.estimator_log import Measured, Record
-from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TOLD
+from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
 from tools.evaluation.pose_error import pose_auc
 
 SUCCESS_RHO = 0.05
@@ -43,7 +43,7 @@ class Figures:
 
 
 def figures(measured: list[Measured]) -> Figures:
-    """Summarise one method; the true F has every exact smear as an inlier."""
+    """Return the figures of one method; the true F has every exact smear as an inlier."""
     column = {name: np.array([getattr(m, name) for m in measured]) for name in Measured.__dataclass_fields__}
     auc5, auc10, auc20 = (pose_auc(column["pose_deg"], bound) for bound in POSE_DEG)
     return Figures(
@@ -64,7 +64,7 @@ def figures(measured: list[Measured]) -> Figures:
 
 
 def by_method(records: Iterable[Record]) -> dict[str, Figures]:
-    """Summarise every method over records, in the order of METHODS; those that ran on none are left out."""
+    """Return the figures of every method over records, in the order of METHODS, if it ever ran."""
     found: dict[str, list[Measured]] = {name: [] for name in METHODS}
     for record in records:
         for name, measured in record.measured.items():
@@ -72,22 +72,8 @@ def by_method(records: Iterable[Record]) -> dict[str, Figures]:
     return {name: figures(rows) for name, rows in found.items() if rows}
 
 
-def document(records: list[Record], head: dict[str, str]) -> dict[str, object]:
-    """Figures of every cell, kind and method, to four digits."""
-    cells = [
-        {"cell": cell, "kind": kind, "method": name, **_rounded(f)}
-        for cell, kind in dict.fromkeys((r.instance.cell, r.instance.kind) for r in records)
-        for name, f in by_method(select(records, cell=cell, kind=kind)).items()
-    ]
-    return {**head, "cells": cells}
-
-
-def _rounded(f: Figures) -> dict[str, float]:
-    return {name: float(f"{value:.4g}") for name, value in asdict(f).items()}
-
-
 def select(records: Iterable[Record], cell: str | None = None, kind: str | None = None) -> list[Record]:
-    """Choose the records of a cell (None: of every synthetic cell) and a kind (None: of both)."""
+    """Return the records of a cell (None: of every synthetic cell) and a kind (None: of both)."""
     return [
         r
         for r in records
@@ -97,7 +83,7 @@ def select(records: Iterable[Record], cell: str | None = None, kind: str | None 
 
 
 def markdown(records: list[Record], head: dict[str, str]) -> str:
-    """Everything as text: answers, both kinds over the sweep, network smears, every cell."""
+    """Return everything as text: answers, both kinds over the sweep, network smears, every cell."""
     synthetic, network = select(records), select(records, cell=NETWORK)
     parts = [introduction(head), "## Answers", "", *answers(records), ""]
     for kind in KINDS:
@@ -120,7 +106,7 @@ def markdown(records: list[Record], head: dict[str, str]) -> str:
 
 
 def introduction(head: dict[str, str]) -> str:
-    """Say what was measured, where and how to read it."""
+    """Return what was measured, where and how to read it."""
     libraries = ", ".join(f"{k} {v}" for k, v in head.items() if k not in ("code", "machine"))
     return f"""# Estimators of F, ours without the order of any match
 
@@ -129,13 +115,13 @@ Made by `python -m tools.benchmarks.benchmark_estimators`.
 
 Base case: 1000 smears of 20 px, noise of 1 px in every coordinate of both ends, 30 % random outliers, mixed
 motion, 640x480; one factor is changed at a time. Every method gets the same matches in the same process with
-one thread; ms is the CPU time of one call. "true order" methods are told what a photograph does not tell.
+one thread; ms is the CPU time of one call. "true order" methods are given what a photograph does not show.
 
 - success: share of instances with median rho (root SErrMin over length, on exact smears) under {SUCCESS_RHO}:
   counted as failures of F estimators usually are, by the error on true matches. Kind to an F from unordered
   matches, whose errors are bounded: so look at the pose as well.
 - pose: the larger of the rotation's and the translation direction's error, from F and the true K by
-  cheirality, the better flip of time, for every method alike; AUC as usual, no F counts as 180 degrees.
+  cheirality, the better flip of time, the same for every method; AUC as usual, no F counts as 180 degrees.
 - rho, epipole, ms: medians over instances; shares and inliers: means. Inliers: SErrMin < 3 on exact smears,
   where the true F has all.
 - {PAPER}: the first {FULL.paper_seeds} seeds of every cell only; its rows are of those.
@@ -165,7 +151,7 @@ CELL_TABLES: dict[str, Callable[[Figures], str]] = {
 
 
 def table(rows: dict[str, Figures]) -> list[str]:
-    """All columns, one row for each method."""
+    """Return a table of all columns, one row for each method."""
     lines = ["| method | " + " | ".join(COLUMNS) + " |", "|---|" + "---|" * len(COLUMNS)]
     for name, f in rows.items():
         lines.append(f"| {name} | " + " | ".join(column(f) for column in COLUMNS.values()) + " |")
@@ -173,7 +159,7 @@ def table(rows: dict[str, Figures]) -> list[str]:
 
 
 def cell_table(records: list[Record], value: Callable[[Figures], str]) -> list[str]:
-    """One row for each cell, one column for each method."""
+    """Return a table with a row for each cell, a column for each method."""
     names = list(by_method(records))
     lines = ["| cell | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
     for cell in CELLS:
@@ -185,35 +171,38 @@ def cell_table(records: list[Record], value: Callable[[Figures], str]) -> list[s
 
 
 def answers(records: list[Record]) -> list[str]:
-    """Lines that answer the questions of the comparison."""
+    """Return lines that answer the questions of the comparison."""
     synthetic = select(records)
     truthful = [r for r in synthetic if r.instance.truthful]
-    lines = [against_told("whole sweep", synthetic), against_told("cells with truthful sigma", truthful)]
-    lines += [against_told(f"whole sweep, {kind}", select(synthetic, kind=kind)) for kind in KINDS]
+    lines = [
+        against_ordered("whole sweep", synthetic),
+        against_ordered("cells with truthful sigma", truthful),
+    ]
+    lines += [against_ordered(f"whole sweep, {kind}", select(synthetic, kind=kind)) for kind in KINDS]
     lines += [line for kind in KINDS for line in times(kind, select(synthetic, kind=kind))]
     lines += against_paper([r for r in synthetic if PAPER in r.measured])
     lines += [success_when_hard(kind, select(records, cell=HARD, kind=kind)) for kind in KINDS]
     return [f"- {line}" for line in lines if line]
 
 
-def against_told(name: str, records: list[Record]) -> str:
-    """Compare our AUC@10 and success with the best true-order method's, and ours cell by cell."""
+def against_ordered(name: str, records: list[Record]) -> str:
+    """Return how our AUC@10 and success compare with the best true-order method's."""
     rows = by_method(records)
     if OURS not in rows:
         return ""
-    f, told = rows[OURS], {method: rows[method] for method in TOLD if method in rows}
-    best = max(told, key=lambda method: told[method].auc10)
-    surest = max(told, key=lambda method: told[method].success)
+    f, ordered = rows[OURS], {method: rows[method] for method in TRUE_ORDER if method in rows}
+    best = max(ordered, key=lambda method: ordered[method].auc10)
+    surest = max(ordered, key=lambda method: ordered[method].success)
     return (
-        f"{name}: AUC@10 ours {f.auc10:.3f}, best told {told[best].auc10:.3f} ({best}), "
-        f"{f.auc10 - told[best].auc10:+.3f}; success ours {f.success:.3f}, "
-        f"best told {told[surest].success:.3f} ({surest}), {f.success - told[surest].success:+.3f}; "
-        f"pose under 10 degrees ours {f.posed:.3f}, best told {max(t.posed for t in told.values()):.3f}"
+        f"{name}: AUC@10 ours {f.auc10:.3f}, best ordered {ordered[best].auc10:.3f} ({best}), "
+        f"{f.auc10 - ordered[best].auc10:+.3f}; success ours {f.success:.3f}, "
+        f"best ordered {ordered[surest].success:.3f} ({surest}), {f.success - ordered[surest].success:+.3f}; "
+        f"pose under 10 degrees ours {f.posed:.3f}, best ordered {max(t.posed for t in ordered.values()):.3f}"
     )
 
 
 def times(kind: str, records: list[Record]) -> list[str]:
-    """Our time over every pycolmap's, on the whole sweep and the base case."""
+    """Return our time over every pycolmap's, on the whole sweep and the base case."""
     lines = []
     for name, chosen in (("whole sweep", records), (BASE, select(records, cell=BASE))):
         rows = by_method(chosen)
@@ -224,7 +213,7 @@ def times(kind: str, records: list[Record]) -> list[str]:
 
 
 def against_paper(records: list[Record]) -> list[str]:
-    """Compare with the paper's estimator on the instances that it ran on."""
+    """Return how we compare with the paper's estimator on the instances that it ran on."""
     rows = by_method(records)
     if PAPER not in rows:
         return []
@@ -237,7 +226,7 @@ def against_paper(records: list[Record]) -> list[str]:
 
 
 def success_when_hard(kind: str, records: list[Record]) -> str:
-    """Give the success at 60 % random outliers."""
+    """Return the success at 60 % random outliers."""
     rows = by_method(records)
     if OURS not in rows:
         return ""

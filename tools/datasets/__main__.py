@@ -26,7 +26,7 @@ KINDS = ("monkaa", "driving", "gopro-sharp", "gopro", "rbi")
 
 
 def reader(kind: str, root: Path, side: str, render_pass: str, split: str) -> Reader:
-    """Open a dataset."""
+    """Return a reader of a dataset."""
     readers: dict[str, Callable[[], Reader]] = {
         "monkaa": lambda: SceneFlow(root, side, render_pass),
         "driving": lambda: SceneFlow(root, side, render_pass),
@@ -38,13 +38,13 @@ def reader(kind: str, root: Path, side: str, render_pass: str, split: str) -> Re
 
 
 def source(arguments: argparse.Namespace) -> str:
-    """Name what exposures are of, beside their own names."""
+    """Return what exposures are of, beside their own names."""
     sceneflow = arguments.kind in ("monkaa", "driving")
     return f"{arguments.kind} {arguments.render_pass}" if sceneflow else str(arguments.kind)
 
 
 def thinned(exposures: Reader, every: int, most: int) -> Iterator[Exposure]:
-    """Read every so many exposures, and at most so many."""
+    """Yield every so many exposures, and at most so many."""
     return (read() for read in islice(exposures.unread(), 0, every * most, every))
 
 

@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.datasets.shards import add_scene_arguments, scene_arguments
 from tools.rendering.render import Rendering, RenderOptions, render
 
-Array = NDArray[Any]
 
-
-def contact_sheet(seeds: range, options: RenderOptions) -> Array:
-    """Give rows of pictures, uint8 BGR (len(seeds) H, 3 W, 3): picture, smears, labels."""
+def contact_sheet(seeds: range, options: RenderOptions) -> AnyArray:
+    """Return rows of pictures, uint8 BGR (len(seeds) H, 3 W, 3): picture, smears, labels."""
     rows = []
     for seed in seeds:
         rendering = render(seed, options)
@@ -34,8 +31,8 @@ def contact_sheet(seeds: range, options: RenderOptions) -> Array:
     return np.concatenate(rows, 0)
 
 
-def scene_row(rendering: Rendering) -> Array:
-    """Give one row, uint8 BGR (H, 3 W, 3)."""
+def scene_row(rendering: Rendering) -> AnyArray:
+    """Return one row, uint8 BGR (H, 3 W, 3)."""
     height, width = rendering.linear.shape[:2]
     image = (np.clip(rendering.linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)[..., ::-1]
     truth = [smear_picture(rendering.displacement), label_picture(rendering)]
@@ -43,16 +40,16 @@ def scene_row(rendering: Rendering) -> Array:
     return np.concatenate([image, *large], 1)
 
 
-def smear_picture(displacement: Array) -> Array:
-    """Colour a field (uint8 BGR): hue = orientation, brightness = length up to 40 px."""
+def smear_picture(displacement: AnyArray) -> AnyArray:
+    """Return a field's colours (uint8 BGR): hue = orientation, brightness = length up to 40 px."""
     hue = (np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180).astype(np.uint8)
     length = np.clip(np.linalg.norm(displacement, axis=-1) / 40, 0, 1) ** 0.5 * 255
     hsv = np.stack([hue, np.full_like(hue, 255), length.astype(np.uint8)], -1)
     return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR))
 
 
-def label_picture(rendering: Rendering) -> Array:
-    """Paint static pixels grey, moving ones pink, and darken where an end is hidden (uint8 BGR)."""
+def label_picture(rendering: Rendering) -> AnyArray:
+    """Return static pixels grey, moving ones pink, darker where an end is hidden (uint8 BGR)."""
     picture = np.where(rendering.static[..., None], (170, 170, 170), (180, 80, 255))
     return np.asarray(np.where(rendering.valid[..., None], picture, picture // 4)).astype(np.uint8)
 

@@ -12,26 +12,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from blur2view.output_files import write_atomically
 from tools.datasets.exposure import Exposure
 from tools.datasets.shards import Scenes, encode_linear
 from tools.rendering.exposure import GRID, grid_points
 
-Array = NDArray[Any]
-
 SHARD = 50
 """Exposures in one file."""
 
 
 def cropped(exposure: Exposure) -> tuple[int, int]:
-    """Give the width and height that are kept: multiples of the grid's spacing."""
+    """Return the width and height that are kept: multiples of the grid's spacing."""
     height, width = exposure.linear.shape[:2]
     return width // GRID * GRID, height // GRID * GRID
 
 
-def grid_truth(exposure: Exposure) -> tuple[Array, NDArray[np.bool_]]:
-    """Give displacement (h, w, 2), float32, and validity (h, w) at the centres of the 4 x 4 cells.
+def grid_truth(exposure: Exposure) -> tuple[AnyArray, NDArray[np.bool_]]:
+    """Return displacement (h, w, 2), float32, and validity (h, w) at the centres of the 4 x 4 cells.
 
     A cell is valid if the four pixels about its centre are, and agree to a pixel: else it is cut by an edge.
     """
@@ -44,7 +43,7 @@ def grid_truth(exposure: Exposure) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def write_test_scenes(exposures: Iterable[Exposure], out: Path, source: str) -> int:
-    """Write what `testset.read_test_set` reads; finished ones are kept. Give their number.
+    """Write what `testset.read_test_set` reads; finished ones are kept. Return their number.
 
     ``origins.txt`` says which exposure of the source each number is, as every file does itself. Without
     cameras R and t are NaN and K is a guess.
@@ -102,7 +101,7 @@ def write_test_scene(exposure: Exposure, stem: Path, origin: str) -> None:
 
 
 def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
-    """Write what :func:`tools.datasets.shards.load_shards` reads, SHARD exposures a file. Give their number.
+    """Write what :func:`tools.datasets.shards.load_shards` reads, SHARD a file. Return the number.
 
     All pictures must be of one size. Files are written whole; a stopped run starts anew.
     """
@@ -115,7 +114,7 @@ def write_shards(exposures: Iterable[Exposure], out: Path) -> int:
 
 
 def record(exposure: Exposure) -> Scenes:
-    """Turn one exposure into a training record."""
+    """Return the training record of one exposure."""
     width, height = cropped(exposure)
     displacement, valid = grid_truth(exposure)
     labels = valid.astype(np.uint8) + 2 * np.ones_like(valid, np.uint8)

@@ -75,11 +75,11 @@ class DegenerateScene:
 
 
 def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) -> DegenerateScene:
-    """Draw a scene; the same kind, seed and options give the same smears.
+    """Return a random scene; the same kind, seed and options give the same smears.
 
     "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
     any motion. "several or none": even seeds two motions of the camera before one scene, odd seeds smears of
-    one length whose directions are random, alike over 0 to 120 px.
+    one length whose directions are random, correlated over 0 to 120 px.
     """
     options = options or DegenerateOptions()
     rng = np.random.default_rng([seed, KINDS.index(kind)])
@@ -117,7 +117,7 @@ def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) 
 
 
 def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
-    """Depth (N,) of one plane at pixels (N, 2); nowhere in the image farther than 1 / 0.3 of its centre."""
+    """Return the depth (N,) of one plane at pixels (N, 2), at most 1 / 0.3 of its centre's."""
     slope = rng.normal(0, [0.3, 0.5])
     slope *= min(1.0, 0.7 / (0.5 * np.abs(slope).sum()))
     inverse = 1 + (points / np.array(IMAGE_SIZE) - 0.5) @ slope
@@ -125,7 +125,7 @@ def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
 
 
 def random_field(rng: np.random.Generator, points: Array, length_px: float) -> Array:
-    """Smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
+    """Return smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
     correlation_px = float(rng.choice(CORRELATIONS_PX))
     vector = np.stack([smooth_noise(rng, points, correlation_px) for _ in range(2)], axis=-1)
     half = 0.5 * length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True)
@@ -133,7 +133,7 @@ def random_field(rng: np.random.Generator, points: Array, length_px: float) -> A
 
 
 def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float) -> Array:
-    """Draw unit-variance noise (N,) at pixels, Gaussian-correlated over ``correlation_px`` (0: white)."""
+    """Return unit-variance noise (N,) at pixels, Gaussian-correlated over ``correlation_px`` (0: white)."""
     if correlation_px <= 0:
         return rng.normal(size=len(points))
     width, height = IMAGE_SIZE

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.exposure import pixel_grid
-
-Array = NDArray[Any]
 
 CROSS_CHECK_PX = 1.0
 """The paper's eps: forward and backward flow of a valid smear cancel to within this."""
@@ -32,19 +30,19 @@ HIDDEN_WEIGHT = 0.05
 class MidSmears:
     """Smears at mid-exposure pixels: displacement (H, W, 2) first to last, and the cross-check map (H, W)."""
 
-    displacement: Array
+    displacement: AnyArray
     valid: NDArray[np.bool_]
 
 
-def sampled(field: Array, positions: Array) -> Array:
-    """Interpolate a field (H, W) or (H, W, C) at positions (H, W, 2), its border repeated."""
+def sampled(field: AnyArray, positions: AnyArray) -> AnyArray:
+    """Return a field (H, W) or (H, W, C) interpolated at positions (H, W, 2), its border repeated."""
     at = positions.astype(np.float32)
     mapped = cv2.remap(field, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
     return np.asarray(mapped)
 
 
-def sources(flow: Array, share: float, start: Array | None = None) -> tuple[Array, Array]:
-    """Give where the points come from that are at each pixel after `share` of their way.
+def sources(flow: AnyArray, share: float, start: AnyArray | None = None) -> tuple[AnyArray, AnyArray]:
+    """Return where the points come from that are at each pixel after `share` of their way.
 
     Parameters
     ----------
@@ -70,21 +68,21 @@ def sources(flow: Array, share: float, start: Array | None = None) -> tuple[Arra
     return x, np.asarray(miss)
 
 
-def disagreement(forward: Array, backward: Array, at: Array) -> Array:
-    """Give |forward + backward| (H, W) along the way there and back, for points at positions (H, W, 2)."""
+def disagreement(forward: AnyArray, backward: AnyArray, at: AnyArray) -> AnyArray:
+    """Return |forward + backward| (H, W) along the way there and back, for points at positions (H, W, 2)."""
     there = sampled(forward, at)
     back = sampled(backward, at + there)
     return np.asarray(np.linalg.norm(there + back, axis=-1))
 
 
-def inside(points: Array) -> NDArray[np.bool_]:
+def inside(points: AnyArray) -> NDArray[np.bool_]:
     """Whether points (H, W, 2) lie in a picture of this size."""
     size = np.array(points.shape[1::-1])
     return np.asarray(((points >= 0) & (points <= size - 1)).all(axis=-1))
 
 
-def mid_smears(forward: Array, backward: Array) -> MidSmears:
-    """Turn flows between the first and the last frame into smears at mid-exposure pixels.
+def mid_smears(forward: AnyArray, backward: AnyArray) -> MidSmears:
+    """Return the smears at mid-exposure pixels that follow from flows between the first and the last frame.
 
     A smear is valid if a point of the first frame is half-way there, forward and backward flow cancel
     (CROSS_CHECK_PX) and both of its ends are inside the picture. Elsewhere the displacement is a guess.
@@ -99,21 +97,23 @@ def mid_smears(forward: Array, backward: Array) -> MidSmears:
     return MidSmears(displacement=displacement, valid=valid)
 
 
-def sub_frames(forward: Array, valid: NDArray[np.bool_] | None = None) -> int:
-    """Count the frames to average: max(2 s_max, 15), 2 s the longest displacement, at most MOST."""
+def sub_frames(forward: AnyArray, valid: NDArray[np.bool_] | None = None) -> int:
+    """Return the number of frames to average: max(2 s_max, 15), 2 s the largest displacement, up to MOST."""
     length = np.linalg.norm(forward, axis=-1)
     longest = float(length[valid].max()) if valid is not None and valid.any() else float(length.max())
     return int(np.clip(np.ceil(longest), FEWEST, MOST))
 
 
-def frames_between(first: Array, last: Array, forward: Array, backward: Array, count: int) -> Iterator[Array]:
+def frames_between(
+    first: AnyArray, last: AnyArray, forward: AnyArray, backward: AnyArray, count: int
+) -> Iterator[AnyArray]:
     """Yield linear frames (H, W, 3) at the centres of `count` equal parts of the time between two frames.
 
     Every frame blends what both frames say of it, weighted by how near in time they are and by the
     cross-check.
     """
-    from_first: Array | None = None
-    from_last: Array | None = None
+    from_first: AnyArray | None = None
+    from_last: AnyArray | None = None
     for k in range(count):
         tau = (k + 0.5) / count
         from_first, miss_first = sources(forward, tau, from_first)
@@ -126,22 +126,22 @@ def frames_between(first: Array, last: Array, forward: Array, backward: Array, c
         yield share * sampled(first, from_first) + (1 - share) * sampled(last, from_last)
 
 
-def trust(miss: Array, gap: Array) -> Array:
-    """Weigh (H, W) what one frame says: little where no point arrives or the cross-check fails."""
+def trust(miss: AnyArray, gap: AnyArray) -> AnyArray:
+    """Return weights (H, W) of one frame: small where no point arrives or the cross-check fails."""
     agreed = np.where(gap < CROSS_CHECK_PX, 1.0, HIDDEN_WEIGHT)
     return np.asarray(agreed / (1 + (miss / SOLVED_PX) ** 4) + 1e-6)
 
 
-def averaged(first: Array, last: Array, forward: Array, backward: Array, count: int) -> Array:
-    """Average the frames between two linear frames (H, W, 3), in linear light: float32."""
+def averaged(first: AnyArray, last: AnyArray, forward: AnyArray, backward: AnyArray, count: int) -> AnyArray:
+    """Return the average of the frames between two linear frames (H, W, 3), in linear light: float32."""
     total = np.zeros_like(first, dtype=np.float32)
     for frame in frames_between(first, last, forward, backward, count):
         total += frame
     return total / np.float32(count)
 
 
-def computed_flow(first: Array, last: Array) -> tuple[Array, Array]:
-    """Compute flow from one uint8 RGB frame to another and back: OpenCV's DIS, refined forward-backward.
+def computed_flow(first: AnyArray, last: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Return flow from one uint8 RGB frame to another and back: OpenCV's DIS, refined forward-backward.
 
     Where both directions agree, each is replaced by the mean of what both say.
 
@@ -158,9 +158,9 @@ def computed_flow(first: Array, last: Array) -> tuple[Array, Array]:
     return merged(forward, backward), merged(backward, forward)
 
 
-def merged(flow: Array, back: Array) -> Array:
-    """Average a flow with what the flow back says of the same points, where the two agree."""
+def merged(flow: AnyArray, back: AnyArray) -> AnyArray:
+    """Return the average of a flow and the reverse of the flow back, where the two agree."""
     pixels = pixel_grid((flow.shape[1], flow.shape[0]))
-    told = -sampled(back, pixels + flow)
-    agreed = np.linalg.norm(flow - told, axis=-1, keepdims=True) < CROSS_CHECK_PX
-    return np.where(agreed, (flow + told) / 2, flow).astype(np.float32)
+    reverse = -sampled(back, pixels + flow)
+    agreed = np.linalg.norm(flow - reverse, axis=-1, keepdims=True) < CROSS_CHECK_PX
+    return np.where(agreed, (flow + reverse) / 2, flow).astype(np.float32)

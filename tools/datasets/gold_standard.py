@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import apply_similarity, denormalise, homogeneous, shared_normalisation
 from blur2view.robust.parametrization import GeneralF
 from tools.estimators import baselines
-
-Array = NDArray[Any]
 
 MOST = 4000
 """Smears used, evenly chosen."""
@@ -19,8 +15,8 @@ NOISE_PX = 0.5
 """Sampson distance from which a smear counts less (Cauchy's loss): the error of computed flow."""
 
 
-def signed_sampson(F: Array, first: Array, last: Array) -> Array:
-    """Give the signed Sampson distances (N,) of points (N, 2)."""
+def signed_sampson(F: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
+    """Return the signed Sampson distances (N,) of points (N, 2)."""
     x, y = homogeneous(first), homogeneous(last)
     lines, back = x @ F.T, y @ F
     value = (y * lines).sum(axis=1)
@@ -28,8 +24,8 @@ def signed_sampson(F: Array, first: Array, last: Array) -> Array:
     return np.asarray(value / np.maximum(weight, 1e-12))
 
 
-def gold_standard_fundamental(ends: Array) -> Array | None:
-    """Estimate F from smears in their true order.
+def gold_standard_fundamental(ends: AnyArray) -> AnyArray | None:
+    """Return F estimated from smears in their true order.
 
     Parameters
     ----------
@@ -56,7 +52,7 @@ def gold_standard_fundamental(ends: Array) -> Array | None:
     inverse = np.linalg.inv(T)
     family, scale_px = GeneralF.from_matrix(inverse.T @ start @ inverse), 1 / T[0, 0]
 
-    def residuals(delta: Array) -> Array:
+    def residuals(delta: AnyArray) -> AnyArray:
         F = family.step(delta).matrix()
         return np.asarray(scale_px * signed_sampson(F, points[:, 0], points[:, 1]))
 

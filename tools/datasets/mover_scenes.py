@@ -23,7 +23,7 @@ TRIES = 50  # seeds per scene that is wanted, at most
 
 
 def moving_share(scene: Rendering) -> float:
-    """Share of the picture that moves by itself and whose smear is known."""
+    """Return the share of the picture that moves by itself and whose smear is known."""
     return float((scene.valid & ~scene.static).mean())
 
 

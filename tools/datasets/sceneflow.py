@@ -17,27 +17,24 @@ import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from tools.datasets.exposure import Exposure, Pose, Reader, linearised, numbered, read_frame, require_folder
 from tools.datasets.flow import averaged, mid_smears, sub_frames
-
-Array = NDArray[Any]
 
 SENSOR_MM, USUAL_FOCAL_MM = 32.0, 35.0
 """Blender's sensor width; the focal length where no folder names another: 1050 px at 960 px."""
 SIDES = {"left": "L", "right": "R"}
 PASSES = ("clean", "final")
-FLIP: Array = np.diag([1.0, -1.0, -1.0])
+FLIP: AnyArray = np.diag([1.0, -1.0, -1.0])
 """Blender's camera looks along -z with y up, ours along z with y down."""
 
 
-def read_pfm(path: Path) -> Array:
-    """Read a PFM file as float32 (H, W, 3) or (H, W), first row on top.
+def read_pfm(path: Path) -> AnyArray:
+    """Return a PFM file as float32 (H, W, 3) or (H, W), first row on top.
 
     Raises
     ------
@@ -62,14 +59,14 @@ def read_pfm(path: Path) -> Array:
     return values.reshape(shape)[::-1].astype(np.float32)
 
 
-def read_cameras(path: Path, side: str) -> dict[int, Array]:
-    """Read camera_data.txt: by frame, the camera-to-world matrix (4, 4) of one side, in Blender's axes.
+def read_cameras(path: Path, side: str) -> dict[int, AnyArray]:
+    """Return, by frame, the camera-to-world matrix (4, 4) of one side of camera_data.txt, in Blender's axes.
 
     Every frame has three lines, ``Frame 7``, ``L`` and ``R``, the latter with 16 numbers, row by row.
     """
     if not path.is_file():
         raise Blur2ViewError(f"{path}: is missing; unpack camera_data")
-    cameras: dict[int, Array] = {}
+    cameras: dict[int, AnyArray] = {}
     frame = None
     for number, line in enumerate(path.read_text().splitlines(), 1):
         words = line.split()
@@ -85,14 +82,14 @@ def read_cameras(path: Path, side: str) -> dict[int, Array]:
     return cameras
 
 
-def relative_pose(first: Array, last: Array) -> tuple[Array, Array]:
-    """Give R and t of ``cam_last_from_cam_first``, in our axes, from two camera-to-world matrices."""
+def relative_pose(first: AnyArray, last: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Return R and t of ``cam_last_from_cam_first``, in our axes, from two camera-to-world matrices."""
     moved = np.linalg.inv(last) @ first
     return FLIP @ moved[:3, :3] @ FLIP, FLIP @ moved[:3, 3]
 
 
-def intrinsics(scene: str, size: tuple[int, int]) -> Array:
-    """Give K of pictures of a size (width, height); a folder such as ``15mm_focallength`` names the lens."""
+def intrinsics(scene: str, size: tuple[int, int]) -> AnyArray:
+    """Return K of pictures of a size (width, height); a folder like ``15mm_focallength`` names the lens."""
     named = re.search(r"(\d+)mm_focallength", scene)
     focal = (float(named[1]) if named else USUAL_FOCAL_MM) / SENSOR_MM * size[0]
     return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
@@ -142,9 +139,9 @@ class SceneFlow(Reader):
                 yield partial(self.exposure, scene, number, path, frames[number + 1], cameras)
 
     def exposure(
-        self, scene: str, number: int, path: Path, next_path: Path, cameras: dict[int, Array]
+        self, scene: str, number: int, path: Path, next_path: Path, cameras: dict[int, AnyArray]
     ) -> Exposure:
-        """Read two frames with what lies between them, and blur."""
+        """Return the exposure of two frames and what lies between them, blurred."""
         if number not in cameras or number + 1 not in cameras:
             where = self.root / "camera_data" / scene / "camera_data.txt"
             raise Blur2ViewError(f"{where}: lacks frame {number} or {number + 1}; unpack camera_data again")
@@ -165,8 +162,8 @@ class SceneFlow(Reader):
             pose=Pose(K=K, R=R, t=t),
         )
 
-    def flow(self, scene: str, time: str, number: int) -> Array:
-        """Read the flow of a frame into the "Future" or the "Past", (H, W, 2); its third channel is empty."""
+    def flow(self, scene: str, time: str, number: int) -> AnyArray:
+        """Return the flow of a frame into the "Future" or "Past", (H, W, 2); its third channel is empty."""
         folder = self.root / "optical_flow" / scene / f"into_{time.lower()}" / self.side
         values = read_pfm(folder / f"OpticalFlowInto{time}_{number:04d}_{SIDES[self.side]}.pfm")
         if values.ndim != 3:

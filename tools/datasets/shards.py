@@ -13,19 +13,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from tools.rendering.render import RenderOptions, render
 
-Array = NDArray[Any]
-
 CROP_PX = 128
-"""Side of the crops in which speed is told."""
+"""Side of the crops for which the speed is printed."""
 WHITE = 4.0
 """Largest radiance that is stored."""
 
@@ -44,12 +41,12 @@ class Scenes:
         uint8: 1 valid + 2 static.
     """
 
-    linear: Array
-    displacement: Array
-    labels: Array
+    linear: AnyArray
+    displacement: AnyArray
+    labels: AnyArray
 
     def __len__(self) -> int:
-        """Count the scenes."""
+        """Return the number of scenes."""
         return len(self.labels)
 
     def save(self, path: Path) -> None:
@@ -60,25 +57,25 @@ class Scenes:
 
     @classmethod
     def join(cls, parts: Iterable[Scenes]) -> Scenes:
-        """Concatenate scenes of one size."""
+        """Return scenes of one size in one."""
         columns = zip(*((p.linear, p.displacement, p.labels) for p in parts), strict=True)
         linear, displacement, labels = (np.concatenate(column) for column in columns)
         return cls(linear=linear, displacement=displacement, labels=labels)
 
 
-def encode_linear(linear: Array) -> Array:
-    """Code radiance (0 to 4) as uint16 of its square root: fine in the dark, room for highlights."""
+def encode_linear(linear: AnyArray) -> AnyArray:
+    """Return radiance (0 to 4) as uint16 of its square root: fine in the dark, room for highlights."""
     return np.asarray(np.sqrt(np.clip(linear, 0, WHITE) / WHITE) * 65535 + 0.5).astype(np.uint16)
 
 
-def decode_linear(coded: Array) -> Array:
-    """Invert :func:`encode_linear`: float32."""
+def decode_linear(coded: AnyArray) -> AnyArray:
+    """Return the inverse of :func:`encode_linear`: float32."""
     root = coded.astype(np.float32) * np.float32(np.sqrt(WHITE) / 65535)
     return np.asarray(root * root)
 
 
 def training_record(seed: int, options: RenderOptions) -> Scenes:
-    """Render one scene for training."""
+    """Return one scene rendered for training."""
     rendering = render(seed, options)
     labels = rendering.valid.astype(np.uint8) + 2 * rendering.static.astype(np.uint8)
     displacement = rendering.displacement.astype(np.float16)
@@ -87,9 +84,9 @@ def training_record(seed: int, options: RenderOptions) -> Scenes:
 
 
 def load_shards(folder: Path) -> Scenes:
-    """Load all scenes of a folder; Blur2ViewError if it holds none."""
+    """Return all scenes of a folder; Blur2ViewError if it holds none."""
     paths = require_shards(folder)
-    merged: dict[str, Array] = {}
+    merged: dict[str, AnyArray] = {}
     counts = [stored_count(path) for path in paths]
     end = 0
     for path, count in zip(paths, counts, strict=True):
@@ -104,7 +101,7 @@ def load_shards(folder: Path) -> Scenes:
 
 
 def require_shards(folder: Path) -> list[Path]:
-    """List the finished shards of a folder; Blur2ViewError if there are none."""
+    """Return the finished shards of a folder; Blur2ViewError if there are none."""
     paths = sorted(p for p in folder.glob("*.npz") if not p.name.endswith(".tmp.npz"))
     if not paths:
         raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards --out {folder}")
@@ -112,7 +109,7 @@ def require_shards(folder: Path) -> list[Path]:
 
 
 def stored_count(path: Path) -> int:
-    """Count the scenes of a shard without reading its pictures."""
+    """Return the number of scenes of a shard without reading its pictures."""
     with np.load(path) as shard:
         return len(shard["labels"])
 
@@ -148,7 +145,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def scene_arguments(arguments: argparse.Namespace) -> tuple[range, RenderOptions]:
-    """Read what :func:`add_scene_arguments` declared."""
+    """Return what :func:`add_scene_arguments` declared."""
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
     width, height = arguments.size
     return seeds, RenderOptions(size=(width, height), split=arguments.split, photos=arguments.photos)

@@ -49,12 +49,12 @@ class SyntheticOptions:
         Standard deviation of the Gaussian noise of every coordinate of both ends; its root mean square over
         the smears where it varies.
     report : {"equal", "constant", "varied", "varied, constant", "varied, wrong"}
-        How the noise varies and what ``sigma_px`` says of it. "equal": all smears alike, told truly.
-        "constant": all alike, told as 1 px a coordinate whatever it is. "varied": log-normal by smear
-        (NOISE_SPREAD), told truly; "varied, constant": told as the root mean square; "varied, wrong": told
-        as that of other smears.
+        How the noise varies and what ``sigma_px`` says of it. "equal": the same for all smears, stated truly.
+        "constant": the same for all, stated as 1 px a coordinate whatever it is. "varied": log-normal
+        by smear (NOISE_SPREAD), stated truly; "varied, constant": stated as the root mean square;
+        "varied, wrong": stated as that of other smears.
     outliers : float
-        Share of smears with a random direction and a length of 0.3 to 2 times the median, told as certain
+        Share of smears with a random direction and a length of 0.3 to 2 times the median, stated as certain
         as the others.
     second_motion : float
         Share of smears, those nearest to a random point, that follow another rigid motion.
@@ -128,7 +128,7 @@ class SyntheticSmears:
 
 
 def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> SyntheticSmears:
-    """Draw a camera, a scene, a motion and smears; the same seed and options give the same smears.
+    """Return smears of a random camera, scene and motion; the same seed and options give the same smears.
 
     Camera, scene and motion depend on the seed, kind, motion and length alone, so cells of a sweep that
     differ in noise or outliers show the same scenes.
@@ -162,14 +162,14 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Synt
 
 
 def camera(rng: np.random.Generator) -> Array:
-    """K of a 640x480 camera: focal 0.8 to 1.5 widths, principal point about 1 % off the centre."""
+    """Return K of a 640x480 camera: focal 0.8 to 1.5 widths, principal point about 1 % off the centre."""
     focal = IMAGE_SIZE[0] * rng.uniform(0.8, 1.5)
     centre = (np.array(IMAGE_SIZE) - 1) / 2 + rng.normal(0, 0.01, 2) * np.array(IMAGE_SIZE)
     return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
 
 
 def depths(rng: np.random.Generator, points: Array, options: SyntheticOptions) -> Array:
-    """Depth (N,) of pixels (N, 2) by the kind of the scene and, near-planar, the motion."""
+    """Return the depth (N,) of pixels (N, 2) by the kind of the scene and, near-planar, the motion."""
     if options.motion == "near-planar":
         x, y = (points / np.array(IMAGE_SIZE) - 0.5).T
         plane = rng.uniform(*FAR) / np.maximum(1 + rng.normal(0, 0.3) * x + rng.normal(0, 0.4) * y, 0.3)
@@ -182,7 +182,7 @@ def depths(rng: np.random.Generator, points: Array, options: SyntheticOptions) -
 
 
 def layered_depth(rng: np.random.Generator, points: Array) -> Array:
-    """Depth (N,) of pixels: a tilted background with relief, two to five cards of other depths in front."""
+    """Return the depth (N,) of pixels: a tilted background with relief, two to five cards in front."""
     x, y = (points / np.array(IMAGE_SIZE) - 0.5).T
     depth = rng.uniform(*FAR) * np.exp(rng.normal(0, 0.4) * x + rng.normal(0, 0.6) * y)
     depth = depth * np.exp(0.1 * np.sin(9 * x + rng.uniform(0, 6)) * np.cos(7 * y + rng.uniform(0, 6)))
@@ -196,7 +196,7 @@ def layered_depth(rng: np.random.Generator, points: Array) -> Array:
 def motion(
     rng: np.random.Generator, K: Array, points: Array, depth: Array, options: SyntheticOptions
 ) -> tuple[Array, Array]:
-    """Draw R and t so that smears of the whole scene have the asked median length."""
+    """Return random R and t of which smears of the whole scene have the asked median length."""
     axis, heading = rng.normal(size=3), rng.normal(size=3)
     share = rng.uniform(0.2, 1.0)
     if options.motion == "forward":
@@ -211,7 +211,7 @@ def motion(
 def scaled_motion(
     K: Array, points: Array, depth: Array, axis: Array, heading: Array, share: float, length_px: float
 ) -> tuple[Array, Array]:
-    """Scale a rotation vector and a translation (3,) to a median smear length: R (3, 3) and t (3,).
+    """Return R (3, 3) and t (3,): a rotation vector and a translation (3,) scaled to a median smear length.
 
     ``share`` is the median length of the smears of the rotation alone over that of the translation alone;
     0: pure translation, inf: pure rotation.
@@ -229,19 +229,19 @@ def scaled_motion(
 
 
 def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:
-    """Give the ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
+    """Return the ends (N, 2, 2), open then close, of pixels at the given depths in the open camera."""
     rays = homogeneous(points) @ np.linalg.inv(K).T * depth[:, None]
     close = (rays @ R.T + t) @ K.T
     return np.stack([points, close[:, :2] / close[:, 2:]], axis=1)
 
 
 def median_length(ends: Array) -> float:
-    """Median smear length in pixels."""
+    """Return the median smear length in pixels."""
     return float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)))
 
 
 def nearest_share(rng: np.random.Generator, points: Array, share: float) -> NDArray[np.bool_]:
-    """Mark the share of the points that lie nearest to one of them: a compact object."""
+    """Return a mask of the share of the points that lie nearest to one of them: a compact object."""
     distance = np.linalg.norm(points - points[rng.integers(len(points))], axis=1)
     marked = np.zeros(len(points), bool)
     marked[np.argsort(distance, kind="stable")[: round(share * len(points))]] = True
@@ -249,7 +249,7 @@ def nearest_share(rng: np.random.Generator, points: Array, share: float) -> NDAr
 
 
 def random_smears(rng: np.random.Generator, ends: Array) -> Array:
-    """Give smears (N, 2, 2) at the same midpoints of random direction, 0.3 to 2 medians long."""
+    """Return smears (N, 2, 2) at the same midpoints of random direction, 0.3 to 2 medians long."""
     angle = rng.uniform(0, 2 * np.pi, len(ends))
     length = rng.uniform(0.3, 2.0, len(ends)) * median_length(ends)
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -258,15 +258,15 @@ def random_smears(rng: np.random.Generator, ends: Array) -> Array:
 
 
 def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[Array, Array]:
-    """Noise (N,) of every coordinate and the ``sigma_px`` (N,) that is reported of it."""
+    """Return the noise (N,) of every coordinate and the ``sigma_px`` (N,) that is reported of it."""
     own = np.ones(options.count)
     if options.report.startswith("varied"):
         own = np.exp(NOISE_SPREAD * rng.normal(size=options.count))
         own /= np.sqrt((own**2).mean())
     own = own * options.noise_px
-    told = {
+    stated = {
         "constant": np.ones(options.count),
         "varied, constant": np.full(options.count, options.noise_px),
         "varied, wrong": rng.permutation(own),
     }.get(options.report, own)
-    return own, 2 * np.maximum(told, 1e-3)
+    return own, 2 * np.maximum(stated, 1e-3)

@@ -13,18 +13,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.datasets.shards import start_worker
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
-
-Array = NDArray[Any]
 
 FIRST_SEED = 1_000_000
 SERIES = 100_000
@@ -37,19 +34,19 @@ class TestScene:
 
     name: str
     image_path: Path
-    displacement: Array
-    valid: Array
-    static: Array
-    K: Array
-    R: Array
-    t: Array
-    F: Array | None
+    displacement: AnyArray
+    valid: AnyArray
+    static: AnyArray
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray | None
     kind: str
 
     __test__ = False  # not a test class, whatever its name makes pytest think
 
     @property
-    def midpoints(self) -> Array:
+    def midpoints(self) -> AnyArray:
         """Pixels (h, w, 2) at the centres of the truth's cells."""
         rows, columns = self.valid.shape
         return grid_points((columns * GRID, rows * GRID))
@@ -60,8 +57,8 @@ def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> Ren
     return RenderOptions(size=size, smear_px=(4.0, 60.0), sharp_share=0.0, split="test", photos=photos)
 
 
-def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Array:
-    """Photograph an instant as a good camera would (uint8 RGB).
+def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray) -> AnyArray:
+    """Return an instant as a good camera would photograph it (uint8 RGB).
 
     Exposure follows the blurred picture `like`, tone curve and compression are fixed: both ends of one
     exposure come out alike, as two frames of one camera do. `rng` draws the noise.
@@ -73,7 +70,7 @@ def sharp_photograph(rng: np.random.Generator, linear: Array, like: Array) -> Ar
 
 
 def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tuple[Rendering, int]:
-    """Render the first seed of a series whose median visible smear is in range, and tell which it was.
+    """Return the rendering and number of the first seed whose median visible smear is in range.
 
     The renderer scales the median over all surfaces, hidden ones too, and bounds the longest smears, so that
     one scene in seven has a visible median outside.

@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
 from tools.datasets.exposure import Exposure, Reader, linearised, numbered, read_frame, require_folder
 from tools.datasets.flow import (
@@ -25,8 +24,6 @@ from tools.datasets.flow import (
 )
 from tools.rendering.exposure import pixel_grid
 
-Array = NDArray[Any]
-
 NAME = re.compile(r"GOPR\d+_(\d+)_\d+")
 """GoPro's sequences; the number in the middle says how many sharp frames make a blurred one."""
 SHARP_A_PERIOD, SHARP_AN_EXPOSURE = 20, 9
@@ -34,11 +31,11 @@ SHARP_A_PERIOD, SHARP_AN_EXPOSURE = 20, 9
 
 
 def averaged_frames(sequence: Path) -> int:
-    """Give the number of sharp frames of one exposure that a sequence's name tells."""
-    told = NAME.fullmatch(sequence.name)
-    if told is None or int(told[1]) < 2:
+    """Return the number of sharp frames of one exposure that a sequence's name tells."""
+    match = NAME.fullmatch(sequence.name)
+    if match is None or int(match[1]) < 2:
         raise Blur2ViewError(f"{sequence}: expected a name such as GOPR0384_11_00 (11 frames an exposure)")
-    return int(told[1])
+    return int(match[1])
 
 
 class GoProSharp(Reader):
@@ -69,7 +66,7 @@ class GoProSharp(Reader):
 
 
 def from_sharp(name: str, paths: Sequence[Path]) -> Exposure:
-    """Blur a run of sharp frames; its first and last are the ends of the exposure."""
+    """Return a run of sharp frames blurred; its first and last are the ends of the exposure."""
     frames = [read_frame(path) for path in paths]
     forward, backward = computed_flow(frames[0], frames[-1])
     smears = mid_smears(forward, backward)
@@ -121,7 +118,7 @@ class GoProPairs(Reader):
 
 
 def from_pair(name: str, blurred: Path, sharp: Sequence[Path], share: float) -> Exposure:
-    """Read a blurred frame, and the sharp ones before, at and after it."""
+    """Return the exposure of a blurred frame, and the sharp ones before, at and after it."""
     first, middle, last = map(read_frame, sharp)
     return Exposure(
         name=name,
@@ -132,8 +129,8 @@ def from_pair(name: str, blurred: Path, sharp: Sequence[Path], share: float) -> 
     )
 
 
-def half_way(first: Array, middle: Array, last: Array, share: float) -> MidSmears:
-    """Give the smears of an exposure about a middle frame, `share` of the time between two frames long."""
+def half_way(first: AnyArray, middle: AnyArray, last: AnyArray, share: float) -> MidSmears:
+    """Return the smears of an exposure about a middle frame, `share` of the time between two frames long."""
     pixels = pixel_grid((middle.shape[1], middle.shape[0]))
     (ahead, returned), (back, advanced) = (computed_flow(middle, other) for other in (last, first))
     checked = (disagreement(ahead, returned, pixels) < CROSS_CHECK_PX) & (
@@ -170,7 +167,7 @@ class RBI(Reader):
                 yield partial(self.exposure, scene, number, path)
 
     def exposure(self, scene: str, number: int, path: Path) -> Exposure:
-        """Read a blurred frame and the sharp frames at its ends."""
+        """Return the exposure of a blurred frame and the sharp frames at its ends."""
         start = SHARP_A_PERIOD * (number - 1) + 1
         ends = (self.sharp / scene / "RGB" / f"{k}.png" for k in (start, start + SHARP_AN_EXPOSURE - 1))
         first, last = (read_frame(end) for end in ends)

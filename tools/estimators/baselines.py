@@ -1,50 +1,52 @@
 """Fundamental matrices by other means, on the same matches: what ours must be compared with.
 
-Some are told the order of every match, which no single photograph gives; some ignore that it is unknown.
+Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
 
-Array = NDArray[Any]
-Solver = Callable[[Array, Array], "Array | None"]
+Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
 
 MAX_ERROR_PX = 1.0
 CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
 
 
-def opencv_magsac(points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX) -> Array | None:
-    """Solve with OpenCV's USAC_MAGSAC; None where it finds nothing."""
+def opencv_magsac(
+    points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
+) -> AnyArray | None:
+    """Return the F of OpenCV's USAC_MAGSAC; None where it finds nothing."""
     return _opencv(cv2.USAC_MAGSAC, points1, points2, max_error_px)
 
 
-def opencv_accurate(points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX) -> Array | None:
-    """Solve with OpenCV's USAC_ACCURATE; None where it finds nothing."""
+def opencv_accurate(
+    points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
+) -> AnyArray | None:
+    """Return the F of OpenCV's USAC_ACCURATE; None where it finds nothing."""
     return _opencv(cv2.USAC_ACCURATE, points1, points2, max_error_px)
 
 
-def _opencv(method: int, points1: Array, points2: Array, max_error_px: float) -> Array | None:
+def _opencv(method: int, points1: AnyArray, points2: AnyArray, max_error_px: float) -> AnyArray | None:
     F, _ = cv2.findFundamentalMat(points1, points2, method, max_error_px, CONFIDENCE, MAX_ITERATIONS)
     return None if F is None else np.asarray(F[:3], np.float64)
 
 
 def pycolmap_ransac(
-    points1: Array,
-    points2: Array,
+    points1: AnyArray,
+    points2: AnyArray,
     max_error_px: float = MAX_ERROR_PX,
     trials: tuple[int, int] = (1000, MAX_ITERATIONS),
     confidence: float = CONFIDENCE,
-) -> Array | None:
-    """Solve with pycolmap's LO-RANSAC, at least and at most so many trials."""
+) -> AnyArray | None:
+    """Return the F of pycolmap's LO-RANSAC, at least and at most so many trials."""
     import pycolmap
 
     options = pycolmap.RANSACOptions()
@@ -55,9 +57,12 @@ def pycolmap_ransac(
 
 
 def poselib_ransac(
-    points1: Array, points2: Array, max_error_px: float = MAX_ERROR_PX, max_iterations: int = MAX_ITERATIONS
-) -> Array | None:
-    """Solve with PoseLib's LO-RANSAC."""
+    points1: AnyArray,
+    points2: AnyArray,
+    max_error_px: float = MAX_ERROR_PX,
+    max_iterations: int = MAX_ITERATIONS,
+) -> AnyArray | None:
+    """Return the F of PoseLib's LO-RANSAC."""
     import poselib
 
     options = {
@@ -69,8 +74,10 @@ def poselib_ransac(
     return np.asarray(F, np.float64)
 
 
-def poselib_calibrated(points1: Array, points2: Array, K: Array, max_error_px: float = MAX_ERROR_PX) -> Array:
-    """Solve for the pose with PoseLib's LO-RANSAC, both views sharing K without skew; give its F."""
+def poselib_calibrated(
+    points1: AnyArray, points2: AnyArray, K: AnyArray, max_error_px: float = MAX_ERROR_PX
+) -> AnyArray:
+    """Return the F of the pose by PoseLib's LO-RANSAC, both views sharing K without skew."""
     import poselib
 
     middle, focal = K[:2, 2], np.diag(K)[:2]
@@ -81,25 +88,25 @@ def poselib_calibrated(points1: Array, points2: Array, K: Array, max_error_px: f
     return fundamental_from_pose(K, pose.R, pose.t)
 
 
-def scrambled(ends: Array, rng: np.random.Generator) -> Array:
-    """Put ends (N, 2, 2) in random order."""
+def scrambled(ends: AnyArray, rng: np.random.Generator) -> AnyArray:
+    """Return ends (N, 2, 2) in random order."""
     return np.where(rng.random(len(ends))[:, None, None] < 0.5, ends, ends[:, ::-1])
 
 
-def rightward(ends: Array) -> Array:
-    """Order ends (N, 2, 2) by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
+def rightward(ends: AnyArray) -> AnyArray:
+    """Return ends (N, 2, 2) ordered by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
     backwards = ends[:, 1, 0] < ends[:, 0, 0]
     return np.where(backwards[:, None, None], ends[:, ::-1], ends)
 
 
-def in_true_order(ends: Array, displacement: Array) -> Array:
-    """Order ends (N, 2, 2) along true displacements (N, 2)."""
+def in_true_order(ends: AnyArray, displacement: AnyArray) -> AnyArray:
+    """Return ends (N, 2, 2) ordered along true displacements (N, 2)."""
     backwards = ((ends[:, 1] - ends[:, 0]) * displacement).sum(1) < 0
     return np.where(backwards[:, None, None], ends[:, ::-1], ends)
 
 
-def solve(solver: Solver, ends: Array) -> Array | None:
-    """Run a solver on ordered ends (N, 2, 2); None too where it fails or returns no finite matrix."""
+def solve(solver: Solver, ends: AnyArray) -> AnyArray | None:
+    """Return a solver's F of ordered ends (N, 2, 2); None too where it fails or its F is not finite."""
     if len(ends) < 8:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))

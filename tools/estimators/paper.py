@@ -64,7 +64,7 @@ class PaperOptions:
 def paper_fundamental(
     ends: Array, options: PaperOptions, rng: np.random.Generator
 ) -> tuple[Array | None, int]:
-    """Estimate F from unordered smears as the paper does.
+    """Return F estimated from unordered smears as the paper does.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def paper_fundamental(
 def paper_two_view(
     matches: SmearMatches, options: PaperOptions | None = None, rng: np.random.Generator | None = None
 ) -> TwoViewGeometry:
-    """Estimate F as the paper does, with our refusals; believed as it is, UNDEFINED where no sample gave any.
+    """Return the paper's F with our refusals; believed as it is, UNDEFINED where no sample gave any.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def paper_two_view(
 
 
 def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
-    """Give the model with most inliers as Preemptive RANSAC sees it: half are dropped after every block.
+    """Return the model with most inliers as Preemptive RANSAC sees it: half are dropped after every block.
 
     References
     ----------
@@ -157,7 +157,7 @@ def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
 
 
 def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
-    """Minimise the paper's cost on seven smears (7, 2, 2) from a random start.
+    """Return the minimum of the paper's cost on seven smears (7, 2, 2) from a random start.
 
     Returns
     -------
@@ -187,13 +187,13 @@ def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
 
 
 def constraint_rows(ends: Array) -> tuple[Array, Array]:
-    """Rows (n, 9) that give q and l of smears (n, 2, 2) as products with the entries of F."""
+    """Return rows (n, 9) that give q and l of smears (n, 2, 2) as products with the entries of F."""
     q, skew = quadratic_features(ends)
     return q @ SYMMETRIC, skew @ SKEW
 
 
 def ambiguous_cost(f: Array, q_rows: Array, l_rows: Array) -> tuple[float, Array]:
-    """Give sum (|q| - |l|)^2 and its gradient (9,) at the entries f (9,) of F."""
+    """Return sum (|q| - |l|)^2 and its gradient (9,) at the entries f (9,) of F."""
     q, skew = q_rows @ f, l_rows @ f
     gap = np.abs(q) - np.abs(skew)
     gradient: Array = 2 * ((gap * np.sign(q)) @ q_rows - (gap * np.sign(skew)) @ l_rows)
@@ -201,17 +201,17 @@ def ambiguous_cost(f: Array, q_rows: Array, l_rows: Array) -> tuple[float, Array
 
 
 def determinant(f: Array) -> float:
-    """Give the determinant of the matrix with entries f (9,), row by row."""
+    """Return the determinant of the matrix with entries f (9,), row by row."""
     return float(f[:3] @ np.cross(f[3:6], f[6:]))
 
 
 def cofactors(f: Array) -> Array:
-    """Give the gradient (9,) of `determinant`."""
+    """Return the gradient (9,) of `determinant`."""
     one, two, three = f.reshape(3, 3)
     return np.concatenate([np.cross(two, three), np.cross(three, one), np.cross(one, two)])
 
 
 def nearest_rank_two(F: Array) -> Array:
-    """Set the least singular value of F (3, 3) to zero; unit norm."""
+    """Return F (3, 3) with its least singular value set to zero, of unit norm."""
     U, singular, Vt = np.linalg.svd(F)
     return unit_norm((U[:, :2] * singular[:2]) @ Vt[:2])

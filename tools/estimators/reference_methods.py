@@ -1,4 +1,4 @@
-"""F and pose by pycolmap and OpenCV, which are told the order of all matches, and by ours, which is not."""
+"""F and pose by pycolmap and OpenCV, which are given the order of all matches, and by ours, which is not."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ Method = Callable[[Case], Answer]
 
 
 def ours(case: Case, calibrated: bool = True) -> Answer:
-    """Estimate without any order."""
+    """Return our answer, without any order."""
     camera = case.camera if calibrated else None
     found = estimate_two_view(case.unordered, rng=np.random.default_rng(0), camera=camera)
     pose = found.cam2_from_cam1
@@ -66,7 +66,7 @@ def ours(case: Case, calibrated: bool = True) -> Answer:
 
 
 def pycolmap_fundamental(case: Case) -> Answer:
-    """``pycolmap.estimate_fundamental_matrix``; no intrinsics."""
+    """Return the answer of ``pycolmap.estimate_fundamental_matrix``; no intrinsics."""
     import pycolmap
 
     options = pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=0)
@@ -77,7 +77,7 @@ def pycolmap_fundamental(case: Case) -> Answer:
 
 
 def pycolmap_two_view(case: Case, max_error_px: float) -> Answer:
-    """``pycolmap.estimate_two_view_geometry``, which also names the configuration; intrinsics known."""
+    """Return that of ``pycolmap.estimate_two_view_geometry``, with its configuration; intrinsics known."""
     import pycolmap
 
     camera = colmap_camera(case.camera.model, case.camera.width, case.camera.height, case.camera.params)
@@ -97,14 +97,14 @@ def pycolmap_two_view(case: Case, max_error_px: float) -> Answer:
 
 
 def opencv_fundamental(case: Case) -> Answer:
-    """OpenCV's USAC_MAGSAC; no intrinsics."""
+    """Return the answer of OpenCV's USAC_MAGSAC; no intrinsics."""
     first, second = case.ordered[:, 0], case.ordered[:, 1]
     F, kept = _found(cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, MAX_ERROR_PX, 0.9999, 10_000))
     return nothing(case) if F is None else Answer(F=np.asarray(F[:3]), inlier=kept.ravel().astype(bool))
 
 
 def opencv_essential(case: Case) -> Answer:
-    """OpenCV's findEssentialMat and recoverPose; intrinsics known."""
+    """Return the answer of OpenCV's findEssentialMat and recoverPose; intrinsics known."""
     first, second = case.ordered[:, 0], case.ordered[:, 1]
     E, kept = _found(
         cv2.findEssentialMat(first, second, case.camera.K, cv2.USAC_MAGSAC, 0.9999, MAX_ERROR_PX)
@@ -118,19 +118,19 @@ def opencv_essential(case: Case) -> Answer:
 
 
 def _found(pair: Any) -> tuple[Array | None, Array]:
-    """Type what OpenCV's solvers return: a matrix, None if they find nothing, and a mask."""
+    """Return what OpenCV's solvers do, typed: a matrix, None if they find nothing, and a mask."""
     matrix, mask = pair
     return matrix, mask
 
 
 def nothing(case: Case) -> Answer:
-    """Give no F and no inliers."""
+    """Return the answer without F and inliers."""
     return Answer(F=None, inlier=np.zeros(len(case.ordered), bool))
 
 
 METHODS: dict[str, Method] = {
-    "ours, no order told, K known": ours,
-    "ours, no order told": lambda case: ours(case, calibrated=False),
+    "ours, no order given, K known": ours,
+    "ours, no order given": lambda case: ours(case, calibrated=False),
     "pycolmap, estimate_fundamental_matrix": pycolmap_fundamental,
     "pycolmap, estimate_two_view_geometry, its 4 px": lambda case: pycolmap_two_view(case, 4.0),
     "pycolmap, estimate_two_view_geometry, 1 px": lambda case: pycolmap_two_view(case, MAX_ERROR_PX),

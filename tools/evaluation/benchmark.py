@@ -44,7 +44,7 @@ SCENE = 3
 
 
 def timed(work: Callable[[], Any], repeats: int) -> float:
-    """Median seconds of a call, after one that is not counted."""
+    """Return the median seconds of a call, after one that is not counted."""
     seconds = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
@@ -69,7 +69,7 @@ def classical(first: Path, last: Path) -> None:
 
 
 def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
-    """Median seconds of every step of an estimate, in process and warm."""
+    """Return the median seconds of every step of an estimate, in process and warm."""
     from blur2view.cli.commands import main as command
 
     network, motion_network = blur2view.SmearNetwork(), blur2view.MotionNetwork()
@@ -94,7 +94,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
 
 
 def solver_seconds(repeats: int, samples: int = 1000) -> float:
-    """Median seconds of the minimal solver per sample of seven smears, all 64 sign patterns, batched."""
+    """Return the median seconds of the batched minimal solver per seven smears, all 64 sign patterns."""
     ends = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 7, 2, 2))
     return timed(lambda: solve_seven_smears(ends), repeats) / samples
 
@@ -110,7 +110,7 @@ def quietly(command: Callable[[list[str]], int], arguments: list[str]) -> None:
 
 
 def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
-    """Wall seconds and peak memory (MiB) of one ``blur2view estimate`` process."""
+    """Return wall seconds and peak memory (MiB) of one ``blur2view estimate`` process."""
     arguments = [sys.executable, "-m", "blur2view", "estimate", str(photo), "-o", str(folder), "--overwrite"]
     start = time.perf_counter()
     subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
@@ -119,13 +119,13 @@ def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
 
 
 def enlarged(photo: Path, target: Path) -> Path:
-    """Write the photograph resized to 24 megapixels; what is in it does not change what memory it takes."""
+    """Return the path of the photograph resized to 24 megapixels; its content does not change the memory."""
     cv2.imwrite(str(target), cv2.resize(np.asarray(cv2.imread(str(photo))), LARGE))
     return target
 
 
 def table(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
-    """Markdown of the figures, each beside its ratio to the classical alternative."""
+    """Return markdown of the figures, each beside its ratio to the classical alternative."""
     rows = [
         f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph.",
         "",
@@ -138,7 +138,7 @@ def table(times: dict[str, float], process: tuple[float, float], rival: float, r
 
 
 def machine() -> str:
-    """Name of the processor and the number of cores that this process may use."""
+    """Return the name of the processor and the number of cores that this process may use."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

@@ -80,17 +80,17 @@ class Outcome:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ToldEnds(WeightedEnds):
-    """Smears in true order: the other order is given a residual that nobody believes."""
+class OrderedEnds(WeightedEnds):
+    """Smears in true order: the other order is given a residual too large to be chosen."""
 
     def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
-        """Residuals of the true order alone."""
+        """Return residuals of the true order alone."""
         forward = super().residuals(F, decided).forward
         return OrderedResiduals(forward=forward, backward=np.full_like(forward, 1e6), decided=True)
 
 
 def smooth_noise(rng: np.random.Generator, points: Array, size: tuple[int, int]) -> Array:
-    """Unit-variance noise (N,) at pixels (N, 2), Gaussian-correlated over CORRELATION_PX."""
+    """Return unit-variance noise (N,) at pixels (N, 2), Gaussian-correlated over CORRELATION_PX."""
     width, height = size[0] // GRID, size[1] // GRID
     field = cv2.GaussianBlur(rng.normal(size=(height, width)), (0, 0), CORRELATION_PX / GRID)
     col, row = np.clip((points / GRID).astype(int), 0, [width - 1, height - 1]).T
@@ -103,7 +103,7 @@ def turns(scene: TestScene) -> bool:
 
 
 def disturb(scene: TestScene, level: Level, rng: np.random.Generator) -> Disturbed:
-    """Turn and stretch at most SMEARS of the true smears about their midpoints."""
+    """Return at most SMEARS of the true smears, turned and stretched about their midpoints."""
     true = true_ends(scene)
     ends = true[rng.permutation(len(true))[:SMEARS]]
     rows, columns = scene.valid.shape
@@ -117,7 +117,7 @@ def disturb(scene: TestScene, level: Level, rng: np.random.Generator) -> Disturb
 
 
 def oracle(family: str, data: Disturbed) -> tuple[Array, Array | None, Array | None]:
-    """Fit a family from the truth, order told, errors proportional to length: F, R and t (if it has them)."""
+    """Return F, R and t (if the family has them) fitted from the truth, in the true order."""
     scene = data.scene
     assert scene.F is not None
     T = np.linalg.inv(scene.K)
@@ -136,14 +136,14 @@ def oracle(family: str, data: Disturbed) -> tuple[Array, Array | None, Array | N
     }
     point = starts[family]
     for wide in (8, 1):  # the two-parameter F is far from the truth: first it needs to see all smears
-        told = ToldEnds(ends=points, sigma=wide * sigma)
-        point, _ = refine(point, told, RefineOptions(max_iterations=100, decided=True))
+        ordered = OrderedEnds(ends=points, sigma=wide * sigma)
+        point, _ = refine(point, ordered, RefineOptions(max_iterations=100, decided=True))
     F = denormalise(point.matrix(), T)
     return (F, point.R, point.t) if isinstance(point, CameraF) else (F, None, None)
 
 
 def ours(data: Disturbed, calibrated: bool = False) -> tuple[Array | None, Array | None, Array | None]:
-    """Estimate from the smears in random order, with truthful standard deviations: F and, with K, R and t."""
+    """Return F and, with K, R and t of the smears in random order, with truthful standard deviations."""
     rng = np.random.default_rng(0)
     relative = np.hypot(np.radians(data.level.direction_deg), data.level.length_share)
     rows, columns = data.scene.valid.shape
@@ -168,7 +168,7 @@ METHODS: dict[str, Callable[[Disturbed], tuple[Array | None, Array | None, Array
 
 
 def judge(method: str, data: Disturbed) -> Outcome:
-    """Run a method; no F is the worst answer, an error as long as the smears."""
+    """Return how good a method is; no F is the worst answer, an error as long as the smears."""
     F, R, t = METHODS[method](data)
     if F is None:
         return Outcome(method=method, level=data.level, rho=1.0)
@@ -183,7 +183,7 @@ def judge(method: str, data: Disturbed) -> Outcome:
 
 
 def study(scene: TestScene, methods: Iterable[str] = tuple(METHODS)) -> list[Outcome]:
-    """Run every method on a scene at every level; the noise depends on scene, level and draw alone."""
+    """Return every method on a scene at every level; the noise depends on scene, level and draw alone."""
     outcomes = []
     for share, degrees, draw in itertools.product(LENGTH_SHARE, DIRECTION_DEG, range(DRAWS)):
         level = Level(direction_deg=degrees, length_share=share)
@@ -194,7 +194,7 @@ def study(scene: TestScene, methods: Iterable[str] = tuple(METHODS)) -> list[Out
 
 
 def table(outcomes: list[Outcome], length_share: float) -> list[str]:
-    """Rows of Markdown at one level of the length's noise."""
+    """Return rows of Markdown at one level of the length's noise."""
     levels = [Level(direction_deg=degrees, length_share=length_share) for degrees in DIRECTION_DEG]
     of = {
         name: [[o for o in outcomes if o.method == name and o.level == level] for level in levels]
@@ -222,13 +222,13 @@ def table(outcomes: list[Outcome], length_share: float) -> list[str]:
 
 
 def _pose(cell: list[Outcome]) -> str:
-    """Give the medians of the pose's errors."""
+    """Return the medians of the pose's errors."""
     turn, move = (np.nanmedian([getattr(o, name) for o in cell]) for name in ("rotation", "translation_deg"))
     return f"{turn:.0%}, {move:.1f} deg"
 
 
 def markdown(outcomes: list[Outcome], scenes: int) -> str:
-    """Both tables."""
+    """Return both tables."""
     rows = [
         f"{scenes} rendered scenes whose camera translates and turns, {DRAWS} draws of noise correlated over "
         f"{CORRELATION_PX:g} px, {SMEARS} true smears each.",

@@ -95,7 +95,7 @@ def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
 
 
 def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
-    """Name what was found, by the rules above."""
+    """Return the name of what was found, by the rules above."""
     if geometry.config in NAMES:
         return NAMES[geometry.config]
     if geometry.config is Configuration.PLANAR_OR_PANORAMIC:
@@ -105,7 +105,7 @@ def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
 
 
 def with_shared_errors(scene: DegenerateScene, seed: int, direction_deg: float) -> DegenerateScene:
-    """Turn and stretch smears as a network errs: alike over 40 px, lengths by 15 %."""
+    """Return smears that err as a network's: correlated over 40 px, lengths by 15 %."""
     rng = np.random.default_rng([seed, 7])
     middle, half = scene.matches.midpoint, 0.5 * scene.matches.displacement
     angle = np.radians(direction_deg) * smooth_noise(rng, middle, 40.0)
@@ -120,7 +120,7 @@ def with_shared_errors(scene: DegenerateScene, seed: int, direction_deg: float) 
 
 
 def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
-    """Draw and name one scene."""
+    """Return one random scene, named."""
     kind, seed = task
     scene = draw_scene(kind, seed)
     if direction_deg > 0:
@@ -133,7 +133,7 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
 
 
 def table(rows: list[Named]) -> list[str]:
-    """Confusions as Markdown: one row per kind, one column per outcome, the share named correctly."""
+    """Return confusions as Markdown: one row per kind, one column per outcome, the share named correctly."""
     lines = ["| scene | " + " | ".join(OUTCOMES) + " | correct % |", "|---" * (len(OUTCOMES) + 2) + "|"]
     total = 0
     for kind in KINDS:
@@ -148,7 +148,7 @@ def table(rows: list[Named]) -> list[str]:
 
 
 def true_structure(scene: TestScene) -> str:
-    """Say how far one homography explains the true smears of what stands still in a photograph."""
+    """Return how far one homography explains the true smears of what stands still in a photograph."""
     if scene.F is None:
         return "pure rotation"
     chosen = scene.valid & scene.static
@@ -167,7 +167,7 @@ def true_structure(scene: TestScene) -> str:
 
 
 def photograph_table(folder: Path) -> list[str]:
-    """Name the photographs of a rendered split through the network."""
+    """Return the names that the photographs of a rendered split get through the network."""
     network, rows = blur2view.SmearNetwork(), []
     for scene in read_test_set(folder):
         matches = select_matches(network.predict(blur2view.read_image(scene.image_path)))
@@ -186,7 +186,7 @@ def photograph_table(folder: Path) -> list[str]:
 
 
 def study(first_seed: int, count: int, jobs: int) -> dict[str, list[Named]]:
-    """Name ``count`` scenes of every kind, with independent errors and with errors that neighbours share."""
+    """Return ``count`` named scenes of every kind, with independent and with shared errors."""
     tasks = [(kind, first_seed + i) for kind in KINDS for i in range(count)]
     fewer = [(kind, first_seed + i) for kind in KINDS for i in range(max(count // 5, 1))]
     with single_threaded_pool(jobs) as pool:
@@ -197,7 +197,7 @@ def study(first_seed: int, count: int, jobs: int) -> dict[str, list[Named]]:
 
 
 def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
-    """Write the whole page."""
+    """Return the whole page."""
     independent, shared = rows["independent"], rows["shared"]
     ms = 1e3 * float(np.median([row.seconds for row in independent]))
     off = [row for row in independent if row.kind in ("pure rotation", "plane")]
@@ -209,8 +209,8 @@ def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
         f"{confident} of {len(off)}. Median {ms:.0f} ms a scene.", "",
         *table(independent), "",
         f"{len(shared)} of these scenes with errors that neighbours share besides (direction "
-        f"{SHARED_DEG:.0f} degrees, length 15 %, alike over 40 px). Small parallax cannot be told from them "
-        "and is left open.", "",
+        f"{SHARED_DEG:.0f} degrees, length 15 %, correlated over 40 px). Small parallax cannot be "
+        "distinguished from them and is left open.", "",
         *table(shared), "",
         *photographs,
     ])  # fmt: skip

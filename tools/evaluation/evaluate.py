@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 import blur2view
+from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from blur2view.smears.field import SmearField, smear_ends
@@ -32,8 +32,6 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,34 +54,34 @@ class FundamentalFigures:
     epipole_deg: float
 
 
-def true_ends(scene: TestScene) -> Array:
+def true_ends(scene: TestScene) -> AnyArray:
     """Return the ends (N, 2, 2) of the true smears of valid static pixels, in true order."""
     chosen = scene.valid & scene.static
     return smear_ends(scene.midpoints[chosen], scene.displacement[chosen].astype(np.float64))
 
 
-def truth_at_matches(scene: TestScene, matches: SmearMatches) -> Array:
+def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
     """Return the true displacements (N, 2) of the cells in which the matches lie."""
     columns, rows = np.floor(matches.midpoint / 4).astype(int).T
-    displacement: Array = scene.displacement[rows, columns]
+    displacement: AnyArray = scene.displacement[rows, columns]
     return displacement
 
 
-def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None]]:
-    """Every method of the table, as a function of the matches."""
+def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
+    """Return every method of the table, as a function of the matches."""
 
-    def told(solver: baselines.Solver, matches: SmearMatches) -> Array | None:
+    def ordered_truly(solver: baselines.Solver, matches: SmearMatches) -> AnyArray | None:
         ordered = baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
         return baselines.solve(solver, ordered)
 
-    def unordered(matches: SmearMatches) -> Array | None:
+    def unordered(matches: SmearMatches) -> AnyArray | None:
         ends = baselines.scrambled(matches.ends, np.random.default_rng(0))
         return baselines.solve(baselines.opencv_magsac, ends)
 
-    def rightward(matches: SmearMatches) -> Array | None:
+    def rightward(matches: SmearMatches) -> AnyArray | None:
         return baselines.solve(baselines.opencv_magsac, baselines.rightward(matches.ends))
 
-    def ours(matches: SmearMatches) -> Array | None:
+    def ours(matches: SmearMatches) -> AnyArray | None:
         return estimate_two_view(matches, rng=np.random.default_rng(0)).F
 
     return {
@@ -91,9 +89,9 @@ def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], Array | None
         "two-parameter F": two_parameter_fundamental,
         "unordered, OpenCV MAGSAC": unordered,
         "u > 0 order, OpenCV MAGSAC": rightward,
-        "true order, OpenCV MAGSAC": partial(told, baselines.opencv_magsac),
-        "true order, pycolmap": partial(told, baselines.pycolmap_ransac),
-        "true order, PoseLib": partial(told, baselines.poselib_ransac),
+        "true order, OpenCV MAGSAC": partial(ordered_truly, baselines.opencv_magsac),
+        "true order, pycolmap": partial(ordered_truly, baselines.pycolmap_ransac),
+        "true order, PoseLib": partial(ordered_truly, baselines.poselib_ransac),
         "true F": lambda _: scene.F,
     }
 
@@ -114,16 +112,16 @@ class Truth(Protocol):
     """What F is judged against."""
 
     @property
-    def F(self) -> Array | None:
+    def F(self) -> AnyArray | None:
         """The true F; None where the camera does not translate."""
 
     @property
-    def K(self) -> Array:
+    def K(self) -> AnyArray:
         """Intrinsics."""
 
 
-def judge(F: Array | None, scene: Truth, ends: Array) -> Judged:
-    """Judge F on the true ends (N, 2, 2) of a scene whose camera translates.
+def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
+    """Return how good F is on the true ends (N, 2, 2) of a scene whose camera translates.
 
     None is the worst answer: errors as long as the smears, and an epipole at right angles.
     """
@@ -142,7 +140,7 @@ def judge(F: Array | None, scene: Truth, ends: Array) -> Judged:
 
 
 def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
-    """Medians of the errors, means of the shares, and inliers as a fraction of what the true F reaches."""
+    """Return medians of the errors, means of the shares, and inliers as a fraction of the true F's."""
     values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
     inliers = float(values["inliers"].mean())
     return FundamentalFigures(
@@ -160,7 +158,7 @@ def summarise(method: str, judged: list[Judged], reference: list[Judged], missin
 
 
 def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> list[FundamentalFigures]:
-    """Run every method on every image whose camera translates."""
+    """Return the figures of every method on every image whose camera translates."""
     table: dict[str, list[Judged]] = {}
     missing: dict[str, int] = {}
     for scene, field in scenes:
@@ -175,7 +173,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> lis
 
 
 def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
-    """All tables."""
+    """Return all tables."""
     rows = [f"Model {model_id}, {smears.images} rendered images.", "", *smear_tables(smears), ""]
     head = (
         "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "

@@ -1,11 +1,11 @@
-"""How often the 90 % regions of poses hold the truth, for errors that are independent and that are alike.
+"""How often the 90 % regions of poses hold the truth, for independent and for correlated errors.
 
     python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage
 
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from
-smears without order. "white": 1 px of noise on every coordinate, standard deviations told truly, with and
-without outliers. "alike": directions and lengths err as one over 40 px, as those of a network; the standard
-deviation of every displacement is told truly, that errors are alike is not.
+smears without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and
+without outliers. "correlated": directions and lengths err as one over 40 px, as those of a network;
+the standard deviation of every displacement is stated truly, that errors are correlated is not.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Case:
     length_share: float = 0.0
 
     @property
-    def alike(self) -> bool:
+    def correlated(self) -> bool:
         """Whether neighbours err as one."""
         return self.direction_deg > 0
 
@@ -59,10 +59,17 @@ CASES = (
     Case(name="white, smooth depth, 30 % outliers", kind="smooth", outliers=0.3),
     Case(name="white, scattered depth", kind="scattered"),
     Case(name="white, scattered depth, 30 % outliers", kind="scattered", outliers=0.3),
-    Case(name="alike, smooth depth, 2 degrees, 5 %", kind="smooth", direction_deg=2.0, length_share=0.05),
-    Case(name="alike, smooth depth, 4 degrees, 10 %", kind="smooth", direction_deg=4.0, length_share=0.1),
     Case(
-        name="alike, scattered depth, 4 degrees, 10 %", kind="scattered", direction_deg=4.0, length_share=0.1
+        name="correlated, smooth depth, 2 degrees, 5 %", kind="smooth", direction_deg=2.0, length_share=0.05
+    ),
+    Case(
+        name="correlated, smooth depth, 4 degrees, 10 %", kind="smooth", direction_deg=4.0, length_share=0.1
+    ),
+    Case(
+        name="correlated, scattered depth, 4 degrees, 10 %",
+        kind="scattered",
+        direction_deg=4.0,
+        length_share=0.1,
     ),
 )
 
@@ -78,19 +85,19 @@ class Outcome:
 
 
 def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
-    """Draw the smears of a seed, and what is seen of them."""
-    if not case.alike:
+    """Return the smears of a seed, and what is seen of them."""
+    if not case.correlated:
         scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=case.outliers))
         return scene, scene.matches
     scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=0.0, noise_px=0.0))
-    ends = alike(scene.ends, case, np.random.default_rng([seed, 1]))
+    ends = correlated(scene.ends, case, np.random.default_rng([seed, 1]))
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
     return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
 
 
-def alike(ends: Array, case: Case, rng: np.random.Generator) -> Array:
-    """Turn and stretch smears (N, 2, 2) about their midpoints by noise that is smooth over the image."""
+def correlated(ends: Array, case: Case, rng: np.random.Generator) -> Array:
+    """Return smears (N, 2, 2) turned and stretched about their midpoints by noise smooth over the image."""
     middle = ends.mean(axis=1)
     angle = np.radians(case.direction_deg) * smooth_noise(rng, middle, IMAGE_SIZE)
     stretch = np.exp(case.length_share * smooth_noise(rng, middle, IMAGE_SIZE))
@@ -100,7 +107,7 @@ def alike(ends: Array, case: Case, rng: np.random.Generator) -> Array:
 
 
 def outcome(case: Case, seed: int) -> Outcome:
-    """Solve one seed and ask whether the regions hold its pose."""
+    """Return whether the regions of one seed hold its pose."""
     scene, matches = observed(seed, case)
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
@@ -121,7 +128,7 @@ def outcome(case: Case, seed: int) -> Outcome:
 
 
 def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
-    """Table of the shares of seeds whose regions hold the truth."""
+    """Return a table of the shares of seeds whose regions hold the truth."""
     rows = [
         f"Share of seeds 0 to {seeds - 1} whose nominal 90 % region holds the truth, and median errors.",
         "",

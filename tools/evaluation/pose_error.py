@@ -14,7 +14,7 @@ NO_POSE_DEG = 180.0  # the error of no answer
 
 
 def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float:
-    """Pose error of F, degrees in [0, 180]: the larger of the rotation's and the directed translation's.
+    """Return the larger error of rotation and directed translation that F implies, degrees in [0, 180].
 
     Both flips of time are tried, F with the order it gives the matches and its transpose with the opposite;
     each gets its pose by cheirality; the smaller error counts.
@@ -40,7 +40,7 @@ def _directed_error_deg(pose: RigidTransform, R_true: Array, t_true: Array) -> f
 
 
 def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:
-    """Give the decomposition of K^T F K that has most points before both cameras.
+    """Return the decomposition of K^T F K that has most points before both cameras.
 
     ``ordered`` (N, 2, 2) holds the points in view 1 and in view 2, pixels.
     """
@@ -50,6 +50,6 @@ def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:
 
 
 def pose_auc(errors_deg: Array, bound_deg: float) -> float:
-    """Area under the recall curve of the pose error up to a bound, over the bound: 1 if all errors are 0."""
+    """Return the area under the recall curve of the pose error up to a bound, over the bound."""
     gain = np.clip(1 - np.asarray(errors_deg, float) / bound_deg, 0, None)
     return float(gain.mean()) if len(gain) else 0.0

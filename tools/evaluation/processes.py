@@ -15,7 +15,7 @@ THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextmanager
 def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
-    """Give a pool of fresh processes in which numpy and OpenCV use one thread.
+    """Yield a pool of fresh processes in which numpy and OpenCV use one thread.
 
     The libraries read their limits when they are loaded, so the environment is set while workers start and
     put back afterwards.

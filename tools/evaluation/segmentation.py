@@ -1,7 +1,7 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.png`` (some scenes: photograph with the truth, score,
+``segmentation.md`` (the table) and ``segmentation.webp`` (some scenes: photograph with the truth, score,
 probability, mask). Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
 smears are known. The scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
 `tools.datasets.mover_scenes` another with a mover in every picture.
@@ -15,13 +15,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
 from blur2view.networks.smear_network import SmearNetwork
@@ -33,8 +33,8 @@ from blur2view.smears.sampling import grid_pixels, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.visualization.mask_overlay import draw_motion
 from tools.datasets.testset import TestScene, read_test_set
+from tools.reports.figure_style import save_picture
 
-Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 REAL = Path("../shared/data/real")
@@ -66,8 +66,8 @@ class SceneFigures:
     called_baseline: float
 
 
-def average_precision(score: Array, moving: Mask) -> float:
-    """Mean precision at every moving pixel, ranked by score: 1 if all of them come first.
+def average_precision(score: AnyArray, moving: Mask) -> float:
+    """Return the mean precision at every moving pixel, ranked by score: 1 if all of them come first.
 
     Equal scores share the precision at their end.
     """
@@ -80,13 +80,13 @@ def average_precision(score: Array, moving: Mask) -> float:
 
 
 def overlap(found: Mask, true: Mask) -> float:
-    """Intersection over union; NaN where both are empty."""
+    """Return the intersection over union; NaN where both are empty."""
     union = (found | true).sum()
     return float((found & true).sum() / union) if union else float("nan")
 
 
 def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
-    """Compare a mask with the truth, and SErrMin above BASELINE with the same."""
+    """Return how a mask compares with the truth, and SErrMin above BASELINE with the same."""
     shape, (rows, columns) = scene.valid.shape, grid_pixels(found.field.shape)
     label, evidence = (field[rows, columns].reshape(shape) for field in (mask.labels, mask.evidence))
     valid, moving = scene.valid, ~scene.static & scene.valid
@@ -108,8 +108,8 @@ def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
     )
 
 
-def squared_residual(found: Estimate) -> Array:
-    """SErrMin at every pixel (H, W); without F half the squared length, the distance from no motion."""
+def squared_residual(found: Estimate) -> AnyArray:
+    """Return SErrMin at every pixel (H, W); without F half the squared length."""
     field, F = found.field, found.geometry.F
     if F is None:
         return np.asarray(0.5 * field.length_px**2)
@@ -119,7 +119,7 @@ def squared_residual(found: Estimate) -> Array:
 
 
 def true_estimate(scene: TestScene, found: Estimate) -> Estimate:
-    """Estimate from the true smears in place of the network's; where they are unknown, the nearest known."""
+    """Return the estimate from the true smears; where they are unknown, from the nearest known."""
     nearest = distance_transform_edt(~scene.valid, return_distances=False, return_indices=True)
     grid = scene.displacement[nearest[0], nearest[1]].astype(np.float32)
     size = found.field.shape[::-1]
@@ -147,7 +147,7 @@ class Judged:
 def judged_scenes(
     folders: Iterable[Path], network: SmearNetwork, motion_network: MotionNetwork
 ) -> Iterator[tuple[Path, Judged]]:
-    """Segment every scene of every folder; from true smears by their scores alone."""
+    """Yield every scene of every folder, segmented; from true smears by their scores alone."""
     by_scores = SegmentOptions(learned=False)
     for folder in folders:
         for scene in read_test_set(folder):
@@ -169,14 +169,14 @@ def judged_scenes(
 
 
 def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float]) -> float:
-    """Average over scenes, those without a value left out."""
+    """Return the mean over scenes, those without a value left out."""
     values = np.array([value(scene) for scene in scenes], float)
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")
 
 
 def split_rows(name: str, judged: list[Judged]) -> list[str]:
-    """Tabulate a split: predicted and true smears, all movers and large ones, and scenes without any."""
+    """Return rows of a split: predicted and true smears, all movers and large ones, scenes without any."""
     kinds = {"predicted": "predicted smears", "scores": "their scores alone", "true": "true smears"}
     rows = []
     for least, what in ((LEAST_SHARE, "1 %"), (LARGE_SHARE, "5 %")):
@@ -200,12 +200,12 @@ def _row(name: str, scenes: list[SceneFigures]) -> str:
         mean(scenes, lambda s: s.called_baseline),
         mean(scenes, lambda s: s.unobservable),
     ]
-    told = " | ".join("-" if np.isnan(figure) else f"{figure:.3f}" for figure in figures)
-    return f"| {name} | {len(scenes)} | {told} |"
+    cells = " | ".join("-" if np.isnan(figure) else f"{figure:.3f}" for figure in figures)
+    return f"| {name} | {len(scenes)} | {cells} |"
 
 
 def real_lines(folder: Path, network: SmearNetwork, motion_network: MotionNetwork) -> list[str]:
-    """Measure the overlap with the outlined walker, and what is called moving where nothing is."""
+    """Return the overlap with the outlined walker, and what is called moving where nothing is."""
     outline = json.loads(OUTLINE.read_text())
     person = np.zeros((outline["height"], outline["width"]), np.uint8)
     cv2.fillPoly(person, [np.array(outline["polygon"], np.int32)], 1)
@@ -230,19 +230,19 @@ def real_lines(folder: Path, network: SmearNetwork, motion_network: MotionNetwor
 
 
 def with_movers(judged: Iterable[Judged]) -> list[Judged]:
-    """Choose the scenes that count as ones with movers."""
+    """Return the scenes that count as ones with movers."""
     return [one for one in judged if one.predicted.share >= LEAST_SHARE]
 
 
-def panel(judged: list[Judged], rows: int = 8) -> Array:
-    """Show one scene or more, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
+def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
+    """Return scenes, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
     some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
 
-def _panel_row(one: Judged) -> Array:
-    """Photograph with the truth outlined, square root of the score to 5, probability, mask."""
+def _panel_row(one: Judged) -> AnyArray:
+    """Return photograph with the truth outlined, square root of the score to 5, probability, mask."""
     height, width = one.image.shape[:2]
     photo = np.round(255 * one.image).astype(np.uint8)
     truth = cv2.resize((~one.scene.static).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
@@ -303,7 +303,7 @@ def main() -> None:
     arguments.out.with_suffix(".md").write_text(text)
     some = with_movers(one for some in judged.values() for one in some)
     if some:
-        cv2.imwrite(str(arguments.out.with_suffix(".png")), panel(some)[..., ::-1])
+        save_picture(panel(some), arguments.out.with_suffix(".webp"))
 
 
 if __name__ == "__main__":

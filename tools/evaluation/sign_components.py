@@ -14,12 +14,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import blur2view
+from blur2view.arrays import AnyArray
 from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
 from blur2view.robust.ransac import ransac, weighted_samples
@@ -33,8 +32,6 @@ from blur2view.two_view.search import build_estimator
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
-
-Array = NDArray[Any]
 
 SAMPLES = 200  # samples of seven per image
 REPEATS = 5  # timings per image, of which the median counts
@@ -59,7 +56,7 @@ class Case:
     """Matches whose true order is known: +1 where ends[:, 0] is the open end, 0 where nothing is known."""
 
     matches: SmearMatches
-    order: Array
+    order: AnyArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +72,7 @@ class Figures:
     largest: float
     three: float
     wrong: float
-    patterns: Array
+    patterns: AnyArray
     milliseconds: float
     seconds_all: float
     seconds_left: float
@@ -90,8 +87,8 @@ def synthetic_cases(options: SyntheticOptions, count: int) -> Iterator[Case]:
         )
 
 
-def field_case(field: SmearField, truth: Array, measurable: Array) -> Case:
-    """Match a field's smears; orders from true displacements (h, w, 2), stride 4, where measurable (h, w)."""
+def field_case(field: SmearField, truth: AnyArray, measurable: AnyArray) -> Case:
+    """Return a field's matches; orders from true displacements (h, w, 2), stride 4, where measurable."""
     matches = select_matches(field)
     columns, rows = np.floor(matches.midpoint / 4).astype(int).T
     true = np.where(measurable[..., None], truth, 0).astype(np.float64)[rows, columns]
@@ -118,7 +115,7 @@ def redkitchen_cases(folder: Path) -> Iterator[Case]:
 
 
 def measure(case: Case) -> Figures:
-    """Group one image's smears, judge the grouping, count and solve what it leaves of samples."""
+    """Return how one image's smears are grouped, how well, and what that leaves of samples."""
     timings = []
     for _ in range(REPEATS):
         start = time.thread_time()
@@ -145,8 +142,8 @@ def measure(case: Case) -> Figures:
     )
 
 
-def wrong_share(components: SignComponents, order: Array) -> float:
-    """Give the share of the smears of known order (N,) that contradict the majority of their component."""
+def wrong_share(components: SignComponents, order: AnyArray) -> float:
+    """Return the share of the smears of known order (N,) that contradict the majority of their component."""
     known = order != 0
     if not known.any():
         return 0.0
@@ -155,7 +152,7 @@ def wrong_share(components: SignComponents, order: Array) -> float:
 
 
 def study_row(name: str, cases: Iterator[Case]) -> str:
-    """Give one row of the first table: means over images, unless said otherwise."""
+    """Return one row of the first table: means over images, unless said otherwise."""
     found = [measure(case) for case in cases if len(case.matches) >= EstimatorOptions().min_matches]
     patterns = np.concatenate([figures.patterns for figures in found])
     wrong = np.array([figures.wrong for figures in found])
@@ -172,7 +169,7 @@ def study_row(name: str, cases: Iterator[Case]) -> str:
 
 
 def groupings(scene: SyntheticSmears) -> dict[str, SignComponents]:
-    """Give groupings, from the one found to deliberately wrong ones of all smears in one component."""
+    """Return groupings, from the one found to deliberately wrong ones of all smears in one component."""
     count, rng = len(scene.swapped), np.random.default_rng(0)
     true, one = np.where(scene.swapped, -1.0, 1.0), np.zeros(count, int)
     left = scene.matches.midpoint[:, 0] < np.median(scene.matches.midpoint[:, 0])
@@ -189,7 +186,7 @@ def groupings(scene: SyntheticSmears) -> dict[str, SignComponents]:
 
 
 def accuracy(scene: SyntheticSmears, components: SignComponents) -> tuple[float, float]:
-    """Give the median rho of the F found with a grouping, and CPU milliseconds without the grouping's own."""
+    """Return the median rho of the F found with a grouping, and CPU milliseconds without the grouping."""
     options, rng = EstimatorOptions(), np.random.default_rng(0)
     estimator = replace(build_estimator(scene.matches, options), components=components)
     start = time.thread_time()
@@ -215,7 +212,7 @@ def wrong_rows(name: str, options: SyntheticOptions, count: int) -> Iterator[str
 
 
 def report(scenes: Path | None, redkitchen: Path | None, count: int) -> str:
-    """Write both tables as Markdown."""
+    """Return both tables as Markdown."""
     rows = [study_row(name, synthetic_cases(options, count)) for name, options in SYNTHETIC.items()]
     if scenes is not None:
         rows.append(study_row("network, rendered test split", rendered_cases(scenes)))

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
-
-Array = NDArray[Any]
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
@@ -84,15 +81,15 @@ class Smears:
         See :func:`coherence`.
     """
 
-    found: Array
-    true: Array
-    sigma: Array
-    sure: Array
-    coherence: Array
+    found: AnyArray
+    true: AnyArray
+    sigma: AnyArray
+    sure: AnyArray
+    coherence: AnyArray
 
 
-def coherence(image: Array, sigma_px: float = 12.0) -> Array:
-    """Give the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
+def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
+    """Return the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
 
     What a classical method would trust a blur's direction by: the difference of the eigenvalues over their
     sum, of a photograph (H, W, 3) in [0, 1] (Bigun and Granlund, ICCV 1987).
@@ -105,7 +102,7 @@ def coherence(image: Array, sigma_px: float = 12.0) -> Array:
 
 
 def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]:
-    """Collect the valid pixels of all images, and count the images."""
+    """Return the valid pixels of all images, and the number of images."""
     parts = []
     for scene, field in scenes:
         sigma = field.sigma_px[1::4, 1::4][scene.valid]
@@ -118,7 +115,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
 
 
 def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
-    """Judge the smears of all images together; "top 50 %" is the more certain half of each image."""
+    """Return the figures of all smears together; "top 50 %" is the more certain half of each image."""
     error, length = epe_s(smears.found, smears.true), np.linalg.norm(smears.true, axis=1)
     angle, clear = direction_error_deg(smears.found, smears.true), length >= DIRECTION_MIN_PX
     ratio, half = log_ratio(smears.found, length)[clear], smears.sure
@@ -139,12 +136,12 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
     )
 
 
-def log_ratio(found: Array, length: Array) -> Array:
-    """Give the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
+def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
+    """Return the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
     return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
 
 
-def by_octave(smears: Smears, error: Array, angle: Array, length: Array) -> Iterable[OctaveFigures]:
+def by_octave(smears: Smears, error: AnyArray, angle: AnyArray, length: AnyArray) -> Iterable[OctaveFigures]:
     """Yield the figures of every class of length that has smears."""
     ratio = log_ratio(smears.found, length)
     for start in OCTAVES_PX:
@@ -161,7 +158,7 @@ def by_octave(smears: Smears, error: Array, angle: Array, length: Array) -> Iter
             )
 
 
-def by_sigma(error: Array, sigma: Array) -> Iterable[SigmaBin]:
+def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
     """Yield predicted and found errors by tenths of sigma."""
     for chosen in np.array_split(np.argsort(sigma, kind="stable"), min(SIGMA_BINS, len(sigma))):
         yield SigmaBin(
@@ -172,7 +169,7 @@ def by_sigma(error: Array, sigma: Array) -> Iterable[SigmaBin]:
 
 
 def smear_tables(smears: SmearFigures) -> list[str]:
-    """Write the figures as lines of Markdown: all, by length, by sigma."""
+    """Return the figures as lines of Markdown: all, by length, by sigma."""
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     rows = ["| smears | |", "|---|---|", *(f"| {name} | {getattr(smears, name):.4g} |" for name in plain)]
     rows += [

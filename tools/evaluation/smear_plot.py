@@ -7,18 +7,17 @@ from typing import Any
 
 from blur2view.metrics import epe_s, sparsification_curve
 from tools.evaluation.smear_figures import SmearFigures, Smears
+from tools.reports.figure_style import new_figure, save
 
 
 def plot(smears: Smears, figures: SmearFigures, path: Path) -> None:
     """Draw sigma against error, the sparsification curves and the lengths by octave; write a PNG."""
-    from matplotlib.figure import Figure  # without a display
-
-    figure = Figure(figsize=(13, 4), layout="constrained")
+    figure = new_figure(13, 4)
     calibration, sparsification, lengths = figure.subplots(1, 3)
     draw_calibration(calibration, figures)
     draw_sparsification(sparsification, smears, figures)
     draw_lengths(lengths, figures)
-    figure.savefig(path, dpi=100)
+    save(figure, path, dpi=100)
 
 
 def draw_calibration(axes: Any, figures: SmearFigures) -> None:

@@ -4,7 +4,7 @@ r"""Our F, inliers and pose beside those of pycolmap and OpenCV, on matches whos
         [--sequence render/sequence]
 
 Three sets of matches: exact smears in their true order; smears with noise and outliers in their true order;
-the same in the order that we gave them, which is what a COLMAP database of ours holds. Ours is told no order
+the same in the order that we gave them, which is what a COLMAP database of ours holds. Ours is given no order
 in any. ``--sequence`` adds the network's smears on frames that :mod:`tools.reconstruction.sequence` rendered.
 F is judged on the true smears: the median Sampson distance in pixels, one flip of time for all of them.
 """
@@ -43,7 +43,7 @@ of them.
 
 Sampson: median distance of the true smears, and its 90 % quantile over the cases. Rotation and translation:
 errors in degrees, translation without sign; an F without a pose is decomposed with the true K. Precision and
-recall: share of the kept matches that are true, of the true ones that are kept. Ours is told no order, the
+recall: share of the kept matches that are true, of the true ones that are kept. Ours is given no order, the
 others that of the first column."""
 
 
@@ -60,7 +60,7 @@ class Judged:
 
 
 def judge(answer: Answer, case: Case) -> Judged:
-    """Judge F on the true smears, the pose, and the inliers; the better flip of time counts."""
+    """Return how good F is on the true smears, the pose, and the inliers; the better flip of time counts."""
     precision, recall = inlier_shares(answer.inlier, case.inlier)
     if answer.F is None:
         worst = float("inf")
@@ -84,12 +84,12 @@ def judge(answer: Answer, case: Case) -> Judged:
 
 
 def sampson_px(F: Array, ends: Array) -> float:
-    """Median Sampson distance of true smears, pixels, of F or its transpose, whichever is nearer."""
+    """Return the median Sampson distance of true smears, pixels, of F or its transpose, the nearer one."""
     return min(float(np.sqrt(np.median(sampson(G, ends[:, 0], ends[:, 1])))) for G in (F, F.T))
 
 
 def pose_errors(answer: Answer, case: Case) -> tuple[float, float]:
-    """Rotation and undirected translation error, degrees; an F without pose is decomposed with the true K."""
+    """Return rotation and undirected translation error, degrees; an F alone is decomposed with the true K."""
     if answer.F is None:
         return float("inf"), float("inf")
     R, t = answer.R, answer.t
@@ -102,7 +102,7 @@ def pose_errors(answer: Answer, case: Case) -> tuple[float, float]:
 
 
 def inlier_shares(kept: NDArray[np.bool_], true: NDArray[np.bool_] | None) -> tuple[float, float]:
-    """Share of the kept matches that are true, and of the true ones that are kept."""
+    """Return the share of the kept matches that are true, and of the true ones that are kept."""
     if true is None:
         return float("nan"), float(kept.mean())
     both = float((kept & true).sum())
@@ -110,7 +110,7 @@ def inlier_shares(kept: NDArray[np.bool_], true: NDArray[np.bool_] | None) -> tu
 
 
 def synthetic_case(smears: SyntheticSmears, ordered: Array) -> Case:
-    """Case of synthetic smears in some order."""
+    """Return a case of synthetic smears in some order."""
     camera = pinhole(smears.K, IMAGE_SIZE)
     return Case(
         unordered=smears.matches,
@@ -124,13 +124,13 @@ def synthetic_case(smears: SyntheticSmears, ordered: Array) -> Case:
 
 
 def pinhole(K: Array, size: tuple[int, int]) -> Camera:
-    """Known camera of K, with COLMAP's parameters."""
+    """Return a known camera of K, with COLMAP's parameters."""
     params = (K[0, 0], K[1, 1], *to_colmap(K[:2, 2]))
     return Camera(K=K, width=size[0], height=size[1], params=tuple(map(float, params)))
 
 
 def our_order(case: Case) -> Array:
-    """Order the ends as our calibrated estimate does, in the flip of time that is nearer the truth."""
+    """Return the ends ordered as by our calibrated estimate, in the flip of time nearer the truth."""
     found: TwoViewGeometry = estimate_two_view(
         case.unordered, rng=np.random.default_rng(0), camera=case.camera
     )
@@ -181,7 +181,7 @@ def network_cases(folder: Path) -> Iterator[tuple[str, Case]]:
 
 
 def table(judged: dict[tuple[str, str], list[Judged]]) -> str:
-    """Give the figures as Markdown: medians over cases, and of F's error the 90 % quantile."""
+    """Return the figures as Markdown: medians over cases, and of F's error the 90 % quantile."""
     head = "matches | method | cases | Sampson px | 90 % | rotation ° | translation ° | precision | recall"
     lines = [f"| {head} | configurations |", "|---" * 10 + "|"]
     for (name, method), cases in judged.items():
@@ -199,7 +199,7 @@ def table(judged: dict[tuple[str, str], list[Judged]]) -> str:
 
 
 def validate(cases: Iterator[tuple[str, Case]]) -> dict[tuple[str, str], list[Judged]]:
-    """Run every method on every case."""
+    """Return the figures of every method on every case."""
     judged: dict[tuple[str, str], list[Judged]] = {}
     for name, case in cases:
         for method, solve in METHODS.items():

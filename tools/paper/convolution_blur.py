@@ -13,12 +13,13 @@ import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.datasets.exposure import coded
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import Exposure, pixel_grid
@@ -32,7 +33,6 @@ from tools.reports.figure_style import new_figure, save, show_picture, style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 SEED, LENGTH_PX, SIZE = 11, 24.0, (640, 480)
 BORDER_PX = 8
@@ -43,18 +43,18 @@ BORDER_PX = 8
 class Blurs:
     """Linear pictures (H, W, 3): the sharp mid frame and both blurs; `border` (H, W) about edges."""
 
-    sharp: Array
-    averaged: Array
-    convolved: Array
+    sharp: AnyArray
+    averaged: AnyArray
+    convolved: AnyArray
     border: NDArray[np.bool_]
 
     def error(self, where: NDArray[np.bool_]) -> float:
-        """Mean absolute difference of both blurs, of the 255 levels of a coded photograph."""
+        """Return the mean absolute difference of both blurs, of the 255 levels of a coded photograph."""
         difference = np.abs(coded(self.averaged).astype(float) - coded(self.convolved).astype(float))
         return float(difference[where].mean())
 
     def figures(self) -> dict[str, float]:
-        """Give what is stored: both errors and the share of the image that counts as borders."""
+        """Return what is stored: both errors and the share of the image that counts as borders."""
         return {
             "difference_at_borders": self.error(self.border),
             "difference_inside": self.error(~self.border),
@@ -62,8 +62,8 @@ class Blurs:
         }
 
 
-def convolve(sharp: Array, displacement: Array, count: int) -> Array:
-    """Blur every pixel of a sharp frame (H, W, 3) along its own smear (H, W, 2), `count` samples of it."""
+def convolve(sharp: AnyArray, displacement: AnyArray, count: int) -> AnyArray:
+    """Return a sharp frame (H, W, 3) blurred along every pixel's smear (H, W, 2), `count` samples of it."""
     pixels = pixel_grid((sharp.shape[1], sharp.shape[0]))
     total = np.zeros_like(sharp)
     for share in (np.arange(count) + 0.5) / count - 0.5:
@@ -75,7 +75,7 @@ def convolve(sharp: Array, displacement: Array, count: int) -> Array:
 def blurs(
     seed: int, photos: Path | None, size: tuple[int, int] = SIZE, length_px: float = LENGTH_PX
 ) -> Blurs:
-    """Render a scene of cards before a background, and blur it both ways."""
+    """Return a rendered scene of cards before a background, blurred both ways."""
     rng = np.random.default_rng([seed, 11])
     K = sample_intrinsics(rng, size)
     layers = cards(rng, photographs("test", photos), K, size)
@@ -98,8 +98,8 @@ def blurs(
     )
 
 
-def smears_of(exposure: Exposure, canvases: list[Canvas], index: Array) -> Array:
-    """Give the smear (H, W, 2) of what is seen at every pixel at mid exposure, float32."""
+def smears_of(exposure: Exposure, canvases: list[Canvas], index: AnyArray) -> AnyArray:
+    """Return the smear (H, W, 2) of what is seen at every pixel at mid exposure, float32."""
     pixels = pixel_grid(exposure.size)
     displacement = np.zeros(pixels.shape, np.float32)
     for k, canvas in enumerate(canvases):
@@ -110,7 +110,7 @@ def smears_of(exposure: Exposure, canvases: list[Canvas], index: Array) -> Array
 
 
 def figure_of(found: Blurs) -> Figure:
-    """Draw the sharp frame, both blurs and their difference."""
+    """Return a figure of the sharp frame, both blurs and their difference."""
     figure = new_figure(10, 7.9)
     panels = figure.subplots(2, 2).ravel()
     show_picture(panels[0], coded(found.sharp), "sharp frame of mid exposure")

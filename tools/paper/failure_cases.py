@@ -31,7 +31,7 @@ GOOD_RHO = 0.1
 
 
 def verdict(geometry: TwoViewGeometry) -> str:
-    """Name the verdict: the configuration, and whether F comes with a homography (parallax not proven)."""
+    """Return the configuration, and whether F comes with a homography (parallax not proven)."""
     if geometry.F is not None and geometry.H is not None:
         return f"{geometry.config.name}, parallax not proven"
     return geometry.config.name
@@ -52,7 +52,7 @@ def correct(scene: FailureScene, geometry: TwoViewGeometry) -> bool:
 
 
 def static_ends(truth: Rendering) -> Array:
-    """Give the true ends (N, 2, 2) of what stands still and is seen at both."""
+    """Return the true ends (N, 2, 2) of what stands still and is seen at both."""
     seen = truth.static & truth.valid
     height, width = truth.linear.shape[:2]
     middle = (grid_points((width, height)) + truth.middle_offset)[seen]
@@ -60,7 +60,7 @@ def static_ends(truth: Rendering) -> Array:
 
 
 def counts(scenes: Iterable[FailureScene], network: blur2view.SmearNetwork) -> dict[str, object]:
-    """Count the verdicts on scenes of one kind."""
+    """Return the numbers of verdicts on scenes of one kind."""
     names: Counter[str] = Counter()
     right = 0
     for scene in scenes:
@@ -72,7 +72,7 @@ def counts(scenes: Iterable[FailureScene], network: blur2view.SmearNetwork) -> d
 
 
 def markdown(document: dict[str, dict[str, object]]) -> list[str]:
-    """Write the counts as lines of Markdown."""
+    """Return the counts as lines of Markdown."""
     lines = ["| scenes | images | not misled | verdicts |", "|---|---|---|---|"]
     for kind, row in document.items():
         verdicts = row["verdicts"]
@@ -83,7 +83,7 @@ def markdown(document: dict[str, dict[str, object]]) -> list[str]:
 
 
 def study(network: blur2view.SmearNetwork, photos: Path | None, seeds: Sequence[int]) -> dict[str, object]:
-    """Count all kinds; give what is stored."""
+    """Return the counts of all kinds, as they are stored."""
     kinds = {kind: counts((failure_scene(kind, s, photos) for s in seeds), network) for kind in KINDS}
     return {"model_id": network.info.model_id, "kinds": kinds}
 

@@ -29,25 +29,25 @@ LEAST_SIGMA_PX = 0.05
 
 
 def sigma_of(raw: Tensor) -> Tensor:
-    """Give sigma (N, 1, h, w), px, of raw output (N, 3, h, w)."""
+    """Return sigma (N, 1, h, w), px, of raw output (N, 3, h, w)."""
     return nnf.softplus(raw[:, 2:3]) + LEAST_SIGMA_PX
 
 
 def rightward(d: Tensor) -> Tensor:
-    """Turn smears (N, 2, h, w) so that they point to the right, upright ones downward."""
+    """Return smears (N, 2, h, w) pointing to the right, upright ones downward."""
     x, y = d[:, :1], d[:, 1:]
     return torch.where((x < 0) | ((x == 0) & (y < 0)), -d, d)
 
 
 def double_angle(d: Tensor) -> Tensor:
-    """Map smears (N, 2, h, w) to |d| (cos 2 phi, sin 2 phi); the torch twin of `field.to_double_angle`."""
+    """Return |d| (cos 2 phi, sin 2 phi) of smears (N, 2, h, w); the torch twin of `field.to_double_angle`."""
     x, y = d[:, :1], d[:, 1:]
     length = torch.sqrt(x * x + y * y + 1e-12)
     return torch.cat([x * x - y * y, 2 * x * y], 1) / length
 
 
 def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> Tensor:
-    """Give the squared error (N, 1, h, w), px^2, of vectors against true smears (N, 2, h, w)."""
+    """Return the squared error (N, 1, h, w), px^2, of vectors against true smears (N, 2, h, w)."""
     if representation == "local":
         both = [((vector - sign * d) ** 2).sum(1, keepdim=True) for sign in (1, -1)]
         return torch.minimum(*both)
@@ -58,7 +58,7 @@ def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> 
 def paper_loss(
     raw: Tensor, target: Tensor, representation: Representation, cross_check: bool, alpha: float
 ) -> Tensor:
-    """Compute the loss of a batch, a scalar.
+    """Return the loss of a batch, a scalar.
 
     Parameters
     ----------
@@ -85,6 +85,6 @@ def paper_loss(
 
 
 def decoded(raw: Tensor, representation: Representation) -> Tensor:
-    """Turn raw output (N, 3, h, w) into what `model.decode` gives: double angle and sigma, px."""
+    """Return the double angle and sigma, px, of raw output (N, 3, h, w), as `model.decode` does."""
     vector = raw[:, :2] if representation == "double" else double_angle(raw[:, :2])
     return torch.cat([vector, sigma_of(raw)], 1)

@@ -54,7 +54,7 @@ class PlainUNet(nn.Module):
         start_outputs(self.head)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Turn RGB (N, 3, H, W), sides multiples of 2^depth, into (N, 3, H/4, W/4)."""
+        """Return (N, 3, H/4, W/4) for RGB (N, 3, H, W), sides multiples of 2^depth."""
         x, skips = image, []
         for k, encoder in enumerate(self.encoders):
             x = encoder(x if k == 0 else nnf.max_pool2d(x, 2))
@@ -66,7 +66,7 @@ class PlainUNet(nn.Module):
 
 
 def stem_network() -> SmearUNet:
-    """Give our U-Net behind the structure-tensor stem, with the paper's outputs instead of factored ones."""
+    """Return our U-Net behind the structure-tensor stem, with the paper's outputs, not factored ones."""
     network = SmearUNet()
     network.head = nn.Conv2d(network.options.widths[0], 3, 1)
     start_outputs(network.head)

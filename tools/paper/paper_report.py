@@ -63,18 +63,18 @@ the 33 trainings of Table 1 and of the study of alpha; a stopped run goes on."""
 
 
 def read(results: Path, name: str) -> Any:
-    """Read a result; None if there is none."""
+    """Return a stored result; None if there is none."""
     path = results / name
     return json.loads(path.read_text()) if path.exists() else None
 
 
 def missing(command: str, budget: str) -> list[str]:
-    """Say how a missing part is made."""
+    """Return how a missing part is made."""
     return [f"Not run yet. `{command}` makes it ({budget})."]
 
 
 def comparison(table2: Any, evaluation: Any) -> list[str]:
-    """Put our figures under the published ones."""
+    """Return our figures under the published ones."""
     lines = [
         "| photographs | EPE-S top 50 %, px | over the length | SErrMin < 3, F | true F | fraction |",
         "|---|---|---|---|---|---|",
@@ -100,7 +100,7 @@ def comparison(table2: Any, evaluation: Any) -> list[str]:
 
 
 def first_table(document: Any) -> list[str]:
-    """Write Table 1."""
+    """Return Table 1."""
     if document is None:
         return missing(TRAINING, "about 6.5 minutes of one core for each of 24 runs")
     found = paper_summary.from_stored(document)
@@ -116,7 +116,7 @@ def first_table(document: Any) -> list[str]:
 
 
 def alpha_study(document: Any) -> list[str]:
-    """Write the study of alpha."""
+    """Return the study of alpha."""
     if not document:
         return missing(TRAINING, "about 6.5 minutes of one core for each of 12 runs, 3 of them of Table 1")
     found = paper_summary.from_stored(document)
@@ -128,12 +128,12 @@ def alpha_study(document: Any) -> list[str]:
 
 
 def made_by_training() -> str:
-    """Say how any row of the tables of trainings is made."""
+    """Return how any row of the tables of trainings is made."""
     return f"Made by `{TRAINING}`, one row alone with `--only` and its name, and `{REPORT}`."
 
 
 def second_table(document: Any) -> list[str]:
-    """Write Table 2 with its verdict."""
+    """Return Table 2 with its verdict."""
     if document is None:
         return missing(TABLE_2, "11 minutes of one core, nearly all for the paper's estimator")
     rows = [paper_tables.Row(**(row | {"curve": tuple(row["curve"])})) for row in document["rows"]]
@@ -149,7 +149,7 @@ def second_table(document: Any) -> list[str]:
 
 
 def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
-    """Say whether choosing automatically is as good as the best fixed share."""
+    """Return whether choosing automatically is as good as the best fixed share."""
     ours = {row.beta: row for row in rows if row.estimator == "ours"}
     chosen = ours.pop(paper_tables.AUTOMATIC)
     shares, medians = max(r.inliers for r in ours.values()), min(r.serrmin_px2 for r in ours.values())
@@ -164,7 +164,7 @@ def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
 
 
 def failures(document: Any) -> list[str]:
-    """Write the failure cases."""
+    """Return the failure cases."""
     pictures = [f"![{kind}](figures/failure_{kind.replace(' ', '_')}.png)" for kind in KINDS]
     if document is None:
         return [*missing(FAILURES, "five minutes of two cores"), "", *pictures]
@@ -182,7 +182,7 @@ def failures(document: Any) -> list[str]:
 
 
 def convolution(document: Any) -> list[str]:
-    """Write the comparison of both ways to blur."""
+    """Return the comparison of both ways to blur."""
     if document is None:
         return missing(CONVOLUTION, "seconds")
     border, inner = document["difference_at_borders"], document["difference_inside"]
@@ -197,7 +197,7 @@ def convolution(document: Any) -> list[str]:
 
 
 def report(results: Path) -> str:
-    """Write the whole file."""
+    """Return the whole file."""
     table1, table2 = read(results, "paper_table1.json"), read(results, "paper_table2.json")
     parts = {
         "Beside the published figures": comparison(table2, read(results, "evaluation.json")),

@@ -44,7 +44,7 @@ class VariantFigures:
 
 
 def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
-    """Average the results of one variant."""
+    """Return the averaged results of one variant."""
     values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
     curves = {
         key: np.mean([d[key] for d in documents], axis=0).tolist()
@@ -61,7 +61,7 @@ def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures
 
 
 def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, VariantFigures]:
-    """Read what is finished of all variants, by name: of all seeds, or of those given."""
+    """Return what is finished of all variants, by name: of all seeds, or of those given."""
     found = {}
     for name in VARIANTS:
         paths = {seed_of(path): path for path in sorted(folder.glob(f"{name}_[0-9]*.json"))}
@@ -74,12 +74,12 @@ def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, V
 
 
 def seed_of(path: Path) -> int:
-    """Tell the seed of a finished run's file."""
+    """Return the seed of a finished run's file."""
     return int(path.stem.rsplit("_", 1)[1])
 
 
 def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
-    """Read the study of alpha, with the seeds that all of it has."""
+    """Return the study of alpha, with the seeds that all of it has."""
     seeds = [
         {seed_of(path) for path in folder.glob(f"{variant.name}_[0-9]*.json")} for variant in ALPHA_STUDY
     ]
@@ -88,17 +88,17 @@ def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
 
 
 def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
-    """Give plain values, for JSON."""
+    """Return plain values, for JSON."""
     return {name: asdict(figures) for name, figures in found.items()}
 
 
 def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
-    """Invert :func:`stored`."""
+    """Return the inverse of :func:`stored`."""
     return {name: VariantFigures(**values) for name, values in document.items()}
 
 
 def label(variant: Variant) -> tuple[str, str]:
-    """Name a variant's network and loss for people."""
+    """Return the names of a variant's network and loss for people."""
     networks = {
         "stem": "stem, paper's outputs",
         "plain": "the paper's plain U-Net",
@@ -109,7 +109,7 @@ def label(variant: Variant) -> tuple[str, str]:
 
 
 def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
-    """Write Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
+    """Return Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
     lines = [
         "| name | network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
         "| sparsification area | EPE-S left, px | oracle, px | direction top 50 %, deg |",
@@ -119,18 +119,18 @@ def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list
         if variant.name not in found:
             continue
         figures, (network, loss) = found[variant.name], label(variant)
-        told = [f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES]
+        cells = [f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES]
         if figures.seeds == 1:
-            told = [f"{figures.mean[m]:.3f}" for m in MEASURES]
+            cells = [f"{figures.mean[m]:.3f}" for m in MEASURES]
         head = (
             f"| {variant.name} | {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
         )
-        lines.append(f"{head} | {' | '.join(told)} |")
+        lines.append(f"{head} | {' | '.join(cells)} |")
     return lines
 
 
 def verdicts(found: dict[str, VariantFigures]) -> list[str]:
-    """Say which of the six is best, by either measure, and whether it is the paper's."""
+    """Return which of the six is best, by either measure, and whether it is the paper's."""
     lines = []
     present = [variant for variant in SIX if variant.name in found]
     if len(present) < len(SIX):
@@ -152,23 +152,23 @@ def verdicts(found: dict[str, VariantFigures]) -> list[str]:
 
 
 def measured(figures: VariantFigures, measure: str) -> tuple[float, float]:
-    """Give a mean over seeds and its deviation."""
+    """Return a mean over seeds and its deviation."""
     return figures.mean[measure], figures.deviation[measure]
 
 
 def why_not_by_area(found: dict[str, VariantFigures]) -> list[str]:
-    """Compare the paper's variant with the one of the smallest area in px, if it is another."""
+    """Return how the paper's variant compares with the one of the smallest area in px, if it is another."""
     best = min(SIX, key=lambda variant: found[variant.name].mean["sparsification_area"])
     if best.name == BEST:
         return []
-    told = [
+    cells = [
         f"{label(VARIANTS[name])[1]}, leaves {found[name].mean['epe_s_left']:.2f} px and its oracle "
         f"{found[name].mean['epe_s_oracle']:.2f} px"
         for name in (BEST, best.name)
     ]
     return [
         "- Why not by area: it is the gap to the oracle over the mean error of all. "
-        f"{told[0]}; {told[1]}. Errors that are alike leave a sigma less to rank: the former has small ones "
+        f"{cells[0]}; {cells[1]}. Errors of one size leave a sigma less to rank: the former has small ones "
         "that the latter lacks."
     ]
 

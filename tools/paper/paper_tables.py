@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import blur2view
+from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import PAPER_INLIER, cumulative_curve
@@ -39,8 +39,6 @@ from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import paper_two_view
-
-Array = NDArray[Any]
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
@@ -87,8 +85,8 @@ class Row:
     curve: tuple[float, ...]
 
 
-def cost(F: Array | None, matches: SmearMatches) -> float:
-    """Mean squared error of smears in their standard deviations, at most CUTOFF^2 each; that without F."""
+def cost(F: AnyArray | None, matches: SmearMatches) -> float:
+    """Return the mean squared error of smears in sigmas, at most CUTOFF^2 each; that without F."""
     if F is None:
         return CUTOFF**2
     sigma = sampson_sigma(matches.weighed_across(), EstimatorOptions())
@@ -116,7 +114,7 @@ def estimates(scene: TestScene, field: SmearField, model_id: str, known: set[Any
 
 
 def read_work(work: Path, model_id: str) -> list[Found]:
-    """Read what is there of one network; a line that was cut by a kill is dropped."""
+    """Return what is there of one network; a line that was cut by a kill is dropped."""
     found = []
     for line in work.read_text().splitlines() if work.exists() else []:
         try:
@@ -129,7 +127,7 @@ def read_work(work: Path, model_id: str) -> list[Found]:
 
 
 def complete(scenes: Sequence[TestScene], network: blur2view.SmearNetwork, work: Path) -> list[Found]:
-    """Estimate what is missing, keeping every answer at once."""
+    """Return all estimates, making what is missing and keeping every answer at once."""
     model_id = network.info.model_id
     known = {one.key for one in read_work(work, model_id)}
     work.parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +151,7 @@ def unfinished(work: Path) -> bool:
 
 
 def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Found]]:
-    """Group by (estimator, beta) and scene, and add our choice among our answers of every scene."""
+    """Return answers by (estimator, beta) and scene, with our choice among our answers of every scene."""
     groups: dict[tuple[str, str], dict[str, Found]] = {}
     for one in found:
         groups.setdefault((one.estimator, f"{one.beta:.0%}"), {})[one.scene] = one
@@ -166,17 +164,17 @@ def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Fo
 
 
 def cheapest(answers: Sequence[Found]) -> Found:
-    """Choose by the robust cost; the seconds are those of all answers, as all are needed."""
+    """Return the answer of the least robust cost; its seconds are those of all answers, as all are needed."""
     return replace(min(answers, key=lambda one: one.cost), seconds=sum(one.seconds for one in answers))
 
 
-def all_true_ends(scene: TestScene) -> Array:
-    """Give the ends (N, 2, 2) of all valid true smears, movers' too."""
+def all_true_ends(scene: TestScene) -> AnyArray:
+    """Return the ends (N, 2, 2) of all valid true smears, movers' too."""
     return smear_ends(scene.midpoints[scene.valid], scene.displacement[scene.valid].astype(np.float64))
 
 
 def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[TestScene]) -> Row:
-    """Judge one way to estimate on the scenes it was run on."""
+    """Return how good one way to estimate is on the scenes it was run on."""
     shares, true_shares, medians, curves, seconds = [], [], [], [], []
     for scene in scenes:
         one, ends = group[scene.name], all_true_ends(scene)
@@ -202,7 +200,7 @@ def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[T
 
 
 def rows_of(found: Sequence[Found], scenes: Sequence[TestScene]) -> list[Row]:
-    """Give the table: every estimator and share on the scenes that all have, and the true F."""
+    """Return the table: every estimator and share on the scenes that all have, and the true F."""
     groups = with_automatic(found)
     shared = [scene for scene in scenes if all(scene.name in group for group in groups.values())]
     true = {
@@ -222,7 +220,7 @@ def rows_of(found: Sequence[Found], scenes: Sequence[TestScene]) -> list[Row]:
 
 
 def markdown(rows: Sequence[Row]) -> list[str]:
-    """Write the table as lines of Markdown."""
+    """Return the table as lines of Markdown."""
     lines = [
         "| estimator | smears used | images | no F | SErrMin < 3 | of the true F's "
         "| median SErrMin, px^2 | median s |",

@@ -88,7 +88,7 @@ class VariantRun:
     history: list[float] = field(default_factory=list)
 
     def parts(self) -> dict[str, Any]:
-        """Give what has a state to save."""
+        """Return what has a state to save."""
         return {"network": self.network, "average": self.average, "optimiser": self.optimiser}
 
     def save(self, path: Path) -> None:
@@ -107,7 +107,7 @@ class VariantRun:
 
 
 def build(variant: Variant) -> nn.Module:
-    """Make an untrained network."""
+    """Return an untrained network."""
     makers: dict[NetworkName, Callable[[], nn.Module]] = {
         "stem": stem_network, "plain": PlainUNet, "factored": SmearUNet,
     }  # fmt: skip
@@ -115,7 +115,7 @@ def build(variant: Variant) -> nn.Module:
 
 
 def start(variant: Variant, seed: int, learning_rate: float, device: torch.device) -> VariantRun:
-    """Start a run; its weights follow from the seed."""
+    """Return a new run; its weights follow from the seed."""
     torch.manual_seed(seed)
     network, average = build(variant).to(device), build(variant).to(device)
     average.load_state_dict(network.state_dict())
@@ -124,12 +124,12 @@ def start(variant: Variant, seed: int, learning_rate: float, device: torch.devic
 
 
 def learning_rate_at(step: int, options: TrainOptions) -> float:
-    """Warm up linearly over a tenth of the steps, then follow a cosine down to 1 % of the peak."""
+    """Return a rate that rises linearly for a tenth of the steps, then falls by a cosine to 1 %."""
     return warm_cosine(step, options.steps, options.learning_rate, options.steps // 10)
 
 
 def shared_input(network: nn.Module, images: Tensor) -> Tensor:
-    """Compute what networks of one kind share: the features of our stem, which has no parameters, or RGB."""
+    """Return what networks of one kind share: the features of our stem, which has no parameters, or RGB."""
     if not isinstance(network, SmearUNet):
         return images
     with torch.no_grad():
@@ -138,21 +138,21 @@ def shared_input(network: nn.Module, images: Tensor) -> Tensor:
 
 
 def raw_output(network: nn.Module, inputs: Tensor) -> Tensor:
-    """Run a network in training on its :func:`shared_input`, in bfloat16."""
+    """Return the output of a network in training on its :func:`shared_input`, in bfloat16."""
     with torch.autocast(inputs.device.type, dtype=torch.bfloat16):
         output: Tensor = network.body(inputs) if isinstance(network, SmearUNet) else network(inputs)
     return output.float()
 
 
 def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
-    """Compute the loss, a scalar."""
+    """Return the loss, a scalar."""
     if variant.network == "factored":
         return loss_of(raw, targets, variant.alpha).total
     return paper_loss(raw, targets, variant.representation, variant.cross_check, variant.alpha)
 
 
 def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
-    """Make one step on a :func:`shared_input` as :func:`tools.training.train.advance` does; give the loss."""
+    """Make one step as :func:`tools.training.train.advance` on a :func:`shared_input`; return the loss."""
     for group in run.optimiser.param_groups:
         group["lr"] = learning_rate_at(run.step, options)
     loss = loss_value(run.variant, raw_output(run.network, inputs), targets)
@@ -166,7 +166,7 @@ def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOpti
 
 
 def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes: Scenes) -> list[VariantRun]:
-    """Train variants of one kind of network to the end of their schedule, from their last checkpoints.
+    """Return variants of one kind of network trained to the end, from their last checkpoints.
 
     They share crops and stem features, which are computed once; one that is further on waits for the rest.
     """
@@ -202,14 +202,14 @@ def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes:
 
 @torch.no_grad()
 def predict(run: VariantRun, images: Tensor) -> Tensor:
-    """Run the averaged network on images (N, 3, H, W), 16 at a time: double angle and sigma (N, 3, h, w)."""
+    """Return double angle and sigma (N, 3, h, w) of images (N, 3, H, W) by the averaged network."""
     network, device = run.average.eval(), next(run.average.parameters()).device
     raw = torch.cat([network(images[k : k + 16].to(device)).cpu() for k in range(0, len(images), 16)])
     return decode(raw) if run.variant.network == "factored" else decoded(raw, run.variant.representation)
 
 
 def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
-    """Give the figures of predictions on crops: EPE-S, directions, sparsification curve and its area.
+    """Return the figures of predictions on crops: EPE-S, directions, sparsification curve and its area.
 
     ``epe_s_left`` is the mean in px of the curve by sigma, ``epe_s_oracle`` that of the curve by the error.
     """
@@ -229,7 +229,7 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
 
 
 def kinds_of(variants: Sequence[Variant]) -> list[list[Variant]]:
-    """Part variants into those behind our stem and plain U-Nets; empty parts are left out."""
+    """Return the variants behind our stem and the plain U-Nets; empty parts are left out."""
     plain = [variant for variant in variants if variant.network == "plain"]
     stem = [variant for variant in variants if variant.network != "plain"]
     return [kind for kind in (stem, plain) if kind]

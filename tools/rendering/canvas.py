@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.exposure import pixel_rays
 from tools.rendering.scene import Layer, Plane, sample_grid
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,21 +28,21 @@ class Canvas:
         What is painted.
     """
 
-    rgba: Array
+    rgba: AnyArray
     left: float
     top: float
     detail: float
     layer: Layer
 
-    def warp(self, positions: Array) -> Array:
-        """Give RGBA (h, w, 4) at mid-exposure image positions (h, w, 2), float32."""
+    def warp(self, positions: AnyArray) -> AnyArray:
+        """Return RGBA (h, w, 4) at mid-exposure image positions (h, w, 2), float32."""
         x = (positions[..., 0] - np.float32(self.left)) * np.float32(self.detail)
         y = (positions[..., 1] - np.float32(self.top)) * np.float32(self.detail)
         border = cv2.BORDER_REPLICATE if self.layer.stencil is None else cv2.BORDER_CONSTANT
         return np.asarray(cv2.remap(self.rgba, x, y, cv2.INTER_LINEAR, None, border))
 
-    def region(self, field: Array, size: tuple[int, int]) -> tuple[slice, slice] | None:
-        """Give the rows and columns of the image that a displacement field takes it to; None if none."""
+    def region(self, field: AnyArray, size: tuple[int, int]) -> tuple[slice, slice] | None:
+        """Return the rows and columns of the image that a displacement field takes it to; None if none."""
         if self.layer.stencil is None:
             return slice(0, size[1]), slice(0, size[0])
         rows, columns = self.rgba.shape[:2]
@@ -56,9 +53,9 @@ class Canvas:
         return (slice(y0, y1), slice(x0, x1)) if x0 < x1 and y0 < y1 else None
 
 
-def texel_spacing(texel: Array) -> Array:
-    """Give the largest texture step (h, w) between neighbouring canvas pixels (h, w, 2)."""
-    spacing: Array = np.zeros(texel.shape[:2], np.float32)
+def texel_spacing(texel: AnyArray) -> AnyArray:
+    """Return the largest texture step (h, w) between neighbouring canvas pixels (h, w, 2)."""
+    spacing: AnyArray = np.zeros(texel.shape[:2], np.float32)
     for axis in (0, 1):
         step = np.abs(np.diff(texel, axis=axis))
         padding = [(0, int(axis == k)) for k in (0, 1)]
@@ -67,19 +64,19 @@ def texel_spacing(texel: Array) -> Array:
     return spacing
 
 
-def mirrored(texture: Array, texel: Array) -> Array:
-    """Look a texture up at texels (h, w, 2), bilinearly, repeating it in mirror images."""
+def mirrored(texture: AnyArray, texel: AnyArray) -> AnyArray:
+    """Return a texture at texels (h, w, 2), bilinearly, repeated in mirror images."""
     period = np.array([2 * texture.shape[1], 2 * texture.shape[0]], np.float32)
     at = texel - np.floor(texel / period) * period  # remap itself walks back one period at a time
     return np.asarray(cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT))
 
 
-def textured(plane: Plane, rays: Array) -> Array:
-    """Give linear RGB (h, w, 3) of a plane along rays, filtered by the level of detail each pixel needs."""
+def textured(plane: Plane, rays: AnyArray) -> AnyArray:
+    """Return linear RGB (h, w, 3) of a plane along rays, filtered by the level of detail each pixel needs."""
     texel = plane.texel(rays).astype(np.float32)
     level = np.clip(np.log2(np.maximum(texel_spacing(texel), 1e-3)), 0, 5)
-    pyramid: Array = plane.texture
-    result: Array = np.zeros((*rays.shape[:2], 3), np.float32)
+    pyramid: AnyArray = plane.texture
+    result: AnyArray = np.zeros((*rays.shape[:2], 3), np.float32)
     for k in range(int(np.ceil(level.max())) + 1):
         weight = np.clip(1 - np.abs(level - k), 0, 1)
         if weight.max() > 0:
@@ -88,8 +85,8 @@ def textured(plane: Plane, rays: Array) -> Array:
     return result
 
 
-def stencil_alpha(layer: Layer, points: Array) -> Array:
-    """Give the alpha (h, w) of a layer at image points (h, w, 2), filtered against aliasing."""
+def stencil_alpha(layer: Layer, points: AnyArray) -> AnyArray:
+    """Return the alpha (h, w) of a layer at image points (h, w, 2), filtered against aliasing."""
     if layer.stencil is None:
         return np.ones(points.shape[:2], np.float32)
     x, y, width, height = layer.box
@@ -104,8 +101,8 @@ def stencil_alpha(layer: Layer, points: Array) -> Array:
     return np.asarray(cv2.remap(stencil, columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT))
 
 
-def surface_colour(layer: Layer, rays: Array) -> Array:
-    """Give linear RGB (h, w, 3) along rays: of the nearest plane of the layer."""
+def surface_colour(layer: Layer, rays: AnyArray) -> AnyArray:
+    """Return linear RGB (h, w, 3) along rays: of the nearest plane of the layer."""
     rgb = textured(layer.planes[0], rays)
     if len(layer.planes) == 1:
         return rgb
@@ -116,8 +113,8 @@ def surface_colour(layer: Layer, rays: Array) -> Array:
     return rgb
 
 
-def canvas_points(layer: Layer, size: tuple[int, int], margin: float, detail: float) -> Array:
-    """Give the image positions (h, w, 2) of a canvas: image and margin, as far as the layer covers them."""
+def canvas_points(layer: Layer, size: tuple[int, int], margin: float, detail: float) -> AnyArray:
+    """Return the image positions (h, w, 2) of a canvas: image and margin, as far as the layer covers them."""
     left, top, right, bottom = -margin, -margin, size[0] + margin, size[1] + margin
     if layer.stencil is not None:
         x, y, width, height = layer.box
@@ -128,9 +125,9 @@ def canvas_points(layer: Layer, size: tuple[int, int], margin: float, detail: fl
 
 
 def paint(
-    rng: np.random.Generator, layer: Layer, K: Array, size: tuple[int, int], margin: float, detail: float
+    rng: np.random.Generator, layer: Layer, K: AnyArray, size: tuple[int, int], margin: float, detail: float
 ) -> Canvas:
-    """Paint a layer over the part of the image, and of a margin in pixels, that it covers.
+    """Return a layer painted over the part of the image, and of a margin in pixels, that it covers.
 
     Parameters
     ----------
@@ -157,8 +154,8 @@ def paint(
     return Canvas(rgba=rgba.astype(np.float32), left=left, top=top, detail=detail, layer=layer)
 
 
-def add_highlights(rng: np.random.Generator, rgb: Array) -> Array:
-    """Add specular glints and lamps, far above white, to one surface in eight."""
+def add_highlights(rng: np.random.Generator, rgb: AnyArray) -> AnyArray:
+    """Return a surface with, in one case of eight, specular glints and lamps, far above white."""
     if rng.random() > 0.12:
         return rgb
     glow = np.zeros(rgb.shape[:2], np.float32)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.motion import Trajectory
 from tools.rendering.scene import Layer
-
-Array = NDArray[Any]
 
 KNOTS = (1 - np.cos(np.linspace(0, np.pi, 7))) / 2 - 0.5
 """Chebyshev-Lobatto exposure times at which inverse displacement fields are solved; both ends included."""
@@ -21,14 +18,14 @@ GRID = 4
 """Spacing in pixels of those fields and of the stored truth; cell j has its centre at pixel 4 j + 1.5."""
 
 
-def pixel_rays(points: Array, K: Array) -> Array:
-    """Give rays (..., 3) with z = 1 through pixels (..., 2)."""
+def pixel_rays(points: AnyArray, K: AnyArray) -> AnyArray:
+    """Return rays (..., 3) with z = 1 through pixels (..., 2)."""
     xy = (points - K[:2, 2]) / np.array([K[0, 0], K[1, 1]])
     return np.concatenate([xy, np.ones_like(xy[..., :1])], -1)
 
 
-def grid_points(size: tuple[int, int], ring: int = 0) -> Array:
-    """Give the centres (h, w, 2) of the 4 x 4 cells of an image, with `ring` more cells all round."""
+def grid_points(size: tuple[int, int], ring: int = 0) -> AnyArray:
+    """Return the centres (h, w, 2) of the 4 x 4 cells of an image, with `ring` more cells all round."""
     width, height = size
     x = np.arange(-ring, width // GRID + ring) * GRID + (GRID - 1) / 2
     y = np.arange(-ring, height // GRID + ring) * GRID + (GRID - 1) / 2
@@ -36,8 +33,8 @@ def grid_points(size: tuple[int, int], ring: int = 0) -> Array:
 
 
 @functools.lru_cache(maxsize=4)
-def pixel_grid(size: tuple[int, int]) -> Array:
-    """Give the position (x, y) of every pixel, read-only float32 (H, W, 2)."""
+def pixel_grid(size: tuple[int, int]) -> AnyArray:
+    """Return the position (x, y) of every pixel, read-only float32 (H, W, 2)."""
     pixels = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1).astype(np.float32)
     pixels.setflags(write=False)  # shared between all sub-frames
     return pixels
@@ -58,11 +55,11 @@ class Exposure:
     """
 
     camera: Trajectory
-    K: Array
+    K: AnyArray
     size: tuple[int, int]
 
-    def moved(self, points: Array, layer: Layer, tau: float) -> Array:
-        """Give image positions (..., 2) at time tau of surface points seen at `points` at mid exposure."""
+    def moved(self, points: AnyArray, layer: Layer, tau: float) -> AnyArray:
+        """Return image positions (..., 2) at time tau of surface points seen at `points` at mid exposure."""
         rays = pixel_rays(points, self.K)
         rho = layer.inverse_depth(rays, points / np.array(self.size))[..., None]
         if layer.own_path is not None:
@@ -72,17 +69,17 @@ class Exposure:
         homogeneous = (rays - rho * centre) @ (self.K @ R).T
         return np.asarray(homogeneous[..., :2] / np.maximum(homogeneous[..., 2:], 0.05))
 
-    def ends(self, points: Array, layer: Layer) -> tuple[Array, Array]:
-        """Give the positions (..., 2) at shutter-open and shutter-close."""
+    def ends(self, points: AnyArray, layer: Layer) -> tuple[AnyArray, AnyArray]:
+        """Return the positions (..., 2) at shutter-open and shutter-close."""
         return self.moved(points, layer, -0.5), self.moved(points, layer, 0.5)
 
-    def smear_lengths(self, points: Array, layers: list[Layer]) -> Array:
-        """Give the smear lengths (layers, ...) at points, as if every layer were visible everywhere."""
+    def smear_lengths(self, points: AnyArray, layers: list[Layer]) -> AnyArray:
+        """Return the smear lengths (layers, ...) at points, as if every layer were visible everywhere."""
         ends = [self.ends(points, layer) for layer in layers]
         return np.stack([np.linalg.norm(close - start, axis=-1) for start, close in ends])
 
-    def inverse_displacements(self, layer: Layer) -> Array:
-        """Per knot, the field g (h+2, w+2, 2): what is seen at y at that time was at y + g at mid exposure.
+    def inverse_displacements(self, layer: Layer) -> AnyArray:
+        """Return, per knot, g (h+2, w+2, 2): what is seen at y at that time was at y + g at mid exposure.
 
         Fixed-point iteration on y = W(x); it converges because smears vary slowly over a surface. Where it
         has not converged the cross-check of the truth fails and the pixel is marked invalid.
@@ -97,16 +94,16 @@ class Exposure:
         return np.stack(fields)
 
 
-def knot_weights(tau: Array) -> Array:
-    """Give the Lagrange weights (N, knots) that interpolate the knots' fields at times tau (N,)."""
+def knot_weights(tau: AnyArray) -> AnyArray:
+    """Return the Lagrange weights (N, knots) that interpolate the knots' fields at times tau (N,)."""
     gaps = KNOTS[:, None] - KNOTS[None] + np.eye(len(KNOTS))
     factors = (tau[:, None, None] - KNOTS[None, None, :]) / gaps[None]
-    weights: Array = np.prod(np.where(np.eye(len(KNOTS), dtype=bool), 1.0, factors), axis=2)
+    weights: AnyArray = np.prod(np.where(np.eye(len(KNOTS), dtype=bool), 1.0, factors), axis=2)
     return weights
 
 
-def upsample(field: Array, size: tuple[int, int]) -> Array:
-    """Interpolate a ringed grid field (h+2, w+2, 2) to pixels: float32 (H, W, 2)."""
+def upsample(field: AnyArray, size: tuple[int, int]) -> AnyArray:
+    """Return a ringed grid field (h+2, w+2, 2) interpolated to pixels: float32 (H, W, 2)."""
     coarse = field.astype(np.float32)
     large = np.asarray(cv2.resize(coarse, None, fx=GRID, fy=GRID, interpolation=cv2.INTER_LINEAR))
     return large[GRID : GRID + size[1], GRID : GRID + size[0]]

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.exposure import Exposure
 from tools.rendering.motion import Trajectory, sample_camera_path, sample_object_path
 from tools.rendering.render import Rendering, expose, scaled_exposure
@@ -28,8 +27,6 @@ from tools.rendering.scene import (
 from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.textures import Image, photographs
 
-Array = NDArray[Any]
-
 CARDS, DRAWN = 6, 24
 TILT = 0.6
 """Largest tilt of the plane, radians."""
@@ -43,15 +40,17 @@ class FailureScene:
 
     kind: str
     seed: int
-    photograph: Array
+    photograph: AnyArray
     rendering: Rendering
 
 
-Layers = Callable[[np.random.Generator, "tuple[Image, ...]", Array, "tuple[int, int]"], "list[Layer]"]
+Layers = Callable[[np.random.Generator, "tuple[Image, ...]", AnyArray, "tuple[int, int]"], "list[Layer]"]
 
 
-def cards(rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]) -> list[Layer]:
-    """Draw a background and before it, far to near, the CARDS of DRAWN that would cover most of the image."""
+def cards(
+    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
+) -> list[Layer]:
+    """Return a background and before it, far to near, the CARDS of DRAWN that cover most of the image."""
     depths = np.sort(rng.uniform(0.3, 0.8, DRAWN))[::-1]
     drawn = [sample_card(rng, pool, K, size, float(z)) for z in depths]
     largest = sorted(np.argsort([-covered(card.box, size) for card in drawn])[:CARDS])
@@ -59,22 +58,22 @@ def cards(rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tup
 
 
 def covered(box: tuple[float, float, float, float], size: tuple[int, int]) -> float:
-    """Give the area in square pixels of the part of a box that lies in the image."""
+    """Return the area in square pixels of the part of a box that lies in the image."""
     start = np.maximum(box[:2], 0)
     sides = np.minimum(np.add(box[:2], box[2:]), size) - start
     return float(np.prod(np.maximum(sides, 0)))
 
 
 def one_plane(
-    rng: np.random.Generator, pool: tuple[Image, ...], K: Array, size: tuple[int, int]
+    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
 ) -> list[Layer]:
-    """Draw one tilted plane that fills the image."""
+    """Return one random tilted plane that fills the image."""
     plane = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, TILT), 1.0)
     return [Layer(planes=(plane,), relief=np.zeros((2, 2)), illumination=sample_illumination(rng))]
 
 
 def path_of(rng: np.random.Generator, kinds: tuple[str, ...]) -> tuple[Trajectory, str]:
-    """Draw a straight camera path of one of these kinds."""
+    """Return a random straight camera path of one of these kinds."""
     while True:
         path, kind = sample_camera_path(rng, straight=True)
         if kind in kinds:
@@ -93,7 +92,7 @@ KINDS: dict[str, tuple[Layers, tuple[str, ...]]] = {
 def failure_scene(
     kind: str, seed: int, photos: Path | None = None, size: tuple[int, int] = (640, 480)
 ) -> FailureScene:
-    """Render one scene of a kind; the same arguments give the same bytes.
+    """Return one rendered scene of a kind; the same arguments give the same bytes.
 
     Parameters
     ----------
@@ -121,5 +120,5 @@ def failure_scene(
 
 
 def moving(rng: np.random.Generator, card: Layer, camera: Trajectory) -> Layer:
-    """Give a card a path of its own."""
+    """Return a card with a path of its own."""
     return replace(card, own_path=sample_object_path(rng, camera))

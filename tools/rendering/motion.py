@@ -30,7 +30,7 @@ class Trajectory:
     acceleration: float = 0.0
 
     def at(self, tau: float) -> tuple[Vector, Vector]:
-        """Rotation matrix (3, 3) and position (3,) at exposure time tau."""
+        """Return the rotation matrix (3, 3) and position (3,) at exposure time tau."""
         s = tau + self.acceleration * tau**2
         vector = self.rotation * s + self.rotation_bend * tau**2
         R = np.asarray(cv2.Rodrigues(vector)[0], np.float64)
@@ -53,18 +53,18 @@ class Trajectory:
 
 
 def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:
-    """Draw a direction in 3D, stretched by `weights` before normalisation."""
+    """Return a random direction in 3D, stretched by `weights` before normalisation."""
     vector = rng.normal(size=3) * weights
     return vector / np.linalg.norm(vector)
 
 
 def bend_of(rng: np.random.Generator, velocity: Vector, ratio: float) -> Vector:
-    """Draw a bend of the given size relative to the velocity."""
+    """Return a random bend of the given size relative to the velocity."""
     return ratio * np.linalg.norm(velocity) * unit(rng)
 
 
 def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tuple[Trajectory, str]:
-    """Draw a camera path of unit size and the name of its kind.
+    """Return a random camera path of unit size and the name of its kind.
 
     Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (sideways,
     with a rotation that mostly holds the middle distance still, as one does who follows something, and in a
@@ -98,12 +98,12 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
 
 
 def sample_bend_ratio(rng: np.random.Generator) -> float:
-    """Draw how strongly a path bends: not at all, slightly (a pan) or as much as it moves (a hand)."""
+    """Return how strongly a path bends: not at all, slightly (a pan) or as much as it moves (a hand)."""
     return float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
 
 
 def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajectory:
-    """Draw a moving object's own path: another direction, comparable size, little rotation."""
+    """Return a moving object's random path: another direction, comparable size, little rotation."""
     speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
     return Trajectory(
         rotation=unit(rng) * speed * rng.uniform(0, 0.5),

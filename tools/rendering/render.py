@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import GRID, Exposure, grid_points, knot_weights, pixel_grid, upsample
 from tools.rendering.motion import Trajectory, sample_camera_path, sample_object_path
@@ -22,9 +21,6 @@ from tools.rendering.scene import Layer, sample_intrinsics, sample_layers
 from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import photographs
 from tools.rendering.truth import GridTruth, fundamental_of, grid_truth, relative_pose
-
-Array = NDArray[Any]
-
 
 STILL_PX = 1.0
 """Median smear below which a camera holds still, and objects choose a pace of their own."""
@@ -96,20 +92,20 @@ class Rendering(GridTruth):
         Sharp linear first and last instants.
     """
 
-    linear: Array
-    K: Array
-    R: Array
-    t: Array
-    F: Array | None
+    linear: AnyArray
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray | None
     kind: str
     straight: bool
-    open_image: Array
-    close_image: Array
+    open_image: AnyArray
+    close_image: AnyArray
 
 
-def compose(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
-    """Give one sharp sub-frame (H, W, 3): layers, displaced by their fields, over each other, far to near."""
-    frame: Array = np.zeros((size[1], size[0], 3), np.float32)
+def compose(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
+    """Return one sharp sub-frame (H, W, 3): layers displaced by their fields, composed far to near."""
+    frame: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     pixels = pixel_grid(size)
     for canvas, coarse in zip(canvases, fields, strict=True):
         region = canvas.region(coarse, size)
@@ -125,7 +121,7 @@ def compose(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) 
 
 
 def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -> Exposure:
-    """Scale a unit path so that the median smear over all layers is `length_px` and the longest bounded."""
+    """Return a unit path scaled to a median smear of `length_px` over all layers, the longest bounded."""
 
     def at(factor: float) -> Exposure:
         return replace(exposure, camera=exposure.camera.scaled(factor))
@@ -139,7 +135,7 @@ def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -
 
 
 def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
-    """Draw the median smear length of a scene, pixels."""
+    """Return a random median smear length of a scene, pixels."""
     return (
         float(rng.random() ** 2) if rng.random() < options.sharp_share else log_uniform(rng, options.smear_px)
     )
@@ -148,7 +144,7 @@ def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
 def set_in_motion(
     rng: np.random.Generator, layers: list[Layer], camera: Trajectory, share: float
 ) -> list[Layer]:
-    """Give one or two cards, rather large ones, paths as fast as the camera's in a share of the scenes."""
+    """Return layers with, in a share of the scenes, one or two rather large cards as fast as the camera."""
     if len(layers) < 2 or rng.random() > share:
         return layers
     area = np.array([layer.box[2] * layer.box[3] for layer in layers])  # the background's is zero
@@ -161,7 +157,7 @@ def set_in_motion(
 
 
 def render(seed: int, options: RenderOptions | None = None) -> Rendering:
-    """Render one scene with its truth; the same seed and options give the same bytes.
+    """Return one rendered scene with its truth; the same seed and options give the same bytes.
 
     Parameters
     ----------
@@ -193,7 +189,7 @@ def render(seed: int, options: RenderOptions | None = None) -> Rendering:
 def expose(
     rng: np.random.Generator, layers: list[Layer], exposure: Exposure, kind: str, detail: float
 ) -> Rendering:
-    """Paint the layers, average the sub-frames and compute the truth; `rng` draws the highlights."""
+    """Return the painted layers' average of sub-frames with the truth; `rng` draws the highlights."""
     fields = [exposure.inverse_displacements(layer) for layer in layers]
     margin = min(float(max(np.abs(f).max() for f in fields)), 160.0) + 4
     canvases = [paint(rng, layer, exposure.K, exposure.size, margin, detail) for layer in layers]
@@ -212,11 +208,11 @@ def expose(
     )
 
 
-def mean_frame(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
-    """Average sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
+def mean_frame(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
+    """Return the average of sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
     longest = max(np.linalg.norm(f[-1] - f[0], axis=-1).max() for f in fields)
     count = int(np.clip(np.ceil(longest), 15, 200))
-    total: Array = np.zeros((size[1], size[0], 3), np.float32)
+    total: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     for weights in knot_weights((np.arange(count) + 0.5) / count - 0.5):
         total += compose(canvases, [np.tensordot(weights, f, 1) for f in fields], size)
     return total / np.float32(count)

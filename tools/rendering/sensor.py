@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from blur2view.arrays import AnyArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,19 +36,19 @@ class SensorOptions:
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    """Draw between two positive bounds, uniformly in the logarithm."""
+    """Return a number between two positive bounds, uniform in the logarithm."""
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
 
 
-def expose(rng: np.random.Generator, linear: Array) -> Array:
-    """Apply gain and white balance: a mean level between a dim and an overexposed photograph."""
+def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
+    """Return radiance after gain and white balance, its mean level between dim and overexposed."""
     level = float(np.exp(rng.normal(np.log(0.25), 0.6)))
     gain = level / max(float(linear.mean()), 1e-3)
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
-def soften(rng: np.random.Generator, linear: Array, options: SensorOptions) -> Array:
-    """Apply an optical point spread; now and then defocus, which must not read as motion."""
+def soften(rng: np.random.Generator, linear: AnyArray, options: SensorOptions) -> AnyArray:
+    """Return the picture after an optical point spread; now and then defocus, which is no motion."""
     if rng.random() < options.defocus_share:
         radius = log_uniform(rng, (0.8, 6.0))
         reach = int(np.ceil(radius)) + 1
@@ -62,21 +60,21 @@ def soften(rng: np.random.Generator, linear: Array, options: SensorOptions) -> A
     return gaussian(linear, sigma) if sigma > 0.2 else linear
 
 
-def gaussian(image: Array, sigma_px: float) -> Array:
-    """Blur by a Gaussian."""
+def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
+    """Return the picture blurred by a Gaussian."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
-def add_noise(rng: np.random.Generator, signal: Array, options: SensorOptions) -> Array:
-    """Add shot and read noise in linear light, then clip at black and white."""
+def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions) -> AnyArray:
+    """Return linear light with shot and read noise, clipped at black and white."""
     read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
     deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
 
-def add_blotches(rng: np.random.Generator, signal: Array) -> Array:
-    """Add coarse coloured noise: what denoising and video compression leave of a sensor's noise."""
+def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
+    """Return the picture with coarse coloured noise, as denoising and video compression leave it."""
     small = rng.standard_normal((-(-signal.shape[0] // 2), -(-signal.shape[1] // 2), 3), dtype=np.float32)
     size = (signal.shape[1], signal.shape[0])
     coarse = np.asarray(cv2.resize(gaussian(small, rng.uniform(0.6, 1.5)), size))
@@ -84,8 +82,8 @@ def add_blotches(rng: np.random.Generator, signal: Array) -> Array:
     return np.asarray(np.clip(signal * (1 + np.float32(rng.uniform(0.01, 0.1)) * colour), 0, 1))
 
 
-def demosaic(signal: Array) -> Array:
-    """Sample a Bayer mosaic (RGGB) of linear RGB (H, W, 3) in [0, 1] and interpolate it back."""
+def demosaic(signal: AnyArray) -> AnyArray:
+    """Return linear RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic (RGGB) and interpolated back."""
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
@@ -94,8 +92,8 @@ def demosaic(signal: Array) -> Array:
     return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
 
 
-def tone(rng: np.random.Generator, linear: Array) -> Array:
-    """Apply sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
+def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
+    """Return sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
     if rng.random() < 0.4:
         curve = 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055
         return np.where(linear <= 0.0031308, 12.92 * linear, curve)
@@ -104,16 +102,16 @@ def tone(rng: np.random.Generator, linear: Array) -> Array:
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
-def sharpen(rng: np.random.Generator, coded: Array) -> Array:
-    """Sharpen half of the images by unsharp masking, as cameras do."""
+def sharpen(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
+    """Return the picture, in half of the cases sharpened by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
     soft = gaussian(coded, rng.uniform(0.7, 1.6))
     return np.asarray(np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1))
 
 
-def compress(rng: np.random.Generator, image: Array) -> Array:
-    """Send a picture (uint8 RGB) through JPEG at a quality between poor and good."""
+def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
+    """Return a picture (uint8 RGB) after JPEG at a quality between poor and good."""
     quality = int(rng.integers(35, 98))
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
@@ -122,8 +120,8 @@ def compress(rng: np.random.Generator, image: Array) -> Array:
     return np.asarray(decoded[..., ::-1])
 
 
-def photograph(rng: np.random.Generator, linear: Array, options: SensorOptions | None = None) -> Array:
-    """Turn radiance into an 8-bit photograph.
+def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOptions | None = None) -> AnyArray:
+    """Return radiance as an 8-bit photograph.
 
     Parameters
     ----------

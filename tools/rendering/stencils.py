@@ -19,12 +19,12 @@ FRACTION_BITS = 3
 
 
 def blank() -> Alpha:
-    """Give a stencil that covers nothing."""
+    """Return a stencil that covers nothing."""
     return np.zeros((SIZE, SIZE), np.float32)
 
 
 def polygon(rng: np.random.Generator) -> Alpha:
-    """Draw a star-shaped polygon of three to eight corners."""
+    """Return a random star-shaped polygon of three to eight corners."""
     alpha = blank()
     angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
     radius = SIZE * rng.uniform(0.25, 0.5, len(angles))
@@ -34,7 +34,7 @@ def polygon(rng: np.random.Generator) -> Alpha:
 
 
 def ellipse(rng: np.random.Generator) -> Alpha:
-    """Draw a turned ellipse about the centre."""
+    """Return a random turned ellipse about the centre."""
     alpha, scale = blank(), SIZE * 8
     centre, axes = (
         (scale // 2, scale // 2),
@@ -45,7 +45,7 @@ def ellipse(rng: np.random.Generator) -> Alpha:
 
 
 def bars(rng: np.random.Generator) -> Alpha:
-    """Draw one to eight straight bars, thin or thick."""
+    """Return one to eight straight bars, thin or thick."""
     alpha = blank()
     for _ in range(int(rng.integers(1, 9))):
         first, last = (rng.uniform(-0.2, 1.2, (2, 2)) * SIZE * 8).astype(int).tolist()
@@ -54,13 +54,13 @@ def bars(rng: np.random.Generator) -> Alpha:
 
 
 def foliage(rng: np.random.Generator) -> Alpha:
-    """Threshold 1/f noise: blots and holes of all sizes."""
+    """Return thresholded 1/f noise: blots and holes of all sizes."""
     alpha = spectral_noise(rng, SIZE, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)
     return np.asarray(cv2.GaussianBlur(alpha.astype(np.float32), (0, 0), 0.7), np.float32)
 
 
 def letters(rng: np.random.Generator) -> Alpha:
-    """Write three capital letters or digits."""
+    """Return three capital letters or digits."""
     text = "".join(rng.choice(list("ABCDEFGHKMNRSTWXYZ2345789"), 3))
     ink = np.zeros((SIZE, SIZE), np.uint8)
     cv2.putText(ink, text, (8, SIZE // 2 + 20), cv2.FONT_HERSHEY_SIMPLEX, 2.3, 255, 9, cv2.LINE_AA)
@@ -68,7 +68,7 @@ def letters(rng: np.random.Generator) -> Alpha:
 
 
 def box(rng: np.random.Generator) -> Alpha:
-    """Fill the stencil up to a thin margin; `rng` is not used."""
+    """Return a stencil filled up to a thin margin; `rng` is not used."""
     alpha = blank()
     alpha[2:-2, 2:-2] = 1.0
     return alpha
@@ -86,7 +86,7 @@ OUTLINES: dict[str, tuple[Callable[[np.random.Generator], Alpha], float]] = {
 
 
 def sample_stencil(rng: np.random.Generator) -> Alpha:
-    """Draw the alpha mask (SIZE, SIZE) in [0, 1] of one card; its border is empty."""
+    """Return a random alpha mask (SIZE, SIZE) in [0, 1] of one card; its border is empty."""
     shares = [share for _, share in OUTLINES.values()]
     outline, _ = OUTLINES[str(rng.choice(list(OUTLINES), p=shares))]
     alpha = outline(rng)

@@ -36,20 +36,20 @@ HELD_OUT_EVERY = 4
 
 
 def srgb_to_linear(coded: NDArray[np.floating]) -> Image:
-    """Decode sRGB-coded values in [0, 1] to linear light (IEC 61966-2-1)."""
+    """Return sRGB-coded values in [0, 1] as linear light (IEC 61966-2-1)."""
     coded = np.asarray(coded, np.float32)
     return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def split_files(split: str, folder: Path) -> list[Path]:
-    """List the PNG and JPEG files of one split ("train" or "test") of a folder, by name."""
+    """Return the PNG and JPEG files of one split ("train" or "test") of a folder, by name."""
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
     held = set(files[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
     return [p for p in files if (p in held) == (split == "test")]
 
 
 def read_photograph(path: Path) -> NDArray[np.uint8]:
-    """Read an 8-bit RGB photograph (H, W, 3); ImageError names a file that cannot be decoded."""
+    """Return an 8-bit RGB photograph (H, W, 3); ImageError names a file that cannot be decoded."""
     bgr = cv2.imread(str(path))
     if bgr is None:
         raise ImageError(f"cannot decode {path}: remove it from the folder of texture photographs")
@@ -58,7 +58,7 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
 
 @functools.lru_cache(maxsize=4)
 def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
-    """Load the linear-light photographs of one split.
+    """Return the linear-light photographs of one split.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
 
 
 def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
-    """Draw a photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
+    """Return a photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
     image = pool[rng.integers(len(pool))]
     image = np.rot90(image, int(rng.integers(4)))
     if rng.random() < 0.5:
@@ -113,7 +113,7 @@ def colour(rng: np.random.Generator) -> Image:
 
 
 def dead_leaves(rng: np.random.Generator) -> Image:
-    """Paint occluding discs, triangles and boxes; sizes follow a power law (Lee, Mumford, Huang 2001)."""
+    """Return occluding discs, triangles and boxes; sizes follow a power law (Lee, Mumford, Huang 2001)."""
     image = np.empty((SIZE, SIZE, 3), np.float32)
     image[:] = colour(rng)
     smallest = rng.uniform(1.5, 5.0)
@@ -133,7 +133,7 @@ def dead_leaves(rng: np.random.Generator) -> Image:
 
 
 def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Scalars:
-    """Draw noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
+    """Return noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
     exponent = rng.uniform(0.7, 1.6) if exponent is None else exponent
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     amplitude = (fx * fx + fy * fy + 1.0 / size**2) ** (-exponent / 2)
@@ -143,7 +143,7 @@ def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float |
 
 
 def cloudy(rng: np.random.Generator) -> Image:
-    """Mix two or three colours by 1/f noise."""
+    """Return two or three colours mixed by 1/f noise."""
     mix = 1 / (1 + np.exp(-rng.uniform(1, 4) * spectral_noise(rng)))[..., None]
     image = colour(rng) * mix + colour(rng) * (1 - mix)
     if rng.random() < 0.4:
@@ -153,7 +153,7 @@ def cloudy(rng: np.random.Generator) -> Image:
 
 
 def printed(rng: np.random.Generator) -> Image:
-    """Print lines of text in several sizes on a plain or cloudy ground."""
+    """Return lines of text in several sizes on a plain or cloudy ground."""
     image = (
         cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
     )
@@ -173,7 +173,7 @@ def printed(rng: np.random.Generator) -> Image:
 
 
 def bricks(rng: np.random.Generator) -> Image:
-    """Lay courses of bricks or tiles with mortar, each with a colour of its own."""
+    """Return courses of bricks or tiles with mortar, each with a colour of its own."""
     image = np.full((SIZE, SIZE, 3), colour(rng), np.float32)
     width, height = rng.uniform(12, 90), rng.uniform(8, 45)
     mortar, base = rng.uniform(1, 5), colour(rng)
@@ -190,7 +190,7 @@ def bricks(rng: np.random.Generator) -> Image:
 
 
 def strokes(rng: np.random.Generator) -> Image:
-    """Draw thin broken lines: cables, branches, scratches."""
+    """Return thin broken lines: cables, branches, scratches."""
     image = cloudy(rng) if rng.random() < 0.5 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
     for _ in range(int(rng.integers(30, 220))):
         start, spread, corners = rng.uniform(0, SIZE, 2), rng.uniform(5, 60), int(rng.integers(2, 7))
@@ -202,7 +202,7 @@ def strokes(rng: np.random.Generator) -> Image:
 
 
 def panels(rng: np.random.Generator) -> Image:
-    """Divide a wall into plain panels with seams, frames, panes and handles: doors, cupboards, facades.
+    """Return a wall of plain panels with seams, frames, panes and handles: doors, cupboards, facades.
 
     Long straight edges and nothing between them: what buildings and furniture show, and where blur along an
     edge cannot be seen.
@@ -228,7 +228,7 @@ def panels(rng: np.random.Generator) -> Image:
 def divided(
     rng: np.random.Generator, box: tuple[float, float, float, float], smallest: float
 ) -> list[tuple[float, float, float, float]]:
-    """Split a box (left, top, right, bottom) again and again until its parts are about `smallest` wide."""
+    """Return the parts of a box (left, top, right, bottom), split until they are about `smallest` wide."""
     left, top, right, bottom = box
     width, height = right - left, bottom - top
     if max(width, height) < 2 * smallest or (width < SIZE / 2 and rng.random() < 0.12):
@@ -250,14 +250,14 @@ def draw_box(image: Image, box: tuple[float, float, float, float], fill: Image) 
 
 
 def shading(rng: np.random.Generator) -> Scalars:
-    """Draw factors (SIZE, SIZE, 1) about 1: a slow gradient and a faint grain."""
+    """Return factors (SIZE, SIZE, 1) about 1: a slow gradient and a faint grain."""
     slow = spectral_noise(rng, exponent=rng.uniform(1.8, 2.6)) * rng.uniform(0, 0.15)
     grain = spectral_noise(rng, exponent=rng.uniform(0, 1.0)) * rng.choice([0.0, 0.01, 0.03])
     return np.asarray(np.exp(slow + grain)[..., None], np.float32)
 
 
 def plain(rng: np.random.Generator) -> Image:
-    """Paint one colour with slow shading and at most a few marks: walls, sky, floors, cloth."""
+    """Return one colour with slow shading and at most a few marks: walls, sky, floors, cloth."""
     image = np.empty((SIZE, SIZE, 3), np.float32)
     image[:] = colour(rng)
     for _ in range(int(rng.choice([0, 0, 3, 12]))):
@@ -280,7 +280,7 @@ PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
 
 
 def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.55) -> Image:
-    """Draw a linear-light texture (h, w, 3), at least 128 texels a side, with random contrast and gain."""
+    """Return a random linear-light texture (h, w, 3), at least 128 texels a side."""
     if rng.random() < photo_share:
         image = photograph(rng, pool)
     else:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.rendering.canvas import Canvas
 from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
-
-Array = NDArray[Any]
 
 CROSS_CHECK_PX = 1.0
 """Largest disagreement of a smear's end with what is visible there (the paper's eps)."""
@@ -36,14 +33,14 @@ class GridTruth:
         False on moving objects.
     """
 
-    displacement: Array
-    middle_offset: Array
-    valid: Array
-    static: Array
+    displacement: AnyArray
+    middle_offset: AnyArray
+    valid: AnyArray
+    static: AnyArray
 
 
-def origin_map(canvases: list[Canvas], fields: list[Array], size: tuple[int, int]) -> Array:
-    """Give the mid-exposure position (H, W, 2) of what is visible at each pixel of one sub-frame."""
+def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
+    """Return the mid-exposure position (H, W, 2) of what is visible at each pixel of one sub-frame."""
     pixels = pixel_grid(size)
     origin = pixels.copy()
     for canvas, coarse in zip(canvases, fields, strict=True):
@@ -53,15 +50,15 @@ def origin_map(canvases: list[Canvas], fields: list[Array], size: tuple[int, int
     return origin
 
 
-def top_layer(canvases: list[Canvas], points: Array) -> Array:
-    """Give the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
+def top_layer(canvases: list[Canvas], points: AnyArray) -> AnyArray:
+    """Return the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
     index = np.zeros(points.shape[:2], np.int64)
     for k, canvas in enumerate(canvases[1:], 1):
         index[canvas.warp(points.astype(np.float32))[..., 3] > 0.5] = k
     return index
 
 
-def end_visible(origin: Array, end: Array, points: Array, size: tuple[int, int]) -> Array:
+def end_visible(origin: AnyArray, end: AnyArray, points: AnyArray, size: tuple[int, int]) -> AnyArray:
     """Whether the smear's end shows the point itself: inside the image and cross-checked."""
     at = end.astype(np.float32)
     columns, rows = at[..., 0], at[..., 1]
@@ -70,8 +67,8 @@ def end_visible(origin: Array, end: Array, points: Array, size: tuple[int, int])
     return np.asarray(inside & (np.linalg.norm(seen - points, axis=-1) < CROSS_CHECK_PX))
 
 
-def grid_truth(canvases: list[Canvas], fields: list[Array], exposure: Exposure) -> GridTruth:
-    """Compute the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
+def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure) -> GridTruth:
+    """Return the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
     size = exposure.size
     points = grid_points(size)
     index = top_layer(canvases, points)
@@ -90,12 +87,12 @@ def grid_truth(canvases: list[Canvas], fields: list[Array], exposure: Exposure) 
     )
 
 
-def relative_pose(camera: Trajectory) -> tuple[Array, Array]:
+def relative_pose(camera: Trajectory) -> tuple[AnyArray, AnyArray]:
     """Return R (3, 3) and t (3,) of ``cam_close_from_cam_open``."""
     (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
     return R_close @ R_open.T, R_close @ (C_open - C_close)
 
 
-def fundamental_of(R: Array, t: Array, K: Array) -> Array | None:
-    """Give F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
+def fundamental_of(R: AnyArray, t: AnyArray, K: AnyArray) -> AnyArray | None:
+    """Return F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
     return fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import epe_s, rho
@@ -19,8 +19,6 @@ from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
 from tools.datasets.testset import TestScene
 from tools.evaluation.evaluate import true_ends
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,21 +31,21 @@ class Case:
     geometry: TwoViewGeometry
 
     @property
-    def image(self) -> Array:
+    def image(self) -> AnyArray:
         """The photograph (H, W, 3), float32 in [0, 1]."""
         return read_image(self.scene.image_path)
 
-    def sharp(self, end: str) -> Array:
-        """Read the sharp frame at shutter-"open" or "close", (H, W, 3)."""
+    def sharp(self, end: str) -> AnyArray:
+        """Return the sharp frame at shutter-"open" or "close", (H, W, 3)."""
         return read_image(self.scene.image_path.with_stem(f"{self.scene.name}_{end}"))
 
     @property
-    def displacement(self) -> Array:
+    def displacement(self) -> AnyArray:
         """Predicted smears (h, w, 2) on the grid of the truth."""
         return np.asarray(self.field.displacement[1::4, 1::4])
 
     @property
-    def sigma_px(self) -> Array:
+    def sigma_px(self) -> AnyArray:
         """Their sigma (h, w)."""
         return np.asarray(self.field.sigma_px[1::4, 1::4])
 
@@ -73,7 +71,7 @@ class Case:
 
 
 def cases(scenes: Iterable[TestScene], network: SmearNetwork) -> Iterator[Case]:
-    """Run the whole path on every photograph."""
+    """Yield the whole path's answer on every photograph."""
     for scene in scenes:
         found = estimate(read_image(scene.image_path), network=network)
         yield Case(scene=scene, field=found.field, matches=found.matches, geometry=found.geometry)
@@ -82,7 +80,7 @@ def cases(scenes: Iterable[TestScene], network: SmearNetwork) -> Iterator[Case]:
 def at_quantiles(
     found: Sequence[Case], measure: Callable[[Case], float], quantiles: Sequence[float]
 ) -> list[Case]:
-    """Choose the cases at these quantiles of a measure, of those where it is finite: no choice by hand.
+    """Return the cases at these quantiles of a measure, of those where it is finite: no choice by hand.
 
     Raises
     ------
@@ -96,7 +94,7 @@ def at_quantiles(
     return [found[order[round(q * (len(order) - 1))]] for q in quantiles]
 
 
-def at_pixels(grid: Array, shape: tuple[int, int]) -> Array:
-    """Enlarge a map (h, w) of the grid to pixels (H, W), cell by cell."""
+def at_pixels(grid: AnyArray, shape: tuple[int, int]) -> AnyArray:
+    """Return a map (h, w) of the grid enlarged to pixels (H, W), cell by cell."""
     coarse = grid.astype(np.float32)
     return np.asarray(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_NEAREST))

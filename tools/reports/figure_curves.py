@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
 from blur2view.metrics import PAPER_INLIER, cumulative_curve, epe_s, sparsification_curve
@@ -22,34 +22,33 @@ from tools.reports.figure_style import BLACK, BLUE, GREEN, ORANGE, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 SERRMIN_PX2 = np.geomspace(1e-3, 1e3, 121)
 """Bounds at which cumulative curves are drawn."""
 
 
-def ours(case: Case) -> Array | None:
-    """Give the F of the pipeline."""
+def ours(case: Case) -> AnyArray | None:
+    """Return the F of the pipeline."""
     return case.geometry.F
 
 
-def two_parameters(case: Case) -> Array | None:
-    """Give the F whose smears all meet in one point."""
+def two_parameters(case: Case) -> AnyArray | None:
+    """Return the F whose smears all meet in one point."""
     return two_parameter_fundamental(case.matches)
 
 
-def unordered(case: Case) -> Array | None:
-    """Give OpenCV's F of the same ends in random order."""
+def unordered(case: Case) -> AnyArray | None:
+    """Return OpenCV's F of the same ends in random order."""
     ends = baselines.scrambled(case.matches.ends, np.random.default_rng(0))
     return baselines.solve(baselines.opencv_magsac, ends)
 
 
-def true(case: Case) -> Array | None:
-    """Give the true F."""
+def true(case: Case) -> AnyArray | None:
+    """Return the true F."""
     return case.scene.F
 
 
-SOURCES: dict[str, tuple[Callable[[Case], Array | None], str, str]] = {
+SOURCES: dict[str, tuple[Callable[[Case], AnyArray | None], str, str]] = {
     "ours": (ours, BLUE, "-"),
     "two-parameter F": (two_parameters, ORANGE, "-"),
     "unordered ends, OpenCV MAGSAC": (unordered, GREEN, "-"),
@@ -59,7 +58,7 @@ SOURCES: dict[str, tuple[Callable[[Case], Array | None], str, str]] = {
 
 
 def sparsification(found: Sequence[Case]) -> Figure:
-    """Draw sparsification curves: of all smears together, and of each image's, averaged over the images."""
+    """Return sparsification curves: of all smears together, and of each image's, averaged over the images."""
     smears, images = pooled((case.scene, case.field) for case in found)
     figure = new_figure(9, 3.8)
     together, each = figure.subplots(1, 2, sharey=True)
@@ -77,8 +76,8 @@ def sparsification(found: Sequence[Case]) -> Figure:
     return figure
 
 
-def image_curves(case: Case) -> Array:
-    """Give shares removed and curves (4, steps) of one image: by coherence, by sigma, by the error."""
+def image_curves(case: Case) -> AnyArray:
+    """Return shares removed and curves (4, steps) of one image: by coherence, by sigma, by the error."""
     valid = case.scene.valid
     error = epe_s(case.displacement[valid], case.scene.displacement[valid])
     classical = coherence(read_image(case.scene.image_path))[valid]
@@ -87,7 +86,7 @@ def image_curves(case: Case) -> Array:
 
 
 def cumulative(found: Sequence[Case]) -> Figure:
-    """Draw cumulative SErrMin curves, means over the images whose camera translates.
+    """Return cumulative SErrMin curves, means over the images whose camera translates.
 
     Left on true smears, where the true F has no error; right on the matches that every estimator was given.
     """
@@ -107,18 +106,18 @@ def cumulative(found: Sequence[Case]) -> Figure:
     return figure
 
 
-def static_ends(case: Case) -> Array:
-    """Give the ends (N, 2, 2) of the true smears of static pixels."""
+def static_ends(case: Case) -> AnyArray:
+    """Return the ends (N, 2, 2) of the true smears of static pixels."""
     return true_ends(case.scene)
 
 
-def matched_ends(case: Case) -> Array:
-    """Give the ends (N, 2, 2) of the smears that were used."""
+def matched_ends(case: Case) -> AnyArray:
+    """Return the ends (N, 2, 2) of the smears that were used."""
     return case.matches.ends
 
 
-def mean_curve(matrices: Sequence[Array | None], ends: Sequence[Array]) -> Array:
-    """Average the images' cumulative curves; no F explains no smear."""
+def mean_curve(matrices: Sequence[AnyArray | None], ends: Sequence[AnyArray]) -> AnyArray:
+    """Return the average of the images' cumulative curves; no F explains no smear."""
     curves = [
         np.zeros(len(SERRMIN_PX2)) if F is None else cumulative_curve(serrmin(F, pairs), SERRMIN_PX2)
         for F, pairs in zip(matrices, ends, strict=True)

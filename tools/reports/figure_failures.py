@@ -21,22 +21,22 @@ SEEDS = (0, 1)
 
 
 def failure_figures(network: SmearNetwork, photos: Path | None, seeds: Sequence[int] = SEEDS) -> list[Figure]:
-    """Draw one figure for each kind of scene in `failure_scenes.KINDS`, in their order."""
+    """Return one figure for each kind of scene in `failure_scenes.KINDS`, in their order."""
     return [failure_figure([failure_scene(kind, seed, photos) for seed in seeds], network) for kind in KINDS]
 
 
 def failure_figure(scenes: Sequence[FailureScene], network: SmearNetwork) -> Figure:
-    """Draw the overlays of scenes of one kind side by side, each under the truth."""
+    """Return the overlays of scenes of one kind side by side, each under the truth."""
     figure = new_figure(6.4 * len(scenes), 6.5)
     for axes, scene in zip(figure.subplots(1, len(scenes), squeeze=False)[0], scenes, strict=True):
         image = np.asarray(scene.photograph, np.float32) / np.float32(255)
         found = estimate(image, network=network)
-        show_picture(axes, draw_overlay(image, found.field, found.matches, found.geometry), told(scene))
+        show_picture(axes, draw_overlay(image, found.field, found.matches, found.geometry), caption(scene))
     return figure
 
 
-def told(scene: FailureScene) -> str:
-    """Say what the scene is."""
+def caption(scene: FailureScene) -> str:
+    """Return what the scene is."""
     truth = scene.rendering
     length = np.median(np.linalg.norm(truth.displacement, axis=-1))
     moving = 1 - float(truth.static.mean())

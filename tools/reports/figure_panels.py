@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import sampson
 from blur2view.visualization.overlay import farthest_points, spread_subset
@@ -18,7 +18,6 @@ from tools.reports.figure_style import PALETTE, new_figure, show_picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 QUANTILES = (0.1, 0.5, 0.9)
 """Of the images, from good to bad: those that panels show."""
@@ -35,7 +34,7 @@ POINTS = 7
 
 
 def smear_panels(found: Sequence[Case]) -> Figure:
-    """Draw input, certain half of the prediction, truth and sigma of a good, a middling and a bad image."""
+    """Return input, certain half of the prediction, truth and sigma of a good, a middling and a bad image."""
     chosen = at_quantiles(found, lambda case: case.relative_error, QUANTILES)
     figure = new_figure(10, 2.05 * len(chosen) + 0.8)
     grid = figure.add_gridspec(len(chosen) + 1, 4, height_ratios=[1] * len(chosen) + [0.07])
@@ -57,7 +56,7 @@ def smear_panels(found: Sequence[Case]) -> Figure:
 
 
 def smear_row(row: Sequence[Any], case: Case) -> tuple[Any, Any]:
-    """Draw one image's four panels; give what the colour bars need."""
+    """Draw one image's four panels; return what the colour bars need."""
     image, scene = case.image, case.scene
     show_picture(row[0], image)
     draw_smears(row[1], image, scene.midpoints, case.displacement, case.sure)
@@ -69,20 +68,20 @@ def smear_row(row: Sequence[Any], case: Case) -> tuple[Any, Any]:
 
 
 def classes(name: str) -> Any:
-    """Give the norm that has one colour of a map for each class, and one for what lies beyond either end."""
+    """Return the norm that has one colour of a map for each class, and one beyond either end."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm
 
     return BoundaryNorm(CLASSES_PX, colormaps[name].N, extend="both")
 
 
-def pale(image: Array) -> Array:
-    """Give the photograph (H, W, 3) in GREYS pale shades (H, W), so that what is drawn on it stands out."""
+def pale(image: AnyArray) -> AnyArray:
+    """Return the photograph (H, W, 3) in GREYS pale shades (H, W), so that what is drawn on it stands out."""
     steps = GREYS - 1
     return np.asarray(0.5 + 0.45 * np.round(image.mean(axis=2) * steps) / steps)
 
 
-def draw_smears(axes: Any, image: Array, points: Array, displacement: Array, shown: Array) -> Any:
+def draw_smears(axes: Any, image: AnyArray, points: AnyArray, displacement: AnyArray, shown: AnyArray) -> Any:
     """Draw a spread of the smears of a grid over the paled photograph, white where none is to be shown."""
     from matplotlib.collections import LineCollection
 
@@ -108,7 +107,7 @@ def draw_smears(axes: Any, image: Array, points: Array, displacement: Array, sho
 
 
 def epipolar_panels(found: Sequence[Case]) -> Figure:
-    """Draw points of the first sharp frame, and their epipolar lines on the last one, ours and the true."""
+    """Return points of the first sharp frame, and their epipolar lines on the last one, ours and the true."""
     chosen = at_quantiles(found, lambda case: case.rho, QUANTILES)
     figure = new_figure(8, 2.95 * len(chosen) + 0.4)
     rows = figure.subplots(len(chosen), 2, squeeze=False)
@@ -140,13 +139,13 @@ def epipolar_row(row: Sequence[Any], case: Case) -> None:
         draw_line(row[1], F_true @ homogeneous(first), color=colour, lw=1.2, ls=(0, (4, 3)), alpha=0.9)
 
 
-def in_true_time(F: Array, ends: Array) -> Array:
-    """Give F or its transpose, whichever fits ends (N, 2, 2) in true order: one photograph cannot tell."""
+def in_true_time(F: AnyArray, ends: AnyArray) -> AnyArray:
+    """Return F or its transpose, whichever fits ends (N, 2, 2) in true order: one photograph cannot tell."""
     forward, backward = (np.median(sampson(f, ends[:, 0], ends[:, 1])) for f in (F, F.T))
     return F if forward <= backward else np.asarray(F.T)
 
 
-def draw_line(axes: Any, line: Array, **drawn: Any) -> None:
+def draw_line(axes: Any, line: AnyArray, **drawn: Any) -> None:
     """Draw the line (3,) over the whole picture, its limits kept."""
     normal = np.hypot(line[0], line[1])
     if not normal > 0:

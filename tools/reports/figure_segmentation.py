@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.network import MotionNetwork
@@ -20,15 +20,14 @@ from tools.reports.figure_style import new_figure, show_picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[Any]
 
 LEAST_SHARE = 0.03
 """Of the image that must move by itself for a scene to be shown."""
-TITLES = ("input", "truth: pink moves, dark is hidden", "mask: dark cannot be told", "probability of moving")
+TITLES = ("input", "truth: pink moves, dark is hidden", "mask: dark is unobservable", "probability of moving")
 
 
 def masked(case: Case, network: MotionNetwork) -> MotionMask:
-    """Segment one photograph."""
+    """Return the motion mask of one photograph."""
     found = Estimate(
         field=case.field,
         matches=case.matches,
@@ -40,15 +39,15 @@ def masked(case: Case, network: MotionNetwork) -> MotionMask:
 
 
 def mask_iou(case: Case, mask: MotionMask) -> float:
-    """Give the IoU of "moving" over cells that have a truth and whose motion the mask can tell; 0 if none."""
+    """Return the IoU of "moving" over cells with a truth that the mask calls observable; 0 if none."""
     labels = mask.labels[1::4, 1::4]
     known = case.scene.valid & (labels != MotionLabel.UNOBSERVABLE)
     mine, true = (labels == MotionLabel.MOVING) & known, ~case.scene.static & known
     return float(np.nan_to_num(overlap(mine, true)))
 
 
-def painted(image: Array, moving: Array, unseen: Array) -> Array:
-    """Paint masks (H, W) over the paled photograph (H, W, 3): pink what moves, dark what is not seen."""
+def painted(image: AnyArray, moving: AnyArray, unseen: AnyArray) -> AnyArray:
+    """Return masks (H, W) over the paled photograph (H, W, 3): pink what moves, dark what is not seen."""
     picture = np.repeat(pale(image)[..., None], 3, axis=2)
     picture[unseen] *= 0.35
     picture[moving] = 0.35 * picture[moving] + 0.65 * np.array(PINK) / 255
@@ -56,7 +55,7 @@ def painted(image: Array, moving: Array, unseen: Array) -> Array:
 
 
 def segmentation_panels(found: Sequence[Case]) -> Figure | None:
-    """Draw a good, a middling and a bad mask, by their IoU, of scenes in which something moves by itself.
+    """Return a good, a middling and a bad mask, by their IoU, of scenes in which something moves by itself.
 
     None where nothing does.
     """
@@ -82,7 +81,7 @@ def segmentation_panels(found: Sequence[Case]) -> Figure | None:
 
 
 def mask_row(row: Sequence[Any], case: Case, mask: MotionMask) -> Any:
-    """Draw one image's four panels; give what the colour bar needs."""
+    """Draw one image's four panels; return what the colour bar needs."""
     image, shape = case.image, case.field.shape
     hidden = at_pixels(~case.scene.valid, shape) > 0.5
     moves = at_pixels(~case.scene.static, shape) > 0.5

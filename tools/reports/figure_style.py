@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 if TYPE_CHECKING:
@@ -18,8 +20,10 @@ YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 PALETTE = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, YELLOW, BLACK)
 """Okabe and Ito, Color universal design, 2008."""
 MAX_BYTES = 300_000
-ATTEMPTS = ((110, 0), (110, 256), (110, 96), (90, 96), (75, 96), (60, 64), (45, 48))
-"""Dots an inch and colours (0: all) that are tried until a file is small enough."""
+DPI = 110
+ATTEMPTS = ((1.0, 256), (1.0, 96), (0.82, 96), (0.68, 96), (0.55, 64), (0.41, 48))
+"""Shares of the dots an inch, and colours, that are tried until a file is small enough."""
+WEBP_QUALITY = 85
 
 
 @contextmanager
@@ -47,7 +51,7 @@ def style() -> Iterator[None]:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Make an empty figure that needs no display."""
+    """Return an empty figure that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -66,16 +70,35 @@ def show_picture(axes: Any, picture: Any, title: str = "") -> None:
         spine.set_visible(False)
 
 
-def save(figure: Figure, path: Path) -> Path:
+def save_picture(picture: NDArray[np.uint8], path: Path) -> None:
+    """Write a picture (H, W, 3) RGB that holds photographs: a WebP has a tenth of a PNG's bytes.
+
+    Raises
+    ------
+    ValueError
+        If the path does not end in ``.webp``.
+    """
+    if path.suffix != ".webp":
+        raise ValueError(f"{path.name} does not end in .webp")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(picture).save(path, "WEBP", quality=WEBP_QUALITY, method=6)
+
+
+def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     """Write a PNG of at most MAX_BYTES, with fewer colours and then fewer dots if it must be.
+
+    Returns
+    -------
+    Path
+        The one given.
 
     Raises
     ------
     ValueError
         If no attempt is small enough.
     """
-    for dpi, colours in ATTEMPTS:
-        encoded = rendered(figure, dpi, colours)
+    for share, colours in ATTEMPTS:
+        encoded = rendered(figure, round(share * dpi), colours)
         if len(encoded) <= MAX_BYTES:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(encoded)
@@ -84,11 +107,11 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def rendered(figure: Figure, dpi: int, colours: int) -> bytes:
-    """Encode a figure as PNG; the same figure gives the same bytes."""
+    """Return a figure as PNG of so many colours; the same figure gives the same bytes."""
     raw, small = io.BytesIO(), io.BytesIO()
     figure.savefig(raw, dpi=dpi, format="png", facecolor="white", metadata={"Software": None})
     with Image.open(raw) as picture:
         flat = picture.convert("RGB")
-    flat = flat.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE) if colours else flat
+    flat = flat.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     flat.save(small, "PNG", optimize=True)
     return small.getvalue()

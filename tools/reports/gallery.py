@@ -1,7 +1,8 @@
 """Show what is found in many photographs, on one page to judge by eye.
 
-``python -m tools.reports.gallery PHOTO... --out gallery.png`` draws the overlay of each. With ``--plain``
-they are drawn on grey instead of the photographs, whose licences may not allow showing them.
+``python -m tools.reports.gallery PHOTO... --out gallery.webp`` draws the overlay of each. With ``--plain``
+they are drawn on grey instead of the photographs, whose licences may not allow showing them. One photograph
+alone is drawn wider: ``python -m tools.reports.gallery models/sample.jpg --out tools/results/sample.webp``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.visualization.drawing import INK, PAPER, write
 from blur2view.visualization.overlay import draw_overlay
+from tools.reports.figure_style import save_picture
 
 Picture = NDArray[np.uint8]
 
@@ -24,23 +26,27 @@ GREY = 0.25
 COLUMNS = 2
 TILE_PX = 640
 """Width of an overlay on the page."""
+ALONE_PX = 960
+"""Width of an overlay that has the page to itself."""
 
 
-def tile(path: Path, network: blur2view.SmearNetwork, plain: bool) -> Picture:
-    """Draw one photograph's overlay, TILE_PX wide, under its name."""
+def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, width: int) -> Picture:
+    """Return one photograph's overlay, so many pixels wide, under its name."""
     image = blur2view.read_image(path)
     found = blur2view.estimate(image, network=network)
     backdrop = np.full_like(image, GREY) if plain else image
     overlay = draw_overlay(backdrop, found.field, found.matches, found.geometry)
-    height = round(overlay.shape[0] * TILE_PX / overlay.shape[1])
-    small = np.asarray(cv2.resize(overlay, (TILE_PX, height), interpolation=cv2.INTER_AREA), np.uint8)
-    title = np.full((24, TILE_PX, 3), PAPER, np.uint8)
+    height = round(overlay.shape[0] * width / overlay.shape[1])
+    small = np.asarray(cv2.resize(overlay, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    title = np.full((24, width, 3), PAPER, np.uint8)
     write(title, path.stem, (8, 17), colour=INK)
     return np.vstack([title, small])
 
 
 def page(tiles: list[Picture]) -> Picture:
-    """Put tiles of one width side by side, COLUMNS in a row."""
+    """Return tiles of one width side by side, COLUMNS in a row."""
+    if len(tiles) == 1:
+        return tiles[0]
     rows = []
     for start in range(0, len(tiles), COLUMNS):
         row = tiles[start : start + COLUMNS]
@@ -56,13 +62,14 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("photographs", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
+    parser.add_argument("--out", type=Path, required=True, help="WebP to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
     parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
-    tiles = [tile(path, network, arguments.plain) for path in arguments.photographs]
-    cv2.imwrite(str(arguments.out), page(tiles)[..., ::-1])
+    width = TILE_PX if len(arguments.photographs) > 1 else ALONE_PX
+    tiles = [tile(path, network, arguments.plain, width) for path in arguments.photographs]
+    save_picture(page(tiles), arguments.out)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Take a picture of a report, and measure its size and the time it takes to open.
 
-``python -m tools.reports.report_screenshot models/sample.jpg --out tools/results/report.png`` makes the
+``python -m tools.reports.report_screenshot models/sample.jpg --out tools/results/report.webp`` makes the
 report, opens it in headless Chromium several times, prints its size and the median time from the start of
 navigation until everything is drawn, chooses the smear at ``--at`` and takes the picture.
 """
@@ -10,12 +10,16 @@ from __future__ import annotations
 import argparse
 import shutil
 import tempfile
+from io import BytesIO
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from blur2view.cli import commands as cli
+from tools.reports.figure_style import save_picture
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WINDOW = (1280, 800)
@@ -58,9 +62,9 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("photograph", type=Path)
-    parser.add_argument("--out", type=Path, help="PNG to write")
+    parser.add_argument("--out", type=Path, help="WebP to write")
     parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
-    parser.add_argument("--model", help='ONNX file or "fast"; the shipped network by default')
+    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
     arguments = parser.parse_args()
     chromium = find_chromium()
     if chromium is None:
@@ -76,7 +80,8 @@ def main() -> None:
         if arguments.out is not None:
             page = opened[-1][0]
             choose(page, tuple(arguments.at))
-            page.screenshot(path=arguments.out)
+            with Image.open(BytesIO(page.screenshot())) as shown:
+                save_picture(np.asarray(shown.convert("RGB")), arguments.out)
         browser.close()
 
 

@@ -1,6 +1,5 @@
 """The estimators' comparison: what is run, that a killed run goes on, and what the tables say."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +38,7 @@ def test_every_cell_has_its_seeds_in_both_kinds() -> None:
 
 def test_cells_that_misreport_are_not_truthful() -> None:
     told = {cell for cell in CELLS if Instance(seed=0, cell=cell, kind="smooth").truthful}
-    wrong = {"noise 0.25 px, told as 1", "noise 0.5 px, told as 1", "noise 2 px, told as 1"}
+    wrong = {"noise 0.25 px, stated as 1", "noise 0.5 px, stated as 1", "noise 2 px, stated as 1"}
     assert set(CELLS) - told == wrong | {"noise varied, constant", "noise varied, wrong"}
 
 
@@ -48,7 +47,7 @@ def test_method_runs_and_is_judged(name: str) -> None:
     problem = synthetic_problem(EASY)
     measured = benchmark.measure(METHODS[name], problem)
     assert measured.ms > 0 and 0 <= measured.rho <= 1 and 0 <= measured.pose_deg <= 180
-    if name == OURS or name in estimator_methods.TOLD:
+    if name == OURS or name in estimator_methods.TRUE_ORDER:
         assert measured.found and measured.rho < 0.01 and measured.pose_deg < 10
 
 
@@ -97,6 +96,7 @@ def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert ran == [*all_of_it[:3], *all_of_it[4:]]
 
 
+@pytest.mark.slow
 def test_sweep_logs_every_instance(tmp_path: Path) -> None:
     log = Log(path=tmp_path / "log.jsonl")
     log.begin({"code": "one"})
@@ -111,20 +111,19 @@ def test_figures_are_those_of_the_answers() -> None:
     assert f.rho == 0.5 and f.ms == 10
 
 
+@pytest.mark.slow
 def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
     records = [record("base", seed, kind) for seed in range(2) for kind in estimator_report.KINDS]
     hard = record(HARD, 0)
     hard.measured[PAPER] = replace(ABSENT, ms=5000.0)
     records += [hard, record("network", 0, "network")]
     text = benchmark.write(records, {"code": "one", "machine": "here"}, tmp_path / "out")
-    assert "whole sweep: AUC@10 ours 1.000, best told 1.000 (true order, pycolmap), +0.000" in text
+    assert "whole sweep: AUC@10 ours 1.000, best ordered 1.000 (true order, pycolmap), +0.000" in text
     assert "smooth, base: time over that of true order, pycolmap: median 0.50, p95 0.50" in text
     assert "500 times faster in the median; success 1.000 against 0.000" in text
     assert f"smooth, {HARD}, 1 px, 20 px: ours succeeds in 100.0% of 1 seeds" in text
     assert "## Network smears: 1 rendered photographs" in text and "| ours | 3 | 1.000 |" in text
-    stored = json.loads((tmp_path / "out.json").read_text())
-    row = next(c for c in stored["cells"] if (c["cell"], c["kind"], c["method"]) == ("base", "smooth", OURS))
-    assert row["instances"] == 2 and row["auc10"] == 1 and stored["code"] == "one"
+    assert "| ours | 2 | 1.000 |" in text and "code one" in text
     assert (tmp_path / "out.png").stat().st_size > 1000 and (tmp_path / "out.md").read_text() == text
 
 
@@ -147,7 +146,7 @@ def test_unordered_ends_do_not_come_in_true_order() -> None:
     def solver(points1: np.ndarray, points2: np.ndarray) -> None:
         seen.append(np.stack([points1, points2], axis=1))
 
-    for way in (estimator_methods.told, estimator_methods.unordered, estimator_methods.rightward):
+    for way in (estimator_methods.ordered, estimator_methods.unordered, estimator_methods.rightward):
         assert way(solver, problem) is None
     np.testing.assert_array_equal(seen[0], problem.ordered)
     assert 0.4 < (seen[1] == problem.ordered).all(axis=(1, 2)).mean() < 0.6

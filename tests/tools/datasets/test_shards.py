@@ -67,6 +67,7 @@ def test_empty_folder_names_the_command(tmp_path: Path) -> None:
         load_shards(tmp_path)
 
 
+@pytest.mark.slow
 def test_stopped_dataset_goes_on_where_it_stopped(tmp_path: Path) -> None:
     scenes_of(2, 3).save(tmp_path / "train_00000000.npz")
     written = list(write_shards(tmp_path, range(0, 4), TINY, jobs=1, shard=2))

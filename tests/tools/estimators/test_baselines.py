@@ -1,4 +1,4 @@
-"""Solvers by others: they find F when told the order, and the orders they are told are what they say."""
+"""Solvers by others: they find F when given the order, and the orders they are given are what they say."""
 
 import numpy as np
 import pytest

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from tools.evaluation import benchmark
 
@@ -14,6 +15,7 @@ def test_first_call_is_extra() -> None:
     assert len(calls) == 4
 
 
+@pytest.mark.slow
 def test_every_stage_runs_and_leaves_its_files(tmp_path: Path) -> None:
     photo, out = tmp_path / "photo.png", tmp_path / "out"
     texture = np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8)

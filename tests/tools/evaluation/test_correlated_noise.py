@@ -1,4 +1,4 @@
-"""The correlated-noise study: what the noise is, that told ends stay in order, that the oracles are near."""
+"""The correlated-noise study: what the noise is, that ordered ends stay in order, the oracles are near."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def test_noise_is_alike_nearby_and_of_unit_variance() -> None:
 def test_told_ends_know_one_order_only(scene: TestScene) -> None:
     assert scene.F is not None
     ends = true_ends(scene)
-    told = study.ToldEnds(ends=ends, sigma=np.full(len(ends), 0.5))
+    told = study.OrderedEnds(ends=ends, sigma=np.full(len(ends), 0.5))
     assert np.median(told.residuals(scene.F).squared) < 0.01
     assert np.median(told.residuals(scene.F.T).squared) > 100
 
@@ -60,6 +60,7 @@ def test_oracle_on_exact_smears_is_the_truth(scene: TestScene, family: str) -> N
     assert (R is None) == (family == "general F") == (t is None)
 
 
+@pytest.mark.slow
 def test_tables_show_every_method_at_both_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for index in (3, 4):
         testset.write_scene(index, tmp_path, testset.test_options(None, SIZE))

@@ -95,6 +95,7 @@ def test_table_counts_what_is_right() -> None:
     assert lines[-1].endswith(f"| {100 * 18 / 19:.1f} |")
 
 
+@pytest.mark.slow
 def test_one_scene_of_each_kind_is_named() -> None:
     named = [name_scene((kind, 1)) for kind in KINDS]
     assert sum(row.outcome in RIGHT[kind] for row, kind in zip(named, KINDS, strict=True)) >= 5

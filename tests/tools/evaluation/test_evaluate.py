@@ -89,6 +89,7 @@ def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScen
         assert rows[f"true order, {told}"].rho < 0.05
 
 
+@pytest.mark.slow
 def test_command_writes_both_tables(
     tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -128,6 +128,7 @@ def test_outline_of_the_walker_is_a_simple_shape_of_a_person() -> None:
     assert 1.5 < height / width < 2 and 0.3 < cv2.contourArea(polygon) / (width * height) < 0.5
 
 
+@pytest.mark.slow
 def test_mover_scenes_hold_movers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mover_scenes, "SMALLEST", 0.02)
     options = RenderOptions(size=(96, 64), smear_px=(3.0, 20.0), sharp_share=0, split="test", mover_share=1.0)

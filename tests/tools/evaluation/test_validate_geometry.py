@@ -1,4 +1,4 @@
-"""Our F and pose are those of pycolmap and OpenCV, where the order is told to them and not to us."""
+"""Our F and pose are those of pycolmap and OpenCV, where they are given the order and we are not."""
 
 from dataclasses import replace
 from functools import cache
@@ -22,7 +22,7 @@ from tools.evaluation.validate_geometry import (
     validate,
 )
 
-OURS = "ours, no order told, K known"
+OURS = "ours, no order given, K known"
 
 
 @cache

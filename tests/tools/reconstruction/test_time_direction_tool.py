@@ -80,6 +80,7 @@ def test_plot_is_a_picture(tmp_path: Path) -> None:
     assert picture is not None and picture.std() > 5
 
 
+@pytest.mark.slow
 def test_rendered_frames_are_put_right_by_their_neighbours(tmp_path: Path) -> None:
     options = SequenceOptions(frames=4, size=(320, 240), smear_px=9.0, cards=5, detail=1.0)
     truth = render_sequence(2, tmp_path, options)
@@ -92,15 +93,15 @@ def test_rendered_frames_are_put_right_by_their_neighbours(tmp_path: Path) -> No
     assert known.sum() >= 3 and (found.agreement[known] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not RECORDED.exists(), reason="needs ../shared/data/redkitchen_sequence")
 def test_recorded_frames_are_put_right_by_their_neighbours() -> None:
-    video = redkitchen(RECORDED)
-    few = slice(4, 12)
+    whole, few = redkitchen(RECORDED), slice(4, 12)
     video = replace(
-        video,
-        paths=video.paths[few],
-        rotation=video.rotation[few],
-        flow=lambda index, points: redkitchen(RECORDED).flow(index + 4, points),
+        whole,
+        paths=whole.paths[few],
+        rotation=whole.rotation[few],
+        flow=lambda index, points: whole.flow(index + 4, points),
         judged=range(8),
     )
     _, drawn = report([video], blur2view.SmearNetwork())

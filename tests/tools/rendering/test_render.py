@@ -35,6 +35,7 @@ def sampson_px(F: np.ndarray | None, ends: tuple[np.ndarray, np.ndarray]) -> np.
     return np.sqrt(sampson(F, *ends))
 
 
+@pytest.mark.slow
 def test_same_seed_gives_same_bytes_and_another_seed_does_not() -> None:
     options = RenderOptions(size=SIZE)
     first, again, other = render(3, options), render(3, options), render(11, options)
@@ -58,6 +59,7 @@ def test_rendering_has_the_shapes_it_promises() -> None:
     assert scene.straight
 
 
+@pytest.mark.slow
 def test_static_smears_of_straight_scenes_satisfy_their_own_fundamental() -> None:
     about_pixel, exact = [], []
     for seed in STRAIGHT_SEEDS:
@@ -73,6 +75,7 @@ def test_static_smears_of_straight_scenes_satisfy_their_own_fundamental() -> Non
     assert max(exact) < 1e-3
 
 
+@pytest.mark.slow
 def test_movers_violate_the_fundamental_and_are_labelled() -> None:
     violations = []
     for seed in MOVER_SEEDS:
@@ -182,6 +185,7 @@ def test_still_exposure_is_the_sharp_picture() -> None:
     np.testing.assert_allclose(scene.linear, scene.open_image, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_scene_reaches_its_smear_length() -> None:
     options = RenderOptions(size=SIZE, smear_px=(10.0, 10.0), sharp_share=0.0, mover_share=0.0)
     medians = [np.median(np.linalg.norm(render(s, options).displacement, axis=-1)) for s in range(6)]
@@ -204,6 +208,7 @@ def test_impossible_options_are_refused(wrong: dict[str, tuple[int, int]]) -> No
         RenderOptions(**wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_objects_move_before_a_still_camera_in_sharp_scenes() -> None:
     options = RenderOptions(size=SIZE, sharp_share=1.0, mover_share=1.0, smear_px=(6.0, 16.0))
     moving, still = [], []

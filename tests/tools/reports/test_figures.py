@@ -23,7 +23,7 @@ from tools.rendering.failure_scenes import CARDS, KINDS, covered, failure_scene
 from tools.reports import figure_style, figures
 from tools.reports.figure_cases import Case, at_pixels, at_quantiles
 from tools.reports.figure_curves import SERRMIN_PX2, image_curves, mean_curve
-from tools.reports.figure_failures import failure_figure, told
+from tools.reports.figure_failures import caption, failure_figure
 from tools.reports.figure_panels import draw_line, in_true_time
 from tools.reports.figure_segmentation import mask_iou, painted, segmentation_panels
 
@@ -119,6 +119,7 @@ def test_line_that_is_drawn_is_the_one_that_is_meant(case: Case) -> None:
     assert len(axes.lines) == 2
 
 
+@pytest.mark.slow
 def test_files_are_small_and_the_same_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figure = figure_style.new_figure(6, 4)
     noise = np.random.default_rng(0).random((400, 600, 3))
@@ -132,6 +133,16 @@ def test_files_are_small_and_the_same_each_time(tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "never.png").exists()
 
 
+def test_pictures_are_small_and_the_same_each_time(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
+    for name in "ab":
+        figure_style.save_picture(cv2.blur(noise, (9, 9)).astype(np.uint8), tmp_path / name / "a.webp")
+    first, second = ((tmp_path / name / "a.webp").read_bytes() for name in "ab")
+    assert first == second and len(first) < noise.nbytes // 10
+    with pytest.raises(ValueError, match="webp"):
+        figure_style.save_picture(noise, tmp_path / "a.png")
+
+
 def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     static = np.ones_like(case.scene.static)
     static[8:16, 8:20] = False
@@ -140,7 +151,7 @@ def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     plain = np.zeros(SIZE[::-1], np.float32)
     mask = MotionMask(labels=labels, probability=plain, score=plain, evidence=plain, regions=(), reason="")
     assert mask_iou(shown, mask) == 1
-    labels[:, 4 * 16 : 4 * 20] = 2  # a third of it cannot be told
+    labels[:, 4 * 16 : 4 * 20] = 2  # a third of it is unobservable
     assert mask_iou(shown, mask) == 1
     labels[:, : 4 * 14] = 0  # of the rest, 2 of 8 columns are found
     assert mask_iou(shown, mask) == pytest.approx(2 / 8)
@@ -164,6 +175,7 @@ def test_without_movers_the_picture_of_masks_is_left_out(
     assert capsys.readouterr().out == "no scene for segmentation\n" and not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn(case: Case, tmp_path: Path) -> None:
     static = case.scene.static.copy()
     static[8:20, 8:20] = False
@@ -189,6 +201,7 @@ def test_command_writes_the_figure_that_is_asked_for(
         figures.main()
 
 
+@pytest.mark.slow
 def test_failures_are_what_they_are_called(tiny_model: Path) -> None:
     scenes = {kind: failure_scene(kind, 0, size=(96, 72)) for kind in KINDS}
     movers, plane, rotation = scenes.values()
@@ -201,8 +214,8 @@ def test_failures_are_what_they_are_called(tiny_model: Path) -> None:
     assert np.abs(cv2.perspectiveTransform(first[None], H)[0] - last).max() < 0.01
     with figure_style.style():
         figure = failure_figure([plane], SmearNetwork(tiny_model))
-    assert figure.axes[0].get_title() == told(plane) and "dominant plane, seed 0" in told(plane)
-    assert "moves by itself" in told(movers)
+    assert figure.axes[0].get_title() == caption(plane) and "dominant plane, seed 0" in caption(plane)
+    assert "moves by itself" in caption(movers)
 
 
 def test_cards_are_those_that_cover_most() -> None:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,16 +15,21 @@ def test_plain_page_shows_smears_but_no_photograph(
     phi = np.mgrid[:96, :128].sum(0) * 0.01
     picture = colour_code(12 * np.stack([np.cos(phi), np.sin(phi)], -1), 1.0)
     paths = [write_picture(tmp_path / f"{k}.png", picture) for k in range(3)]
-    pages = {}
+    pages: list[gallery.Picture] = []
+    monkeypatch.setattr(gallery, "save_picture", lambda picture, path: pages.append(picture))
     for flags in ("", "--plain"):
-        words = f"gallery {' '.join(map(str, paths))} --out {tmp_path}/page.png --model {tiny_model} {flags}"
+        words = f"gallery {' '.join(map(str, paths))} --out page.webp --model {tiny_model} {flags}"
         monkeypatch.setattr("sys.argv", words.split())
         gallery.main()
-        pages[flags] = cv2.imread(str(tmp_path / "page.png"))
-    shown, plain = pages[""], pages["--plain"]
-    assert shown is not None and plain is not None and shown.shape == plain.shape
+    shown, plain = pages
+    assert shown.shape == plain.shape
     assert shown.shape[1] == gallery.COLUMNS * gallery.TILE_PX
     right = shown[shown.shape[0] * 2 // 3 :, gallery.TILE_PX :]
     assert (right == 0).all()  # three photographs leave the last place empty
     saturation = [page[40:400, 8:632].astype(float).std(2) for page in (shown, plain)]
     assert np.median(saturation[0]) > 5 and np.median(saturation[1]) == 0  # only smears are coloured
+
+
+def test_photograph_alone_has_the_page_to_itself() -> None:
+    alone = np.zeros((60, gallery.ALONE_PX, 3), np.uint8)
+    assert gallery.page([alone]) is alone

@@ -159,8 +159,8 @@ def test_validation_leaves_the_network_in_its_mode() -> None:
     for old, new in zip(before, network.state_dict().values(), strict=True):
         assert torch.equal(old, new)
     with torch.no_grad():
-        expected = model.ExportedSmear(network.eval())(images[33:])
-    torch.testing.assert_close(decoded[33:], expected)
+        expected = model.ExportedSmear(network.eval())(images[32:])  # rounding depends on the batch
+    torch.testing.assert_close(decoded[32:], expected)
 
 
 def test_defaults_of_the_command_are_those_of_the_options(monkeypatch: pytest.MonkeyPatch) -> None:
