@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self, TypeVar
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
 from blur2view.geometry.rotation import GENERATORS
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraPrior, no_prior
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, robust_cost, robust_weight
 
@@ -181,8 +182,13 @@ class PlanarEnds:
 
     def ordered(self, A: Array) -> OrderedResiduals:
         """Lengths of the residuals in standard deviations, in both orders."""
-        forward, backward = np.sqrt((self.residuals(A) ** 2).sum(axis=1)) / self.sigma
-        return OrderedResiduals(forward=forward, backward=backward)
+        return lengths_in_sigma(self.residuals(A), self.sigma)
+
+
+def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
+    """Return the lengths of residuals (2, 2, N) in both orders, in standard deviations (N,)."""
+    forward, backward = np.sqrt((residuals**2).sum(axis=1)) / sigma
+    return OrderedResiduals(forward=forward, backward=backward)
 
 
 def _carry(M: Array, x: Array) -> tuple[Array, Array]:
@@ -216,48 +222,63 @@ def refine_homography(start: Family, matches: PlanarEnds, options: RefineOptions
 
     Returns
     -------
-    point : Homographies
-        The best point met; ``start`` where nothing is better.
+    family : Homographies
+        The cheapest point met; ``start`` where nothing is better.
     cost : float
         Its cost, dimensionless (twice a negative log-likelihood).
     """
-    point, damping = start, 1e-3
-    cost = _cost(point, matches, options)
-    for _ in range(options.max_iterations):
-        normal, gradient = _normal_equations(point, matches, options)
-        gain = 0.0
-        while damping < 1e6:
-            damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
-            trial = point.step(np.asarray(np.linalg.solve(damped, -gradient), float))
-            trial_cost = _cost(trial, matches, options)
-            if trial_cost < cost:
-                gain, point, cost, damping = cost - trial_cost, trial, trial_cost, max(damping / 10, 1e-9)
-                break
-            damping *= 10
-        if gain <= options.tolerance * cost:
+    best = _WeightedHomography(family=start, matches=matches, options=options)
+    for step in levenberg_marquardt(best, options.max_iterations):
+        best = step.point
+        if step.decrease <= options.tolerance * step.cost:
             break
-    return point, cost
+    return best.family, best.cost
 
 
-def _cost(point: Homographies, matches: PlanarEnds, options: RefineOptions) -> float:
-    squared, (prior, _) = matches.ordered(point.generator()).squared, point.prior()
-    return float(options.data_weight * robust_cost(squared, options.cutoff).sum() + prior @ prior)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _WeightedHomography(Generic[Family]):
+    """A homography among its smears (`levenberg_marquardt.Reweighted`): its weights are always its own."""
 
+    family: Family
+    matches: PlanarEnds
+    options: RefineOptions
 
-def _normal_equations(
-    point: Homographies, matches: PlanarEnds, options: RefineOptions
-) -> tuple[Array, Array]:
-    """J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
-    A, tangent = point.generator(), point.tangent()
-    prior, prior_jacobian = point.prior()
-    normal, gradient = prior_jacobian.T @ prior_jacobian, prior_jacobian.T @ prior
-    ordered = matches.ordered(A)
-    weight = options.data_weight * robust_weight(ordered.squared, options.cutoff) / matches.sigma**2
-    shares = ordered.forward_share, 1 - ordered.forward_share
-    one, other = matches.points
-    for pair, share, residual in zip(((one, other), (other, one)), shares, matches.residuals(A), strict=True):
-        J = residual_jacobian(A, tangent, *pair)
-        weighted = (J * (weight * share)).reshape(len(J), -1)
-        normal = normal + weighted @ J.reshape(len(J), -1).T
-        gradient = gradient + weighted @ residual.ravel()
-    return normal, gradient
+    @cached_property
+    def residuals(self) -> Array:
+        """Residuals (2, 2, N), see `PlanarEnds.residuals`."""
+        return self.matches.residuals(self.family.generator())
+
+    @cached_property
+    def ordered(self) -> OrderedResiduals:
+        """Their lengths in standard deviations."""
+        return lengths_in_sigma(self.residuals, self.matches.sigma)
+
+    @cached_property
+    def cost(self) -> float:
+        """Robust cost of data and prior."""
+        prior, _ = self.family.prior()
+        data = robust_cost(self.ordered.squared, self.options.cutoff).sum()
+        return float(self.options.data_weight * data + prior @ prior)
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
+        A, tangent = self.family.generator(), self.family.tangent()
+        weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
+        share = self.ordered.forward_share
+        one, other = self.matches.points
+        J = [residual_jacobian(A, tangent, *pair) for pair in ((one, other), (other, one))]  # (k, 2, N)
+        both = self.options.data_weight * weight * np.stack([share, 1 - share])  # (2, N)
+        return normal_equations(
+            np.stack(J, axis=1).reshape(len(tangent), -1),
+            self.residuals.ravel(),
+            np.repeat(both, 2, axis=0).ravel(),
+            *self.family.prior(),
+        )
+
+    def moved(self, delta: Array) -> _WeightedHomography[Family]:
+        """Return the homography moved by delta (k,)."""
+        return replace(self, family=self.family.step(delta))
+
+    def reweighted(self) -> _WeightedHomography[Family]:
+        """Return itself."""
+        return self

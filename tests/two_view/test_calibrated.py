@@ -35,19 +35,21 @@ def fit_of(seed: int, *, noise_px: float = 0.0, direction_deg: float = 0.0) -> C
 
 def test_gradient_is_that_of_half_the_cost() -> None:
     fit = fit_of(0, noise_px=1.0)
-    away = fit.moved(np.array([0.01, -0.02, 1e-3, 2e-3, -1e-3]))
-    spans = 1e-2 / np.sqrt(np.diag(away.normal))
+    away = fit.moved(np.array([0.01, -0.02, 1e-3, 2e-3, -1e-3])).reordered()
+    normal, gradient = away.normal_equations()
+    spans = 1e-2 / np.sqrt(np.diag(normal))
     numeric = [
-        (away.cost_at(away.moved(s * e).point) - away.cost_at(away.moved(-s * e).point)) / (4 * s)
+        (away.moved(s * e).cost - away.moved(-s * e).cost) / (4 * s)
         for s, e in zip(spans, np.eye(POSE), strict=True)
     ]
-    np.testing.assert_allclose(numeric * spans, away.gradient * spans, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(numeric * spans, gradient * spans, rtol=1e-3, atol=1e-5)
 
 
 def test_the_pose_rests() -> None:
     fit = fit_of(1, noise_px=1.0)
-    step = np.linalg.solve(fit.normal, fit.gradient)
-    assert np.sqrt(step @ fit.normal @ step) < 0.1  # standard deviations
+    normal, gradient = fit.normal_equations()
+    step = np.linalg.solve(normal, gradient)
+    assert np.sqrt(step @ normal @ step) < 0.1  # standard deviations
     assert 0.85 < fit.noise.scale < 1.1 and fit.noise.outlier_odds < 0.05
 
 
@@ -84,6 +86,6 @@ def test_smears_that_err_alike_widen_the_covariance() -> None:
     assert 30 < half * alike.problem.unit_px < 100  # of noise correlated over 40 px
     assert autocorrelation(white)[0] < 0.2
     assert white.alike == 1 and alike.alike > 30
-    bare = replace(alike, options=replace(alike.options, data_weight=1.0))
+    bare = replace(alike, state=replace(alike.state, options=replace(alike.options, data_weight=1.0)))
     wider = alike.covariance().rotation_sigma_deg / bare.covariance().rotation_sigma_deg
     assert wider.min() > 2
