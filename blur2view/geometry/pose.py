@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.geometry.rotation import rotation_vector
 
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -76,9 +76,16 @@ class RigidTransform:
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
-    """Give the four poses of an essential matrix (3, 3), those of the smaller rotation first.
+    """Return the four poses of an essential matrix (3, 3), those of the smaller rotation first.
 
     A matrix that is none is brought to the nearest one.
+    """
+    rotations, t = essential_motions(E)
+    return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]
+
+
+def essential_motions(E: Array) -> tuple[list[Array], Array]:
+    """Return both rotations (3, 3) of the essential matrix nearest to E, the smaller first, and +-t (3,).
 
     References
     ----------
@@ -87,7 +94,7 @@ def decompose_essential(E: Array) -> list[RigidTransform]:
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     rotations = sorted((U @ W @ Vt for W in (QUARTER_TURN, QUARTER_TURN.T)), key=lambda R: -np.trace(R))
-    return [RigidTransform(rotation=R, translation=sign * U[:, 2]) for R in rotations for sign in (1.0, -1.0)]
+    return rotations, U[:, 2]
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
@@ -260,12 +267,3 @@ def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovar
     covariance = inverse @ scatter @ inverse
     order = [2, 3, 4, 0, 1]  # rotation first
     return PoseCovariance(matrix=covariance[np.ix_(order, order)], tangents=tangents)
-
-
-def nearest_motion(F: Array) -> tuple[Array, Array]:
-    """R (3, 3) and unit t (3,) of the essential matrix nearest to F; the smaller rotation, t up to sign."""
-    U, _, Vt = np.linalg.svd(unit_norm(F))
-    U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
-    W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    R = max((U @ W @ Vt, U @ W.T @ Vt), key=np.trace)
-    return R, U[:, 2] / max(float(np.linalg.norm(U[:, 2])), TINY)

@@ -15,7 +15,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.pose import nearest_motion
+from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.rotation import (
     GENERATORS,
     plane_basis,
@@ -135,8 +135,8 @@ class GeneralF:
 
     def motion(self) -> tuple[Array, Array]:
         """Motion of the nearest essential matrix, of its two rotations the smaller."""
-        R, t = nearest_motion(self.matrix())
-        return rotation_vector(R), t
+        rotations, t = essential_motions(self.matrix())
+        return rotation_vector(rotations[0]), t
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,5 +236,5 @@ def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
 
     F need not be an essential matrix: it is brought to the nearest one.
     """
-    R, t = nearest_motion(F)
-    return CameraF(t=t, R=R, spread=spread)
+    rotations, t = essential_motions(F)
+    return CameraF(t=t, R=rotations[0], spread=spread)

@@ -27,7 +27,7 @@ import numpy as np
 import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
-from blur2view.geometry.pose import nearest_motion
+from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.robust.homography import PlanarEnds
@@ -88,7 +88,7 @@ def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
     costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
     if costs["translation"] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
         return False
-    R, _ = nearest_motion(K.T @ F @ K)
+    (R, _), _ = essential_motions(K.T @ F @ K)
     turned = homogeneous(points) @ (K @ R @ np.linalg.inv(K)).T
     smears = np.linalg.norm(turned[:, :2] / turned[:, 2:] - points, axis=1)
     return bool(np.median(smears) > INSIGNIFICANT * np.median(scene.matches.length_px))
