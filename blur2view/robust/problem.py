@@ -1,4 +1,4 @@
-"""The smears of one image as a robust problem: coordinates, standard deviations, independence."""
+"""The smears of one image as a robust problem: normalised coordinates and standard deviations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import denormalise, homogeneous
+from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.sign_components import SignComponents
@@ -21,7 +21,6 @@ TURN_SPREAD = np.array(
 )  # prior of the rotation: smear length over focal length; roll moves less
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
-BLOCKS = 5  # blocks along the longer side in which residuals are compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,37 +157,3 @@ def build_problem(
     if camera is None:
         return problem
     return replace(problem, lens=(camera.log_focal_sigma, 0.0 if camera.known else CameraPrior.principal))
-
-
-def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
-    """Residuals (N,) in standard deviations whose signs agree where neighbouring smears err alike.
-
-    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its
-    residual across the line is then sign(l) (|l| - |q|).
-    """
-    both = problem.weighted.residuals(F)
-    line = homogeneous(problem.ends.mean(axis=1)) @ F.T
-    d = problem.ends[:, 1] - problem.ends[:, 0]
-    along = d[:, 0] * line[:, 1] - d[:, 1] * line[:, 0]
-    skew, symmetric = 0.5 * (both.forward - both.backward), 0.5 * (both.forward + both.backward)
-    signed: Array = np.sign(along) * np.sign(skew) * (np.abs(skew) - np.abs(symmetric))
-    return signed
-
-
-def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
-    """Effective number of independent smears, from how alike the residuals of F are within blocks.
-
-    The sum of m residuals of variance v has variance m v if they are independent and m^2 v if they agree;
-    the ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that
-    make one.
-    """
-    value = coherent_residuals(problem, F)
-    value = np.where(np.abs(value) < cutoff, value, 0.0)
-    middle = problem.ends.mean(axis=1)
-    block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(
-        int
-    )
-    _, index = np.unique(block, axis=0, return_inverse=True)
-    sums = np.bincount(index.ravel(), weights=value)
-    cluster = float(sums @ sums) / max(float(value @ value), TINY)
-    return len(value) / max(cluster, 1.0)

@@ -15,9 +15,10 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
 from blur2view.geometry.rotation import plane_basis, rotation_matrix, rotation_vector
+from blur2view.robust.independence import autocorrelation, coherent_residuals
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraF, TranslationF
-from blur2view.robust.problem import SmearProblem, coherent_residuals
+from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import Linearised, WeightedPoint
 from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.calibrated_start import ROUGH_COUNT, translation_search, turning_prior
@@ -29,8 +30,6 @@ AT_REST = 1e-3  # a step below this many standard deviations ends it
 SCALES, ODDS = (0.03, 4.0), (0.01, 3.0)  # limits of the noise's scale, and of the odds of an outlier
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 MISSED = 1.1  # the regions of white noise hold what they should with variances larger by this
-REACH, BINS = 0.3, 12  # of the autocorrelation: distances up to this share of the picture's size
-PAIRS_OF = 500  # smears at most that are paired for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,17 +143,23 @@ class CalibratedFit:
         plain = self.state.matches.residuals(F)
         return oriented_pose(F, self.problem.ends, plain.forward_share, self.inliers)
 
+    def autocorrelation(self) -> tuple[float, float]:
+        """Return `autocorrelation` of the inliers' residuals: near zero, and the distance of its half."""
+        sure = np.flatnonzero(self.inliers > 0.5)
+        residual = coherent_residuals(self.problem, self.point.matrix())[sure] / self.noise.scale
+        return autocorrelation(residual, self.problem.ends.mean(axis=1)[sure])
+
     @cached_property
-    def alike(self) -> float:
+    def cluster_size(self) -> float:
         """Number of smears that err as one: theirs is the variance of so many times fewer independent ones.
 
-        From the autocorrelation of the residuals: its value near zero, and the distance at which it halves,
-        as of a Gaussian. The problem's count suffices where half of the smears are independent.
+        From the autocorrelation of the residuals, as of a Gaussian; the problem's count, which knows only
+        clusters up to the size of a block, suffices where half of the smears are independent.
         """
         counted = 1 / self.options.data_weight
         if counted < 2:
             return counted
-        near, half = autocorrelation(self)
+        near, half = self.autocorrelation()
         middle = self.problem.ends.mean(axis=1)
         area = float(np.prod(np.ptp(middle, axis=0)))
         cluster = near * len(middle) * 2 * np.pi * (half**2 / (2 * np.log(2))) / max(area, TINY)
@@ -168,25 +173,8 @@ class CalibratedFit:
         gradient = np.stack([np.bincount(data.smear, row, len(self.inliers)) for row in terms])  # by smear
         prior = self.point.prior()[1][:, :POSE]
         sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
-        scatter = MISSED * self.alike * gradient @ gradient.T + prior.T @ prior
+        scatter = MISSED * self.cluster_size * gradient @ gradient.T + prior.T @ prior
         return pose_covariance(self.curvature(), scatter, sign * plane_basis(self.point.t))
-
-
-def autocorrelation(fit: CalibratedFit) -> tuple[float, float]:
-    """Autocorrelation of the inliers' residuals near distance zero, and the distance at which it halves."""
-    sure = np.flatnonzero(fit.inliers > 0.5)
-    sure = sure[:: max(1, len(sure) // PAIRS_OF)]
-    value = coherent_residuals(fit.problem, fit.point.matrix())[sure] / fit.noise.scale
-    value, middle = np.clip(value, -3, 3), fit.problem.ends.mean(axis=1)[sure]
-    one, other = np.triu_indices(len(sure), 1)
-    distance = np.linalg.norm(middle[one] - middle[other], axis=1)
-    width = REACH * float(np.sqrt(np.prod(np.ptp(middle, axis=0)))) / BINS
-    bins = np.minimum((distance / max(width, TINY)).astype(int), BINS)
-    pairs = np.maximum(np.bincount(bins, minlength=BINS + 1), 1)
-    products = np.bincount(bins, weights=value[one] * value[other], minlength=BINS + 1)
-    curve = (products / pairs)[:BINS] / max(float((value**2).mean()), TINY)
-    below = np.flatnonzero(curve < 0.5 * curve[0])
-    return float(np.clip(curve[0], 0, 1)), float((below[0] if len(below) else BINS) + 0.5) * width
 
 
 def converged(fit: CalibratedFit, steps: int) -> CalibratedFit:

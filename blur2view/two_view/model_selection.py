@@ -9,8 +9,9 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.robust.estimators import SmearEstimator, translation_start
+from blur2view.robust.independence import independent_count
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
-from blur2view.robust.problem import SmearProblem, independent_count
+from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacResult
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions, WeightedEnds

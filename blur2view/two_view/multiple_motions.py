@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.robust.estimators import LocalEstimator
+from blur2view.robust.independence import BLOCKS, cells, independence
 from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
@@ -26,7 +27,6 @@ from blur2view.two_view.parallax import mixture
 
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
-BLOCKS = 5  # along the longer side, in which errors are compared
 INDEPENDENT = 0.45  # share of independent errors below which they are coherent
 SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
@@ -58,24 +58,6 @@ class TwoMotions:
         return self.second / max(self.first + self.second, TINY)
 
 
-def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float:
-    """Share of independent values, from 1 / (values per block) to 1: how little neighbours agree.
-
-    Parameters
-    ----------
-    values : ndarray of shape (K, N)
-        K kinds of residuals of N smears, in standard deviations.
-    used : ndarray of bool, shape (N,)
-    middle : ndarray of shape (N, 2)
-        Midpoints. Within blocks of a fifth of their extent residuals are summed: the sum of m residuals of
-        variance v has variance m v if they are independent, m^2 v if they agree.
-    """
-    cell = _cells(middle, BLOCKS)
-    kept = np.where(used, values, 0.0)
-    sums = np.stack([np.bincount(cell, weights=row) for row in kept])
-    return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
-
-
 def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
     """Residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
@@ -87,7 +69,7 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
     options = np.stack(
         [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
     )
-    cell = _cells(problem.ends.mean(axis=1), BLOCKS)
+    cell = cells(problem.ends.mean(axis=1), BLOCKS)
     cost = [np.bincount(cell, weights=np.minimum(option**2, 9.0))[cell] for option in options]
     errors: Array = np.where(cost[0] <= cost[1], *options)
     return errors
@@ -176,7 +158,7 @@ def followers(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> NDAr
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
     """Smears of the cells that an F fits worst, a share of WORST of them; squared residuals (N,)."""
-    cell = _cells(problem.ends.mean(axis=1), PLACES)
+    cell = cells(problem.ends.mean(axis=1), PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, cutoff**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST * len(cell)), 30)]
 
@@ -184,17 +166,8 @@ def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArr
 def _by_place(problem: SmearProblem, one: Array, other: Array, cutoff: float) -> NDArray[np.bool_]:
     """Whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, cutoff**2) - np.minimum(one, cutoff**2)
-    cell = _cells(problem.ends.mean(axis=1), PLACES)
+    cell = cells(problem.ends.mean(axis=1), PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
-
-
-def _cells(middle: Array, count: int) -> NDArray[np.int_]:
-    """Index (N,) of the square cell of every point, ``count`` along the longer side of their extent."""
-    side = np.ptp(middle, axis=0).max() / count + TINY
-    cells: NDArray[np.int_] = np.floor((middle - middle.min(axis=0)) / side).astype(int) @ np.array(
-        [1, count + 1]
-    )
-    return cells
 
 
 def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.robust.homography import PlanarEnds, PlaneH, RotationH, refine_homography
+from blur2view.robust.independence import independence
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
-from blur2view.two_view.multiple_motions import independence
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence, planar_log_likelihood
 from blur2view.two_view.plane_parallax import plane_and_parallax
 from blur2view.two_view.verdict import Structure, Verdict

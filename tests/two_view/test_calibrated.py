@@ -12,7 +12,7 @@ from blur2view.geometry.rotation import rotation_vector
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import build_problem
 from blur2view.robust.residuals import RefineOptions
-from blur2view.two_view.calibrated import POSE, CalibratedFit, autocorrelation, fit_calibrated
+from blur2view.two_view.calibrated import POSE, CalibratedFit, fit_calibrated
 from blur2view.two_view.calibrated_start import STATED, TURN_SHARE, turn_alone, turning_prior
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
@@ -81,11 +81,11 @@ def test_a_hand_is_assumed_only_where_the_noise_is_not_known(independent: float,
 
 def test_smears_that_err_alike_widen_the_covariance() -> None:
     white, alike = fit_of(4, noise_px=1.0), fit_of(4, direction_deg=4.0)
-    near, half = autocorrelation(alike)
+    near, half = alike.autocorrelation()
     assert near > 0.5
     assert 30 < half * alike.problem.unit_px < 100  # of noise correlated over 40 px
-    assert autocorrelation(white)[0] < 0.2
-    assert white.alike == 1 and alike.alike > 30
+    assert white.autocorrelation()[0] < 0.2
+    assert white.cluster_size == 1 and alike.cluster_size > 30
     bare = replace(alike, state=replace(alike.state, options=replace(alike.options, data_weight=1.0)))
     wider = alike.covariance().rotation_sigma_deg / bare.covariance().rotation_sigma_deg
     assert wider.min() > 2
