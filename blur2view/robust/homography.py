@@ -16,11 +16,17 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraPrior, no_prior
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, robust_cost, robust_weight
+from blur2view.robust.residuals import (
+    OrderedResiduals,
+    RefineOptions,
+    WeightedEnds,
+    robust_cost,
+    robust_weight,
+)
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
@@ -157,32 +163,21 @@ def velocity_basis(points: Array) -> Array:
     return np.stack([np.stack(along_x, axis=1), np.stack(along_y, axis=1)], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarEnds:
-    """Smears in a family's coordinates, with the standard deviations (N,) of their Sampson distance.
+def transfer_residuals(A: Array, matches: WeightedEnds) -> Array:
+    """Return residuals (2, 2, N) from a homography: order (ends[:, 0] first or last), component, smear.
 
-    The residual of the order x, y is (pi((I - A/2) y) - pi((I + A/2) x)) / sqrt(2), pi the division by the
-    third coordinate: both ends are carried to mid exposure. Its two components have the standard deviation
-    of a Sampson distance.
+    That of the order x, y is (pi((I - A/2) y) - pi((I + A/2) x)) / sqrt(2), pi the division by the third
+    coordinate: both ends are carried to mid exposure. Its two components have the standard deviation of a
+    Sampson distance.
     """
+    first, second, _ = matches.orders
+    residual = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, second)[0] - _carry(IDENTITY + 0.5 * A, first)[0])
+    return np.swapaxes(residual.reshape(2, 2, -1), 0, 1)
 
-    ends: Array  # (N, 2, 2)
-    sigma: Array  # (N,)
 
-    @cached_property
-    def points(self) -> tuple[Array, Array]:
-        """Homogeneous ends [:, 0] and [:, 1], (3, N): rows, for speed."""
-        one, other = (np.ascontiguousarray(homogeneous(self.ends[:, i]).T) for i in (0, 1))
-        return one, other
-
-    def residuals(self, A: Array) -> Array:
-        """Residuals (2, 2, N): order (ends[:, 0] first, ends[:, 1] first), component, smear."""
-        one, other = self.points
-        return np.stack([_residual(A, one, other), _residual(A, other, one)])
-
-    def ordered(self, A: Array) -> OrderedResiduals:
-        """Lengths of the residuals in standard deviations, in both orders."""
-        return lengths_in_sigma(self.residuals(A), self.sigma)
+def transfer_orders(A: Array, matches: WeightedEnds) -> OrderedResiduals:
+    """Return the lengths of the residuals from a homography in standard deviations, in both orders."""
+    return lengths_in_sigma(transfer_residuals(A, matches), matches.sigma)
 
 
 def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
@@ -198,12 +193,6 @@ def _carry(M: Array, x: Array) -> tuple[Array, Array]:
     return carried[:2] * inverse, inverse
 
 
-def _residual(A: Array, x: Array, y: Array) -> Array:
-    """Residual (2, N) of the order x, y."""
-    residual: Array = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, y)[0] - _carry(IDENTITY + 0.5 * A, x)[0])
-    return residual
-
-
 def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
     """Differentiate the residual of the order x, y (3, N) along tangents (k, 3, 3) of A: (k, 2, N)."""
     total = np.zeros((len(tangent), 2, x.shape[1]))
@@ -215,7 +204,7 @@ def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
     return scaled
 
 
-def refine_homography(start: Family, matches: PlanarEnds, options: RefineOptions) -> tuple[Family, float]:
+def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
     """Minimise data_weight * sum rho(squared residual) + |prior|^2 by Levenberg-Marquardt, orders weighed.
 
     As `refinement.refine`, with two-dimensional residuals.
@@ -240,13 +229,13 @@ class _WeightedHomography(Generic[Family]):
     """A homography among its smears (`levenberg_marquardt.Reweighted`): its weights are always its own."""
 
     family: Family
-    matches: PlanarEnds
+    matches: WeightedEnds
     options: RefineOptions
 
     @cached_property
     def residuals(self) -> Array:
-        """Residuals (2, 2, N), see `PlanarEnds.residuals`."""
-        return self.matches.residuals(self.family.generator())
+        """Residuals (2, 2, N), see `transfer_residuals`."""
+        return transfer_residuals(self.family.generator(), self.matches)
 
     @cached_property
     def ordered(self) -> OrderedResiduals:
@@ -265,13 +254,12 @@ class _WeightedHomography(Generic[Family]):
         A, tangent = self.family.generator(), self.family.tangent()
         weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
         share = self.ordered.forward_share
-        one, other = self.matches.points
-        J = [residual_jacobian(A, tangent, *pair) for pair in ((one, other), (other, one))]  # (k, 2, N)
+        first, second, _ = self.matches.orders
         both = self.options.data_weight * weight * np.stack([share, 1 - share])  # (2, N)
         return normal_equations(
-            np.stack(J, axis=1).reshape(len(tangent), -1),
-            self.residuals.ravel(),
-            np.repeat(both, 2, axis=0).ravel(),
+            residual_jacobian(A, tangent, first, second).reshape(len(tangent), -1),  # component, order, smear
+            np.swapaxes(self.residuals, 0, 1).ravel(),
+            np.tile(both.ravel(), 2),
             *self.family.prior(),
         )
 

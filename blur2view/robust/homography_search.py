@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.homography import PlanarEnds, PlaneH, refine_homography, velocity_basis
+from blur2view.robust.homography import PlaneH, refine_homography, velocity_basis
 from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
-from blur2view.robust.residuals import RefineOptions, robust_weight
+from blur2view.robust.residuals import RefineOptions, WeightedEnds, robust_weight
 
 FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
 TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
@@ -65,7 +65,7 @@ class HomographyEstimator:
     residual |d -+ v|^2 of the better sign is |d|^2 + |v|^2 - 2 |d . v|.
     """
 
-    matches: PlanarEnds
+    matches: WeightedEnds
     quality: Array  # (N,) sampling weights
     cutoff: float
     camera_known: bool
@@ -142,7 +142,7 @@ class HomographyEstimator:
 
 
 def find_plane(
-    matches: PlanarEnds, cutoff: float, camera_known: bool, rng: np.random.Generator
+    matches: WeightedEnds, cutoff: float, camera_known: bool, rng: np.random.Generator
 ) -> PlaneH | None:
     """Search the homography that explains most smears, and refine it; None if no sample gave any.
 

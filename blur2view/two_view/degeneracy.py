@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.homography import PlaneH
+from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
@@ -32,7 +32,7 @@ from blur2view.two_view.multiple_motions import (
 )
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
-from blur2view.two_view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
+from blur2view.two_view.planarity import WHITE, gain_needed, judged, whiteness, without_parallax
 from blur2view.two_view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
@@ -73,7 +73,7 @@ def assess(
         sentence = "no motion, the smears are no longer than their errors"
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = rng.permutation(len(matches))[:SAMPLE]
-    part = planar_ends(problem, sample)
+    part = problem.subset(sample).weighted
     plane = find_plane(part, cutoff, problem.camera_known, rng)
     if plane is None and not doubt:
         return Verdict(structure=Structure.PARALLAX, sentence="no homography fits", fit=fit)
@@ -126,7 +126,7 @@ def collinear(matches: SmearMatches) -> str | None:
 
 def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:
     """Where ends[:, 1] is the open end under a homography, (N,)."""
-    ordered = planar_ends(problem).ordered(plane.generator())
+    ordered = transfer_orders(plane.generator(), problem.weighted)
     return np.abs(ordered.backward) < np.abs(ordered.forward)
 
 
@@ -179,11 +179,13 @@ def tolerant_evidence(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
 ) -> Evidence:
     """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
-    found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem, sample), problem.unit_px)
+    found = deviations(
+        plane.generator(), fit.point.matrix(), problem.subset(sample).weighted, problem.unit_px
+    )
     return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
 
 
 def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
     """Judge parallax by a family of F that leaves independent errors: then every smear counts."""
-    found = deviations(plane.generator(), white.point.matrix(), planar_ends(problem), problem.unit_px)
+    found = deviations(plane.generator(), white.point.matrix(), problem.weighted, problem.unit_px)
     return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)

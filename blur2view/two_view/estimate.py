@@ -11,7 +11,7 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.robust.homography import pixel_homography
+from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
@@ -21,7 +21,6 @@ from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess, collinear
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
@@ -159,7 +158,7 @@ def judge(
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
-        ordered = planar_ends(problem).ordered(verdict.A)
+        ordered = transfer_orders(verdict.A, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
         swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
         reason = f"{verdict.structure}: {verdict.sentence}"

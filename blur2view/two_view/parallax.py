@@ -17,7 +17,8 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import signed_sampson
-from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography import transfer_residuals
+from blur2view.robust.residuals import WeightedEnds
 
 SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations: nobody vouches for sigma
 FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
@@ -55,7 +56,7 @@ class Deviations:
         return float(np.minimum(squared.min(axis=0), 25.0).sum())
 
 
-def deviations(A: Array, F: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
+def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
     """Deviations from the homography of generator A and from F (3, 3), normalised coordinates.
 
     Of F and its transpose, which fit alike, the one is taken whose orders agree better with A's.
@@ -63,14 +64,14 @@ def deviations(A: Array, F: Array, matches: PlanarEnds, unit_px: float) -> Devia
     return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda found: found.disagreement)
 
 
-def _against(F: Array, A: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
+def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
     middle = homogeneous(matches.ends.mean(axis=1))
     one, other = matches.ends[:, 0], matches.ends[:, 1]
     normal, _ = _unit((middle @ F.T)[:, :2])
     line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
     moved = middle @ A.T
     heading, speed = _unit(moved[:, :2] - middle[:, :2] * moved[:, 2:])
-    deviation = np.moveaxis(matches.residuals(A), 1, 2) * unit_px  # (2, N, 2)
+    deviation = np.moveaxis(transfer_residuals(A, matches), 1, 2) * unit_px  # (2, N, 2)
     return Deviations(
         along=(deviation * line).sum(-1),
         across=(deviation * normal).sum(-1),
@@ -139,9 +140,9 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
 
-def planar_log_likelihood(A: Array, matches: PlanarEnds, unit_px: float) -> float:
+def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> float:
     """Log-likelihood of smears under a homography alone, errors alike in all directions."""
-    deviation, sigma = matches.residuals(A) * unit_px, matches.sigma * unit_px
+    deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
     measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
     along, across = deviation[:, 0], deviation[:, 1]
     variances = [(scale * sigma) ** 2 for scale in SCALES]

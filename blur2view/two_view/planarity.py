@@ -7,13 +7,18 @@ in them, unless some smears lie off the homography along epipolar lines (`parall
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.robust.homography import PlanarEnds, PlaneH, RotationH, refine_homography
+from blur2view.robust.homography import (
+    PlaneH,
+    RotationH,
+    refine_homography,
+    transfer_orders,
+    transfer_residuals,
+)
 from blur2view.robust.independence import independence
 from blur2view.robust.problem import SmearProblem
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence, planar_log_likelihood
 from blur2view.two_view.plane_parallax import plane_and_parallax
@@ -30,14 +35,9 @@ PLANE_PARAMETERS, ROTATION_PARAMETERS = 8, 3
 MEDIAN_SQUARED = 1.386  # median of the squared length of a standard normal pair
 
 
-def planar_ends(problem: SmearProblem, index: NDArray[np.int_] | slice = slice(None)) -> PlanarEnds:
-    """Smears of a problem as `homography` wants them."""
-    return PlanarEnds(ends=problem.ends[index], sigma=problem.sigma_px[index] / problem.unit_px)
-
-
-def whiteness(matches: PlanarEnds, A: Array, cutoff: float) -> float:
+def whiteness(matches: WeightedEnds, A: Array, cutoff: float) -> float:
     """Share of independent deviations from a homography (`independence`), outliers left out."""
-    forward, backward = matches.residuals(A) / matches.sigma  # (2, N) each
+    forward, backward = transfer_residuals(A, matches) / matches.sigma  # (2, N) each
     ahead = (forward**2).sum(axis=0) <= (backward**2).sum(axis=0)
     deviation = np.where(ahead, forward, backward)
     squared = (deviation**2).sum(axis=0)
@@ -49,7 +49,7 @@ def without_parallax(
     problem: SmearProblem, fit: Fit, plane: PlaneH, cutoff: float, rng: np.random.Generator
 ) -> Verdict | None:
     """Name a rotation or plane, or prove parallax beside one; None if a homography leaves too much."""
-    every = planar_ends(problem)
+    every = problem.weighted
     plane, _ = refine_homography(plane, every, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff))
     A = plane.generator()
     if whiteness(every, A, cutoff) < WHITE:
@@ -82,8 +82,8 @@ def recovered(
     problem: SmearProblem, fit: Fit, evidence: Evidence, A: Array, cutoff: float, rng: np.random.Generator
 ) -> tuple[Fit, Evidence]:
     """Give the F that the plane and the smears off it say, with its evidence, where it is clearly better."""
-    every = planar_ends(problem)
-    off_plane = np.flatnonzero(every.ordered(A).least ** 2 >= cutoff**2)
+    every = problem.weighted
+    off_plane = np.flatnonzero(transfer_orders(A, every).least ** 2 >= cutoff**2)
     F = plane_and_parallax(A, problem, off_plane, cutoff, rng)
     if F is None:
         return fit, evidence
@@ -106,7 +106,7 @@ def name_homography(
     if not problem.camera_known:
         figures += "; without an image size a rotation cannot be told from a plane"
         return Verdict(structure=either, sentence=figures, fit=fit, A=plane.generator(), scores=scores)
-    every, options = planar_ends(problem), RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff)
+    every, options = problem.weighted, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff)
     rotation, _ = refine_homography(
         RotationH.from_generator(plane.generator(), problem.prior), every, options
     )

@@ -12,7 +12,6 @@ from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of,
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.multiple_motions import TwoMotions, explained, leaves_structure, suspicious
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
 from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 
@@ -21,7 +20,7 @@ def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np
     """Problem and best fit of a scene, stated standard deviations, orders of the best homography."""
     rng = np.random.default_rng(0)
     problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
-    plane = find_plane(planar_ends(problem), 3.0, True, rng)
+    plane = find_plane(problem.weighted, 3.0, True, rng)
     assert plane is not None
     best = min(fits, key=lambda fit: fit.score)
     return problem, best, 0.5 * scene.matches.sigma_px, swapped_by(problem, plane)

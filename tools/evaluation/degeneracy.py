@@ -30,8 +30,9 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import rho
-from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
+from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -158,10 +159,10 @@ def true_structure(scene: TestScene) -> str:
     T = np.linalg.inv(scene.K)
     ends = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    matches = PlanarEnds(ends=ends, sigma=0.02 * length + 1e-4)
+    matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
     plane = find_plane(matches, 3.0, True, rng)
     assert plane is not None
-    deviation = 2**0.5 * np.abs(matches.ordered(plane.generator()).least) * matches.sigma
+    deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
     off = float(np.median(deviation / length))
     return next(name for name, bound in STRUCTURES.items() if off < bound)
 
