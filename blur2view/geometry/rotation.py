@@ -59,7 +59,7 @@ def step_on_sphere(unit: Array, delta: Array) -> Array:
     return scaled
 
 
-def turn_flow(middle: Array) -> Array:
+def rotation_flow(middle: Array) -> Array:
     """Motion (2, 3, N) of points per radian of rotation about x, y and z, to first order.
 
     Parameters

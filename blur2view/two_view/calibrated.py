@@ -21,7 +21,7 @@ from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import Linearised, WeightedPoint
 from blur2view.robust.residuals import RefineOptions
-from blur2view.two_view.calibrated_start import ROUGH_COUNT, translation_search, turning_prior
+from blur2view.two_view.calibrated_start import ROUGH_COUNT, rotation_prior, translation_search
 
 POSE = 5  # of a camera's parameters, the first: two of t, three of R
 STEPS, ROUGH_STEPS = 16, 6  # of expectation-maximisation, each with one Levenberg-Marquardt step
@@ -200,7 +200,7 @@ def fit_calibrated(
     options : RefineOptions
         ``cutoff`` and ``data_weight``.
     """
-    spread = turning_prior(problem)
+    spread = rotation_prior(problem)
     centre = np.array(spread.centre)
     R, t = camera.R, camera.t
     if rotation_vector(R) @ centre < 0:  # the other flip of time

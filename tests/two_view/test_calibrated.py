@@ -13,7 +13,7 @@ from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import build_problem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.calibrated import POSE, CalibratedFit, fit_calibrated
-from blur2view.two_view.calibrated_start import STATED, TURN_SHARE, turn_alone, turning_prior
+from blur2view.two_view.calibrated_start import ROTATION_SHARE, STATED, rotation_alone, rotation_prior
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 
@@ -65,7 +65,7 @@ def test_a_pure_rotation_is_found_without_orders() -> None:
         scene = make_scene(np.random.default_rng(seed), length_px=15, rotation_share=np.inf)
         camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
         problem = build_problem(scene.ends, np.ones(len(scene.ends)), IMAGE_SIZE, camera)
-        turn, true = turn_alone(problem), rotation_vector(scene.R)
+        turn, true = rotation_alone(problem), rotation_vector(scene.R)
         turn = turn * np.sign(turn @ true)
         assert np.linalg.norm(turn - true) < 0.01 * np.linalg.norm(true)
 
@@ -74,9 +74,9 @@ def test_a_pure_rotation_is_found_without_orders() -> None:
 def test_a_hand_is_assumed_only_where_the_noise_is_not_known(independent: float, scale: float) -> None:
     problem = fit_of(3, noise_px=1.0).problem
     known = replace(problem, independent=independent * len(problem.ends), scale=scale)
-    assert turning_prior(known).centre == (0.0, 0.0, 0.0)
+    assert rotation_prior(known).centre == (0.0, 0.0, 0.0)
     unknown = replace(problem, independent=0.03 * len(problem.ends), scale=0.5 * STATED)
-    np.testing.assert_allclose(turning_prior(unknown).centre, TURN_SHARE * turn_alone(unknown))
+    np.testing.assert_allclose(rotation_prior(unknown).centre, ROTATION_SHARE * rotation_alone(unknown))
 
 
 def test_smears_that_err_alike_widen_the_covariance() -> None:
