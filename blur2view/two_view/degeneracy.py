@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
@@ -95,7 +96,7 @@ def assess(
     verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
     if verdict.structure is Structure.PARALLAX:
         return verdict
-    simplest = [f for f in fits if f.name == "translation"]
+    simplest = [f for f in fits if f.model is MotionModel.TRANSLATION]
     for family in (fit, *simplest):
         if independent_share(problem, family.point.matrix(), backward, cutoff) >= NEARLY_WHITE:
             return among_independent(problem, fit, family, plane)
@@ -163,15 +164,15 @@ def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -
         f"{motions.single:.0%} the best single one"
     )
     own = problem.subset(followers(problem, motions, cutoff))
-    name, points = richer_starts(own, [motions.F[0]])
-    fit = fit_best(name, points, replace(own, independent=float(len(own.ends))), cutoff)
+    model, points = richer_starts(own, [motions.F[0]])
+    fit = fit_best(model, points, replace(own, independent=float(len(own.ends))), cutoff)
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
     """Give the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
-    name, points = richer_starts(problem, [F])
-    other = fit_best(name, points, problem, cutoff)
+    model, points = richer_starts(problem, [F])
+    other = fit_best(model, points, problem, cutoff)
     return other if other.score < fit.score else fit
 
 

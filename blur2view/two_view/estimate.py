@@ -10,7 +10,7 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
@@ -102,12 +102,12 @@ def with_pose(
     """Add E, the pose and its covariance to what was found with known intrinsics."""
     if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
         return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
-    found = {fit.name: fit.point for fit in fits}
-    start, simple = found.get("camera"), found["translation"]
+    points = {fit.model: fit.point for fit in fits}
+    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
     if geometry.F is None or geometry.config is Configuration.MULTIPLE:
         return geometry
     if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(found)}")
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
     refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
     fit = fit_calibrated(problem, start, simple, refinement)
     oriented = fit.oriented()
@@ -122,7 +122,7 @@ def with_pose(
         covariance=fit.covariance(),
         reason=f"{geometry.reason}; E and the pose were then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
-        model="calibrated",
+        model=MotionModel.CALIBRATED,
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
         swapped=oriented.swapped,
     )
@@ -147,9 +147,9 @@ def judge(
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
-    costs = {fit.name: fit.score for fit in fits}
+    costs = {fit.model: fit.score for fit in fits}
     if verdict.structure is not Structure.SEVERAL:  # whose fit is of some smears only
-        costs[verdict.fit.name] = verdict.fit.score
+        costs[verdict.fit.model] = verdict.fit.score
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
@@ -178,13 +178,13 @@ def judge(
     )
 
 
-def chosen(verdict: Verdict, scores: tuple[tuple[str, float], ...]) -> str:
+def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
     """Say which family F is from, with the others' costs above its own."""
     if verdict.structure is Structure.SEVERAL:
         return "F is that of the first"
     own = verdict.fit
-    others = ", ".join(f"{name} {cost - own.score:+.1f}" for name, cost in scores if name != own.name)
-    return f"F is of the {own.name} family (penalised cost of the others: {others})"
+    others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
+    return f"F is of the {own.model} family (penalised cost of the others: {others})"
 
 
 def without_F(
@@ -192,7 +192,7 @@ def without_F(
     config: Configuration,
     reason: str,
     iterations: int = 0,
-    scores: tuple[tuple[str, float], ...] = (),
+    scores: tuple[tuple[MotionModel, float], ...] = (),
 ) -> TwoViewGeometry:
     """Give the answer that there is no F, with its reason."""
     none = np.zeros(len(matches), bool)

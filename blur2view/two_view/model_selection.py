@@ -8,6 +8,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
 from blur2view.robust.independence import independent_count
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
@@ -22,7 +23,7 @@ DISTINCT, STARTS = 0.05, 3  # starts differ by this in an entry of the unit-norm
 ROUGH_TOLERANCE = 3e-4
 SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
-PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
+PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GENERAL: 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
@@ -30,16 +31,20 @@ ODDS_AGAINST_GENERAL = 1e12
 # A camera that does not turn is rare too: at even odds the two-parameter F won a third of the frames of
 # RedKitchen, at a median rho of 0.066 where the camera's had 0.057.
 ODDS_AGAINST_TRANSLATION = 1e3
+ODDS_AGAINST = {
+    MotionModel.GENERAL: ODDS_AGAINST_GENERAL,
+    MotionModel.TRANSLATION: ODDS_AGAINST_TRANSLATION,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fitted family: its name, its point, its penalised cost.
+    """A fitted model: the point of its family, and its penalised cost.
 
     The score is twice a negative log-posterior plus Akaike's penalty, see :func:`fit_best`.
     """
 
-    name: str
+    model: MotionModel
     point: Manifold
     score: float
 
@@ -60,13 +65,16 @@ def fit_families(
     start = simple.matrix() if found.model is None else found.model
     rough = thinned(estimator.problem)
     rough = calibrated(rough, start, cutoff)  # the scale of the noise, as the search's F has it
-    name, points = richer_starts(rough, distinct([start, simple.matrix(), *found.contenders]))
-    point = fit_best(name, points, rough, cutoff, ROUGH_STEPS).point
+    model, points = richer_starts(rough, distinct([start, simple.matrix(), *found.contenders]))
+    point = fit_best(model, points, rough, cutoff, ROUGH_STEPS).point
     problem = calibrated(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
-    fits = [fit_best("translation", [simple], problem, cutoff), fit_best(name, [point], problem, cutoff)]
-    if name != "general":
+    fits = [
+        fit_best(MotionModel.TRANSLATION, [simple], problem, cutoff),
+        fit_best(model, [point], problem, cutoff),
+    ]
+    if model is not MotionModel.GENERAL:
         last = GeneralF.from_matrix(fits[1].point.matrix())
-        fits.append(fit_best("general", [last], problem, cutoff, GENERAL_STEPS))
+        fits.append(fit_best(MotionModel.GENERAL, [last], problem, cutoff, GENERAL_STEPS))
     return problem, fits
 
 
@@ -91,15 +99,15 @@ def distinct(matrices: list[Array]) -> list[Array]:
     return kept[:STARTS]
 
 
-def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[str, list[Manifold]]:
-    """Name the richest family that is plausible here, and give its points nearest to the matrices."""
+def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionModel, list[Manifold]]:
+    """Return the richest plausible model, and its points nearest to the matrices (3, 3)."""
     if problem.camera_known:
-        return "camera", [camera_from_matrix(F, problem.prior) for F in matrices]
-    return "general", [GeneralF.from_matrix(F) for F in matrices]
+        return MotionModel.CAMERA, [camera_from_matrix(F, problem.prior) for F in matrices]
+    return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
 
 def fit_best(
-    name: str, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
+    model: MotionModel, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
 ) -> Fit:
     """Refine from every start; the least cost wins. The score is Akaike's criterion.
 
@@ -113,9 +121,9 @@ def fit_best(
     point, cost = min(
         (refine(start, problem.weighted, options) for start in starts), key=lambda found: found[1]
     )
-    odds = {"general": ODDS_AGAINST_GENERAL, "translation": ODDS_AGAINST_TRANSLATION}.get(name, 1.0)
-    score = cost + 2 * PARAMETERS[name] + 2 * float(np.log(odds)) * problem.camera_known
-    return Fit(name=name, point=point, score=score)
+    odds = ODDS_AGAINST.get(model, 1.0)
+    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.camera_known
+    return Fit(model=model, point=point, score=score)
 
 
 def calibrated(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.homography import (
     PlaneH,
     RotationH,
@@ -65,7 +66,7 @@ def without_parallax(
         f"one homography explains {evidence.on_plane:.0%} of {len(problem.ends)} smears, "
         f"parallax gains {evidence.gain:.0f} ({needed:.0f} needed)"
     )
-    scores = (("plane", fit.score + evidence.gain - needed),)
+    scores = ((MotionModel.PLANE, fit.score + evidence.gain - needed),)
     return name_homography(problem, fit, plane, cutoff, figures, scores)
 
 
@@ -87,8 +88,8 @@ def recovered(
     F = plane_and_parallax(A, problem, off_plane, cutoff, rng)
     if F is None:
         return fit, evidence
-    name, points = richer_starts(problem, [F])
-    other = fit_best(name, points, problem, cutoff)
+    model, points = richer_starts(problem, [F])
+    other = fit_best(model, points, problem, cutoff)
     found = parallax_evidence(deviations(A, other.point.matrix(), every, problem.unit_px))
     return (other, found) if found.gain > evidence.gain + CLEARLY else (fit, evidence)
 
@@ -99,7 +100,7 @@ def name_homography(
     plane: PlaneH,
     cutoff: float,
     figures: str,
-    scores: tuple[tuple[str, float], ...],
+    scores: tuple[tuple[MotionModel, float], ...],
 ) -> Verdict:
     """Tell a rotation from a plane: Schwarz's criterion for K R K^-1 against any homography."""
     either = Structure.ROTATION_OR_PLANE
@@ -121,13 +122,13 @@ def name_homography(
         sentence=f"{figures}; a plane gains {gain:.0f} over a rotation ({needed:.0f} needed)",
         fit=fit,
         A=(rotation if structure is Structure.ROTATION else plane).generator(),
-        scores=(*scores, ("rotation", scores[0][1] + gain - needed)),
+        scores=(*scores, (MotionModel.ROTATION, scores[0][1] + gain - needed)),
     )
 
 
 def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
     """Parallax is proven, or remains open."""
-    scores = (("plane", fit.score + gain - needed),)
+    scores = ((MotionModel.PLANE, fit.score + gain - needed),)
     figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
         return Verdict(structure=Structure.PARALLAX, sentence=f"parallax {figures}", fit=fit, scores=scores)

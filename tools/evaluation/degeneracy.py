@@ -28,7 +28,7 @@ import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
@@ -87,7 +87,7 @@ class Named:
 def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
     """Whether F has a significant rotation, by the rules above."""
     costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
-    if costs["translation"] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
+    if costs[MotionModel.TRANSLATION] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
         return False
     (R, _), _ = essential_motions(K.T @ F @ K)
     turned = homogeneous(points) @ (K @ R @ np.linalg.inv(K)).T

@@ -7,7 +7,7 @@ import pytest
 
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
@@ -80,9 +80,9 @@ def test_outcomes_name_configurations() -> None:
     either = replace(geometry, config=Configuration.PLANAR_OR_PANORAMIC)
     assert outcome(either, scene) == "rotation or plane"
     assert outcome(replace(either, F=np.eye(3)), scene) == "open"
-    costs = (("camera", 0.0), ("translation", 1.0))
-    found = replace(geometry, F=np.eye(3), config=Configuration.UNCALIBRATED, model="camera", scores=costs)
-    assert outcome(found, scene) == "translation"
+    costs = ((MotionModel.CAMERA, 0.0), (MotionModel.TRANSLATION, 1.0))
+    uncalibrated = replace(either, F=np.eye(3), config=Configuration.UNCALIBRATED)
+    assert outcome(replace(uncalibrated, model=MotionModel.CAMERA, scores=costs), scene) == "translation"
 
 
 def test_table_counts_what_is_right() -> None:
