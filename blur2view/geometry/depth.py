@@ -17,7 +17,7 @@ PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01
 
 
 def parallax_along_lines(turn: Array, t: Array, middle: Array, displacement: Array) -> tuple[Array, Array]:
-    """Parallax along the epipolar lines, away from the epipole, of both orders of every smear.
+    """Return parallax along the epipolar lines, away from the epipole, of both orders of every smear.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def parallax_along_lines(turn: Array, t: Array, middle: Array, displacement: Arr
 
 
 def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array, Array]:
-    """Logarithms of what both orders are given by their parallax, known to a standard deviation.
+    """Return the log-probabilities of both orders by their parallax, known to a standard deviation.
 
     An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
     gains nothing by being vague; where none is, both are improbable.

@@ -55,7 +55,7 @@ class RigidTransform:
         object.__setattr__(self, "translation", t)
 
     def inverse(self) -> RigidTransform:
-        """Give ``cam1_from_cam2``: the same motion with time reversed."""
+        """Return ``cam1_from_cam2``: the same motion with time reversed."""
         return RigidTransform(rotation=self.rotation.T, translation=-self.rotation.T @ self.translation)
 
     @property
@@ -98,7 +98,7 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
-    """Mark matches whose rays meet, or nearly meet, before both cameras.
+    """Return which matches' rays meet, or nearly meet, before both cameras (cheirality).
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class OrientedPose:
 
 
 def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None = None) -> OrientedPose:
-    """Choose the pose of E, and every match's order, by positive depth.
+    """Return the pose of E, and every match's order, by positive depth.
 
     An order counts by its probability under E's residuals and by whether the point then lies before both
     cameras; where E leaves the order open (a pure translation), depth decides it. Of the four poses that
@@ -162,7 +162,7 @@ def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None =
 def order_before_both(
     pose: RigidTransform, ends: Array, forward: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Order the rays (N, 2, 2) of matches by probability and positive depth under a pose.
+    """Return the order of the rays (N, 2, 2) of matches, by probability and positive depth under a pose.
 
     Returns
     -------
@@ -214,7 +214,7 @@ class PoseCovariance:
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.matrix[3:, 3:])[-1], 0.0))))
 
     def error(self, pose: RigidTransform, true: RigidTransform) -> Array:
-        """Give (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
+        """Return (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
         w = rotation_vector(true.rotation @ pose.rotation.T)
         across = self.tangents @ true.translation
         length = float(np.linalg.norm(across))
@@ -222,7 +222,7 @@ class PoseCovariance:
         return np.concatenate([w, angle * across / max(length, TINY)])
 
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
-        """Carry the covariance of a pose over to its inverse.
+        """Return the covariance of the inverse of a pose.
 
         To first order exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w, and the translation
         t' = -R^T t moves by -R^T (dt - w x t): along the tangents -T R, u' = u + T [t]x w.
@@ -235,7 +235,7 @@ class PoseCovariance:
     def squared_distance(
         self, pose: RigidTransform, true: RigidTransform, part: slice | None = None
     ) -> float:
-        """Squared Mahalanobis distance between a pose and the true one; the smaller of both flips of time.
+        """Return the squared Mahalanobis distance to the true pose, or to its inverse if that is nearer.
 
         ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
         translation's direction. Compare with `CHI_SQUARED_90`.
@@ -247,7 +247,7 @@ class PoseCovariance:
 
 
 def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovariance:
-    """Sandwich covariance of a pose fitted in the parameters (t along two tangents, R turned from the left).
+    """Return the sandwich covariance of a pose fitted in t (two tangents) and R (from the left).
 
     Parameters
     ----------

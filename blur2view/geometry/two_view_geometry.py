@@ -107,7 +107,7 @@ class TwoViewGeometry:
         return next((score for score in self.scores if score[0] != self.model), None)
 
     def reversed(self) -> TwoViewGeometry:
-        """Give the same motion with time reversed: the other of two equal answers."""
+        """Return the same motion with time reversed: the other of two equal answers."""
         pose, covariance = self.cam2_from_cam1, self.covariance
         H = None if self.H is None else np.linalg.inv(self.H)
         return replace(
@@ -121,7 +121,7 @@ class TwoViewGeometry:
         )
 
     def to_pycolmap(self) -> Any:
-        """Give the same as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
+        """Return the geometry as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
 
         Returns
         -------

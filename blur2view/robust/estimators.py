@@ -76,7 +76,7 @@ class SmearEstimator:
         return np.asarray(1 / self.problem.sigma_px**2, np.float32)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 3, 3) of ``samples`` samples of three and, where no camera is known, of seven."""
+        """Return candidates (M, 3, 3) of samples of three and, where no camera is assumed, of seven."""
         ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
         directions, doubted = half_sphere(self.directions), np.arange(samples) % DOUBT == 0
         three = weighted_samples(self.quality, 3, samples, rng)
@@ -91,17 +91,17 @@ class SmearEstimator:
         return np.concatenate(models)
 
     def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
-        """SErrMin in squared standard deviations, (M, n)."""
+        """Return SErrMin in squared standard deviations, (M, n)."""
         squared: NDArray[Any] = self.sampson(models, block) * self.precision[block]
         return squared
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
-        """MSAC cost (M,)."""
+        """Return MSAC cost (M,)."""
         total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
         return total
 
     def refine(self, model: Array) -> Array:
-        """Few steps on the seven-parameter manifold, wider standard deviations first: models are coarse."""
+        """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
         options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
         point = GeneralF.from_matrix(model)
         for width in (WIDE, 1.0):
@@ -110,7 +110,7 @@ class SmearEstimator:
         return point.matrix()
 
     def shares(self, model: Array) -> tuple[float, float]:
-        """Share under the paper's threshold; share of inliers beyond those that fit by chance.
+        """Return the share under the paper's threshold, and that of inliers beyond chance.
 
         A smear of length L turned at random passes a bound on its Sampson distance with probability
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
@@ -123,7 +123,7 @@ class SmearEstimator:
 
 
 def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:
-    """Best meeting point of pairs of smears: the start of the two-parameter F."""
+    """Return the best meeting point of pairs of smears: the start of the two-parameter F."""
     drawn = weighted_samples(estimator.quality, 2, samples, rng)
     points = meeting_points(estimator.problem.ends[drawn])
     points = points[np.linalg.norm(points, axis=1) > 0.5]
@@ -139,7 +139,7 @@ class LocalEstimator(SmearEstimator):
     """`SmearEstimator` whose samples come from one compact part of the image a batch."""
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 3, 3) of ``samples`` samples of three."""
+        """Return candidates (M, 3, 3) of ``samples`` samples of three."""
         middle = self.problem.ends.mean(axis=1)
         distance = ((middle - middle[rng.integers(len(middle))]) ** 2).sum(axis=1)
         near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]

@@ -40,16 +40,16 @@ class Homographies(Protocol):
         """Number of free parameters."""
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
 
     def tangent(self) -> Array:
-        """dA/dparameters, shape (dimension, 3, 3), at the present point."""
+        """Return dA/dparameters, shape (dimension, 3, 3), at the present point."""
 
     def step(self, delta: Array) -> Self:
-        """Give the point reached by adding delta (dimension,) to the parameters."""
+        """Return the point reached by adding delta (dimension,) to the parameters."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (m,) in standard deviations and their Jacobian (m, dimension); m may be 0."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, dimension)."""
 
 
 Family = TypeVar("Family", bound=Homographies)
@@ -67,19 +67,19 @@ class PlaneH:
         return 8
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
         return np.append(self.entries, 0.0).reshape(3, 3)
 
     def tangent(self) -> Array:
-        """Give dA of shape (8, 3, 3)."""
+        """Return dA of shape (8, 3, 3)."""
         return ENTRIES
 
     def step(self, delta: Array) -> PlaneH:
-        """Add to the entries."""
+        """Return the point with delta added to the entries."""
         return PlaneH(entries=self.entries + delta)
 
     def prior(self) -> tuple[Array, Array]:
-        """Give no prior."""
+        """Return no residuals."""
         return no_prior(8)
 
 
@@ -98,7 +98,7 @@ class RotationH:
 
     @classmethod
     def from_generator(cls, A: Array, spread: CameraPrior) -> RotationH:
-        """Start at the rotation nearest to A for the assumed camera (K = I)."""
+        """Return the rotation nearest to A for the assumed camera (K = I)."""
         turn = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         return cls(turn=turn, principal=np.zeros(2), spread=spread)
 
@@ -108,18 +108,18 @@ class RotationH:
         return 6
 
     def camera(self) -> Array:
-        """K of shape (3, 3)."""
+        """Return K of shape (3, 3)."""
         g, (cx, cy) = np.exp(self.log_focal), self.principal
         return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
         K = self.camera()
         conjugate: Array = K @ cross_matrix(self.turn) @ np.linalg.inv(K)
         return conjugate
 
     def tangent(self) -> Array:
-        """Give dA of shape (6, 3, 3): three turns, log g, cx, cy."""
+        """Return dA of shape (6, 3, 3): rotation, log g, cx, cy."""
         K = self.camera()
         inverse, A, change = np.linalg.inv(K), self.generator(), np.zeros((3, 3, 3))
         change[0, [0, 1], [0, 1]] = K[0, 0]
@@ -128,7 +128,7 @@ class RotationH:
         return np.concatenate([K @ GENERATORS @ inverse, lens @ A - A @ lens])
 
     def step(self, delta: Array) -> RotationH:
-        """Add to the parameters."""
+        """Return the point with delta added to the parameters."""
         return replace(
             self,
             turn=self.turn + delta[:3],
@@ -137,7 +137,7 @@ class RotationH:
         )
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (6,): turn, log g, cx, cy."""
+        """Return residuals (6,), rotation, log g, cx and cy, and their Jacobian."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
         value = np.concatenate([self.turn, [self.log_focal], self.principal])
@@ -145,17 +145,17 @@ class RotationH:
 
 
 def cayley(A: Array) -> Array:
-    """H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
+    """Return H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
     return np.asarray(np.linalg.solve(IDENTITY - 0.5 * A, IDENTITY + 0.5 * A), float)
 
 
 def pixel_homography(A: Array, T: Array) -> Array:
-    """H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
+    """Return H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
     return unit_norm(np.asarray(np.linalg.solve(T, cayley(A) @ T), float))
 
 
 def velocity_basis(points: Array) -> Array:
-    """Displacements (N, 2, 8) at points (N, 2) for unit entries of A: d = basis @ entries to first order."""
+    """Return displacements (N, 2, 8) at points (N, 2) for unit entries of A, to first order."""
     x, y = np.asarray(points, float).T
     one, zero = np.ones_like(x), np.zeros_like(x)
     along_x = [x, y, one, zero, zero, zero, -x * x, -x * y]
@@ -187,14 +187,14 @@ def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
 
 
 def _carry(M: Array, x: Array) -> tuple[Array, Array]:
-    """pi(M x) of shape (2, N) and 1 / (M x)_3 of shape (N,)."""
+    """Return pi(M x) of shape (2, N) and 1 / (M x)_3 of shape (N,)."""
     carried: Array = M @ x
     inverse: Array = 1 / np.where(np.abs(carried[2]) < TINY, TINY, carried[2])
     return carried[:2] * inverse, inverse
 
 
 def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
-    """Differentiate the residual of the order x, y (3, N) along tangents (k, 3, 3) of A: (k, 2, N)."""
+    """Return the derivative (k, 2, N) of the residual of x, y (3, N) along tangents (k, 3, 3)."""
     total = np.zeros((len(tangent), 2, x.shape[1]))
     for M, point in ((IDENTITY - 0.5 * A, y), (IDENTITY + 0.5 * A, x)):
         at, inverse = _carry(M, point)
@@ -205,7 +205,7 @@ def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
 
 
 def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
-    """Minimise data_weight * sum rho(squared residual) + |prior|^2 by Levenberg-Marquardt, orders weighed.
+    """Return the minimum of data_weight * sum rho(squared residual) + |prior|^2, orders weighed.
 
     As `refinement.refine`, with two-dimensional residuals.
 

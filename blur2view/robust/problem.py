@@ -95,11 +95,11 @@ class SmearProblem:
         return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
 
     def rescaled(self, factor: float) -> SmearProblem:
-        """Give the problem with all standard deviations multiplied by a factor."""
+        """Return the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
 
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
-        """Give the problem of some smears; the share of independent ones stays."""
+        """Return the problem of some smears; the share of independent ones stays."""
         ends = self.ends[index]
         independent = self.independent * len(ends) / len(self.ends)
         components = None if self.components is None else self.components.subset(index)
@@ -108,12 +108,12 @@ class SmearProblem:
         )
 
     def pixels(self, F: Array) -> Array:
-        """F of pixel coordinates, unit norm, from F of normalised ones."""
+        """Return F of pixel coordinates, unit norm, from F of normalised ones."""
         return denormalise(F, self.T)
 
 
 def assumed_camera(image_size: tuple[float, float]) -> Array:
-    """K^-1 (3, 3) of the assumed camera: principal point at the centre, focal 1.2 times the longer side."""
+    """Return K^-1 (3, 3) of the assumed camera: centred, focal length 1.2 times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
     return np.array(
@@ -122,7 +122,7 @@ def assumed_camera(image_size: tuple[float, float]) -> Array:
 
 
 def assumed_camera_of(ends: Array) -> Array:
-    """K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
+    """Return K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
     points = ends.reshape(-1, 2)
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), TINY)
     T = assumed_camera((size[0] + 1, size[1] + 1))
@@ -131,14 +131,14 @@ def assumed_camera_of(ends: Array) -> Array:
 
 
 def occupied_blocks(points: Array, block_px: float) -> int:
-    """Count square blocks of this side that hold a point (N, 2)."""
+    """Return the number of square blocks of this side that hold a point (N, 2)."""
     return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
 
 
 def build_problem(
     ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, camera: Camera | None = None
 ) -> SmearProblem:
-    """Normalise smears (N, 2, 2); sigma_px (N,) is that of the Sampson distance, pixels.
+    """Return smears (N, 2, 2) normalised; sigma_px (N,) is that of the Sampson distance, pixels.
 
     Coordinates are those of the camera, for whose undistorted pixels the ends are given, else of an assumed
     one; without an image size none is assumed. Every smear counts as independent until `independent_count`.

@@ -20,7 +20,7 @@ NEGLIGIBLE = 1e-4  # weight below which an order of a smear is left out of the n
 
 
 def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, float]:
-    """Minimise data_weight * sum of `WeightedEnds.costs` + |prior|^2 over a family by Levenberg-Marquardt.
+    """Return the minimum of data_weight * sum of `WeightedEnds.costs` + |prior|^2 over a family.
 
     The order of every match, and whether it is an outlier, are weighed anew at every point
     (expectation-maximisation), so nothing is ever fixed but the sign of the translation, which is that of

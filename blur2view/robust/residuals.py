@@ -130,13 +130,13 @@ class WeightedEnds:
         return 0.5 * (one + other), other - one
 
     def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
-        """Residuals under F (3, 3) in both orders, which are equally likely beforehand."""
+        """Return residuals under F (3, 3) in both orders, which are equally likely beforehand."""
         first, second, sigma = self.orders
         forward, backward = (residual_parts(F, first, second)[0] / sigma).reshape(2, -1)
         return OrderedResiduals(forward=forward, backward=backward, decided=decided)
 
     def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
-        """Give residuals the odds that positive depth gives the orders under a point of a family.
+        """Return residuals with the odds of the orders by positive depth, under a point of a family.
 
         ``sign`` is that of the point's translation; ``weight`` in [0, 1] tempers the odds. Nothing changes
         without ``along``.
@@ -158,14 +158,14 @@ class WeightedEnds:
         )
 
     def costs(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
-        """Twice the negative log-likelihood (N,), 0 for a perfect inlier, of inliers and outliers mixed."""
+        """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
         chance = self._chance(options)
         likelihood = np.exp(-0.5 * residuals.squared)
         cost: Array = -2 * np.log((likelihood + chance) / (1 + chance))
         return cost
 
     def inlier_shares(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
-        """Probabilities (N,) of being an inlier: the weights of reweighted least squares."""
+        """Return probabilities (N,) of being an inlier: the weights of reweighted least squares."""
         likelihood = np.exp(-0.5 * residuals.squared)
         share: Array = likelihood / (likelihood + self._chance(options))
         return share
@@ -175,7 +175,7 @@ class WeightedEnds:
 
 
 def company_log_odds(components: SignComponents, residuals: OrderedResiduals) -> Array:
-    """Log-odds (N,) that the other smears of its component give a smear's order ends[:, 0] first.
+    """Return log-odds (N,) of the order ends[:, 0] first, by the other smears of the component.
 
     They vote with what each says by itself, bounded; a component whose votes contradict each other has no
     say, so a wrong grouping does little harm.
@@ -190,12 +190,12 @@ def company_log_odds(components: SignComponents, residuals: OrderedResiduals) ->
 
 
 def robust_cost(squared: Array, cutoff: float) -> Array:
-    """Geman-McClure c / (1 + c / cutoff^2) of squared residuals: c when small, cutoff^2 at most."""
+    """Return Geman-McClure c / (1 + c / cutoff^2) of squared residuals: c when small, cutoff^2 at most."""
     bounded: Array = squared / (1 + squared / cutoff**2)
     return bounded
 
 
 def robust_weight(squared: Array, cutoff: float) -> Array:
-    """Give the derivative (1 + c / cutoff^2)^-2 of `robust_cost`: the weight of reweighted least squares."""
+    """Return the weight (1 + c / cutoff^2)^-2 of reweighted least squares, the derivative of `robust_cost`."""
     weight: Array = 1 / (1 + squared / cutoff**2) ** 2
     return weight

@@ -74,7 +74,7 @@ class SmearMatches:
         sigma_px: float | Array = 1.0,
         image_size: tuple[int, int] | None = None,
     ) -> SmearMatches:
-        """Build from two arrays (N, 2) of matched pixels; what their order was is forgotten.
+        """Return the matches of two arrays (N, 2) of matched pixels; their order is dropped.
 
         ``sigma_px`` is that of the displacement, a number or (N,): twice the standard deviation of one
         coordinate of one point, if both points err alike.
@@ -86,11 +86,11 @@ class SmearMatches:
         return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
 
     def __len__(self) -> int:
-        """Give the number of matches."""
+        """Return the number of matches."""
         return len(self.ends)
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:
-        """Only the matches of an index or mask."""
+        """Return the matches of an index or mask."""
         across_px = None if self.across_px is None else self.across_px[index]
         return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
 

@@ -46,7 +46,7 @@ class SelectOptions:
 
 
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
-    """Turn the surest smears of a field into matches, spread over the image; deterministic.
+    """Return the most certain smears of a field as matches, spread over the image; deterministic.
 
     Parameters
     ----------
@@ -96,12 +96,12 @@ class GridSmears:
 
     @classmethod
     def of(cls, field: SmearField) -> GridSmears:
-        """Sample a field."""
+        """Return the smears of a field."""
         return cls.at(field, *grid_pixels(field.shape))
 
     @classmethod
     def at(cls, field: SmearField, rows: NDArray[np.int_], cols: NDArray[np.int_]) -> GridSmears:
-        """Sample a field at pixels (N,)."""
+        """Return the smears of a field at pixels (N,)."""
         told = field.sigma_rad
         return cls(
             points=np.stack([cols, rows], axis=1).astype(np.float64),
@@ -131,18 +131,18 @@ class GridSmears:
 
 
 def error_across(length_px: Array, sigma_rad: Array) -> Array:
-    """Give the standard deviations (N,) of errors across smears, pixels, from lengths and directions."""
+    """Return the standard deviations (N,) of errors across smears, pixels, from lengths and directions."""
     return np.maximum(length_px * sigma_rad, LEAST_ACROSS_PX)
 
 
 def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Rows and columns of the pixels [1::4, 1::4], nearest the centres of the network's cells; flat."""
+    """Return rows and columns of the pixels [1::4, 1::4], nearest the centres of the cells; flat."""
     rows, cols = np.mgrid[min(1, shape[0] - 1) : shape[0] : STRIDE, min(1, shape[1] - 1) : shape[1] : STRIDE]
     return rows.ravel(), cols.ravel()
 
 
 def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDArray[np.int_]:
-    """Choose at most max_matches of the points (N, 2), best first, taking turns between the cells.
+    """Return at most max_matches of the points (N, 2), best first, from each cell in turn.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDA
 
 
 def _still_share(length: Array, sigma: Array, options: SelectOptions) -> float:
-    """Share of the measurable smears (sure to half their length, or to still_sigma_px) that are too short."""
+    """Return the share of the measurable smears (certain to half their length, or a sigma) that are short."""
     measurable: NDArray[Any] = sigma <= np.maximum(0.5 * length, options.still_sigma_px)
     still = measurable & (length < options.min_length_px)
     return float(still.sum() / max(measurable.sum(), 1))

@@ -86,7 +86,7 @@ class SignComponents:
             raise ValueError("labels must not be negative, signs must be +1 or -1")
 
     def __len__(self) -> int:
-        """Give the number of smears."""
+        """Return the number of smears."""
         return len(self.label)
 
     @property
@@ -100,23 +100,23 @@ class SignComponents:
         return np.bincount(self.label)
 
     def touched(self, samples: NDArray[np.int_]) -> Labels:
-        """Count the components (B,) that index sets (B, m) touch."""
+        """Return the number of components (B,) that index sets (B, m) touch."""
         ordered = np.sort(self.label[samples], axis=1)
         touched: Labels = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1)
         return touched
 
     def subset(self, index: NDArray[np.int_] | NDArray[np.bool_] | slice) -> SignComponents:
-        """Only the smears of an index or mask, relabelled."""
+        """Return the smears of an index or mask, relabelled."""
         return _relabelled(self.label[index], self.sign[index])
 
 
 def no_components(count: int) -> SignComponents:
-    """Give every smear a component of its own: no order is known of any other."""
+    """Return a component for every smear: no order is known of any other."""
     return SignComponents(label=np.arange(count), sign=np.ones(count))
 
 
 def sign_components(matches: SmearMatches, options: ComponentOptions | None = None) -> SignComponents:
-    """Group smears whose relative order is certain.
+    """Return groups of smears whose relative order is certain.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def sign_components(matches: SmearMatches, options: ComponentOptions | None = No
 
 
 def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Labels:
-    """Give the pairs (2, E) that are near among every ``sparse``-th point alone."""
+    """Return the pairs (2, E) that are near among every ``sparse``-th point alone."""
     sparse = np.arange(0, len(points), options.sparse)
     if len(sparse) < 2:
         return np.zeros((2, 0), int)
@@ -159,7 +159,7 @@ def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Label
 
 
 def _limit(certain: Edges, options: ComponentOptions) -> float:
-    """Tighten the difference that agrees to what is usual on surfaces."""
+    """Return the greatest difference that agrees, tightened to what is usual on surfaces."""
     if not len(certain.i):
         return options.max_difference
     usual = options.usual * float(np.median(certain.difference))
@@ -190,7 +190,7 @@ class SamplePatterns:
 def sample_patterns(
     components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
 ) -> list[SamplePatterns]:
-    """Give the sign patterns that components leave for every sample, grouped by their number.
+    """Return the sign patterns that components leave for every sample, grouped by their number.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def sample_patterns(
 
 
 def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: ComponentOptions) -> Edges:
-    """Edges between components that, where they touch, mostly agree in one relative sign."""
+    """Return edges between components that, where they touch, mostly agree in one relative sign."""
     count = int(label.max()) + 1
     across = np.flatnonzero(label[edges.i] != label[edges.j])
     i, j = edges.i[across], edges.j[across]
@@ -246,7 +246,7 @@ def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: Comp
 
 
 def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
-    """Part components whose long smears hang together by short ones alone.
+    """Return labels in which components joined by short smears alone are split.
 
     Where the motion passes through zero it turns round, but smears on both sides look alike. Long is a smear
     of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
@@ -271,7 +271,7 @@ def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
 
 
 def _relabelled(label: Labels, sign: Array) -> SignComponents:
-    """Name components 0, 1, ... by falling size."""
+    """Return the components labelled 0, 1, ... by falling size."""
     _, index, sizes = np.unique(label, return_inverse=True, return_counts=True)
     rank = np.empty(len(sizes), int)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))

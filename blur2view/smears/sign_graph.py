@@ -24,7 +24,7 @@ PROBES = 128  # points at which the density is measured
 
 
 def near_pairs(points: Array, neighbours: int) -> tuple[Labels, float]:
-    """Give the pairs (2, E) of points nearer than a distance, and that distance.
+    """Return the pairs (2, E) of points nearer than a distance, and that distance.
 
     Within it a typical point has ``neighbours`` others. Where the density varies a lot, every point's nearest
     ``neighbours`` others are taken instead, so that E stays at most N neighbours.
@@ -59,7 +59,7 @@ class Edges:
 
     @classmethod
     def between(cls, displacement: Array, pairs: Labels, max_difference: float) -> Edges:
-        """Keep the pairs whose displacements agree up to sign."""
+        """Return the edges of pairs whose displacements agree up to sign."""
         i, j = pairs
         x, y = displacement.T
         squared = x * x + y * y
@@ -72,12 +72,12 @@ class Edges:
         )
 
     def only(self, kept: NDArray[np.bool_]) -> Edges:
-        """Keep a part."""
+        """Return a part of the edges."""
         return Edges(i=self.i[kept], j=self.j[kept], sign=self.sign[kept], difference=self.difference[kept])
 
 
 def support(points: Array, radius: float, near: Labels, edges: Edges) -> tuple[Labels, Labels]:
-    """Count, per edge, the points near both ends that agree with both, and those that agree with either.
+    """Return, per edge, how many points near both ends agree with both, and how many with either.
 
     ``points`` (N, 2), ``near`` (2, E) all pairs nearer than ``radius``, ``edges`` those that agree.
     """
@@ -92,7 +92,7 @@ def support(points: Array, radius: float, near: Labels, edges: Edges) -> tuple[L
 
 
 def _local_bits(points: Array, radius: float) -> Labels:
-    """Give each point one of 256 numbers, different from those of nearly all points near it.
+    """Return one of 256 numbers for each point, different from those of nearly all points near it.
 
     Points share a number if they are four cells of the given side apart, or crowd by more than 16 in a cell.
     """
@@ -106,7 +106,7 @@ def _local_bits(points: Array, radius: float) -> Labels:
 
 
 def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
-    """Give each node's neighbours as bits, (2, N); two neighbours with one number are miscounted."""
+    """Return each node's neighbours as bits, (2, N); two neighbours with one number are miscounted."""
     count, halves = len(bit), CELLS * CELLS * SLOTS // WORD
     own, name = np.concatenate([i, j]), np.concatenate([bit[j], bit[i]])
     total = np.bincount(name // WORD * count + own, weights=POWERS[name], minlength=count * halves)
@@ -118,7 +118,7 @@ def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
 
 
 def connected(i: Labels, j: Labels, count: int) -> Labels:
-    """Label (count,) the connected components of the undirected graph of edges (i, j)."""
+    """Return labels (count,) of the connected components of the undirected graph of edges (i, j)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -130,7 +130,7 @@ def connected(i: Labels, j: Labels, count: int) -> Labels:
 
 
 def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
-    """Give components of the double cover: labels (N,) of every node as it is, and of it flipped.
+    """Return components of the double cover: labels (N,) of every node as it is, and of it flipped.
 
     The two are equal exactly where a cycle's signs contradict each other.
     """
@@ -141,7 +141,7 @@ def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
 
 
 def balanced(rungs: Iterable[Edges], count: int) -> tuple[Labels, Array]:
-    """Labels 0, 1, ... and signs from the first edges in which a node's component has no contradiction.
+    """Return labels 0, 1, ... and signs by the first edges in which a node's component is consistent.
 
     ``rungs`` are sets of edges, each part of the one before, read as far as needed. What no set settles is
     alone.

@@ -55,7 +55,7 @@ class CalibratedFit:
     def at(
         cls, problem: SmearProblem, point: CameraF, sign: float, noise: Noise, options: RefineOptions
     ) -> CalibratedFit:
-        """Weigh the smears of a problem at a camera, the sign of its translation and a noise.
+        """Return the smears of a problem weighed at a camera, the sign of its translation and a noise.
 
         An outlier's Sampson distance has the density 2^0.5 / (pi length) at zero: its direction is random.
         """
@@ -189,7 +189,7 @@ def converged(fit: CalibratedFit, steps: int) -> CalibratedFit:
 def fit_calibrated(
     problem: SmearProblem, camera: CameraF, simple: TranslationF, options: RefineOptions
 ) -> CalibratedFit:
-    """Fit the pose from the camera that was found, from no rotation, and from a search over translations.
+    """Return the pose fitted from a camera's fit, from no rotation, and from a search over translations.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def rotation_alone(problem: SmearProblem) -> Array:
 
 
 def rotation_prior(problem: SmearProblem) -> CameraPrior:
-    """Prior of the rotation: little, or that of a hand-held camera where the noise is not known."""
+    """Return the prior of the rotation: small, or a hand-held camera's where the noise is not known."""
     exact = float(np.median(problem.sigma_px / np.maximum(problem.length_px, TINY))) < EXACT
     if problem.data_weight >= ALIKE or problem.scale >= STATED or exact:
         return problem.prior
@@ -61,7 +61,7 @@ def rotation_prior(problem: SmearProblem) -> CameraPrior:
 
 
 def translation_search(ends: Array) -> tuple[Array, Array]:
-    """Give the pose under which smears miss their lines least: of a grid, then of ever smaller rings.
+    """Return the pose under which smears miss their lines least: of a grid, then of ever smaller rings.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ def translation_search(ends: Array) -> tuple[Array, Array]:
 
 
 def _best(translations: Array, ends: Array) -> tuple[Array, Array]:
-    """Rotation vector and translation that smears miss least."""
+    """Return the rotation vector and translation that smears miss least."""
     turns, misses = rotations_given(translations, ends)
     best = int(np.argmin(misses))
     return turns[best], translations[best]
 
 
 def rotations_given(translations: Array, ends: Array) -> tuple[Array, Array]:
-    """Find the rotation that goes with each of G translations, by iteratively reweighted least squares.
+    """Return the rotation that goes with each of G translations, by iteratively reweighted least squares.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _deviation(missed: Array) -> Array:
 
 
 def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
-    """Give unit vectors (G, 2, N) along epipolar lines and across them.
+    """Return unit vectors (G, 2, N) along epipolar lines and across them.
 
     Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
     """

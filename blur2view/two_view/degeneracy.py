@@ -56,7 +56,7 @@ def assess(
     rng: np.random.Generator,
     doubt: bool = False,
 ) -> Verdict:
-    """Say what the smears show, given every family of F that was fitted.
+    """Return what the smears show, given every model of F that was fitted.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def assess(
 
 
 def within_errors(matches: SmearMatches) -> bool:
-    """Whether the shorter smears are as short as errors alone make them, up to half of the smears astray.
+    """Return whether the shorter smears are as short as errors alone make them, up to half astray.
 
     Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
     distributed exponentially with mean 1.
@@ -115,7 +115,7 @@ def within_errors(matches: SmearMatches) -> bool:
 
 
 def collinear(matches: SmearMatches) -> str | None:
-    """Reason if the midpoints lie along one line, which leaves F and H undetermined, or None."""
+    """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
     middle = matches.midpoint - matches.midpoint.mean(axis=0)
     long, short = np.linalg.svd(middle, compute_uv=False) if len(middle) > 1 else (0.0, 0.0)
     if short > LEAST_WIDTH * long:
@@ -126,7 +126,7 @@ def collinear(matches: SmearMatches) -> str | None:
 
 
 def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:
-    """Where ends[:, 1] is the open end under a homography, (N,)."""
+    """Return where ends[:, 1] is the open end under a homography, (N,)."""
     ordered = transfer_orders(plane.generator(), problem.weighted)
     return np.abs(ordered.backward) < np.abs(ordered.forward)
 
@@ -139,7 +139,7 @@ def motions_of(
     cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
-    """Give two motions that explain much more than one, or one F that does; None if neither does."""
+    """Return two motions that explain much more than one, or one F that does; None if neither does."""
     F = fit.point.matrix()
     if not suspicious(problem, F, stated_px, backward, cutoff):
         return None
@@ -151,14 +151,14 @@ def motions_of(
 
 
 def several(motions: TwoMotions, evidence: Evidence) -> bool:
-    """Whether two motions are more than an object, than one F explains, and than one homography does."""
+    """Return whether two motions are more than an object, than one F explains, and than one homography."""
     together = motions.first + motions.second
     one_homography = evidence.on_plane > MOSTLY * together
     return motions.balance >= LEAST_BALANCE and motions.single < ENOUGH and not one_homography
 
 
 def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
-    """Name several motions; F is fitted to the smears around which the first fits better."""
+    """Return the verdict of several motions; F is fitted to the smears around which the first fits better."""
     sentence = (
         f"{motions.first:.0%} and {motions.second:.0%} of {len(problem.ends)} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
@@ -170,7 +170,7 @@ def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
-    """Give the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
+    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
     model, points = richer_starts(problem, [F])
     other = fit_best(model, points, problem, cutoff)
     return other if other.score < fit.score else fit
@@ -179,7 +179,7 @@ def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
 def tolerant_evidence(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
 ) -> Evidence:
-    """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
+    """Return the evidence for parallax where lengths may err by more than directions, as sigma admits."""
     found = deviations(
         plane.generator(), fit.point.matrix(), problem.subset(sample).weighted, problem.unit_px
     )
@@ -187,6 +187,6 @@ def tolerant_evidence(
 
 
 def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
-    """Judge parallax by a family of F that leaves independent errors: then every smear counts."""
+    """Return the verdict by a model of F that leaves independent errors: then every smear counts."""
     found = deviations(plane.generator(), white.point.matrix(), problem.weighted, problem.unit_px)
     return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)

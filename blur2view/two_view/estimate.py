@@ -44,7 +44,7 @@ def estimate_two_view(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
 ) -> TwoViewGeometry:
-    """Estimate F from unordered smears, or say why none can be trusted.
+    """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def estimate_two_view(
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
-    """Give the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
+    """Return the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def with_pose(
     fits: list[Fit],
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
-    """Add E, the pose and its covariance to what was found with known intrinsics."""
+    """Return a geometry of known intrinsics with E, the pose and its covariance."""
     if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
         return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
     points = {fit.model: fit.point for fit in fits}
@@ -129,7 +129,7 @@ def with_pose(
 
 
 def rotation_of(H: Array, T: Array) -> RigidTransform:
-    """Give the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
+    """Return the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
     normalised = T @ H @ np.linalg.inv(T)
     U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
     return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
@@ -143,7 +143,7 @@ def judge(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> TwoViewGeometry:
-    """Choose the cheapest family, test it against chance, and against no parallax and several motions."""
+    """Return the cheapest model, tested against chance, no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
@@ -179,7 +179,7 @@ def judge(
 
 
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
-    """Say which family F is from, with the others' costs above its own."""
+    """Return the clause that names the model of F, with the others' costs above its own."""
     if verdict.structure is Structure.SEVERAL:
         return "F is that of the first"
     own = verdict.fit
@@ -194,7 +194,7 @@ def without_F(
     iterations: int = 0,
     scores: tuple[tuple[MotionModel, float], ...] = (),
 ) -> TwoViewGeometry:
-    """Give the answer that there is no F, with its reason."""
+    """Return the geometry without F, with its reason."""
     none = np.zeros(len(matches), bool)
     return TwoViewGeometry(
         F=None,

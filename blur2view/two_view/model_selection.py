@@ -52,7 +52,7 @@ class Fit:
 def fit_families(
     estimator: SmearEstimator, found: RansacResult, rng: np.random.Generator
 ) -> tuple[SmearProblem, list[Fit]]:
-    """Fit every family from the search's result, on standard deviations rescaled to what is met.
+    """Return every model fitted from the search's result, on standard deviations rescaled to the residuals.
 
     Returns
     -------
@@ -79,18 +79,18 @@ def fit_families(
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
-    """Fit the two-parameter F robustly, on the standard deviations as given."""
+    """Return the two-parameter F, fitted robustly on the standard deviations as given."""
     options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=ROUGH_TOLERANCE)
     return refine(translation_start(estimator, PAIRS, rng), thinned(estimator.problem).weighted, options)[0]
 
 
 def thinned(problem: SmearProblem) -> SmearProblem:
-    """Leave ROUGH_COUNT smears or up to twice as many, evenly."""
+    """Return ROUGH_COUNT of the smears or up to twice as many, evenly."""
     return problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
 
 
 def distinct(matrices: list[Array]) -> list[Array]:
-    """Leave out matrices (3, 3) that nearly repeat an earlier one, up to scale and transposition."""
+    """Return matrices (3, 3) without near repetitions, up to scale and transposition."""
     kept: list[Array] = []
     for F in (unit_norm(matrix) for matrix in matrices):
         twins = (min(np.abs(F - G).max(), np.abs(F + G).max()) for G in (H for K in kept for H in (K, K.T)))
@@ -109,7 +109,7 @@ def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionM
 def fit_best(
     model: MotionModel, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
 ) -> Fit:
-    """Refine from every start; the least cost wins. The score is Akaike's criterion.
+    """Return the cheapest refinement of the starts. The score is Akaike's criterion.
 
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
@@ -127,13 +127,13 @@ def fit_best(
 
 
 def calibrated(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
-    """Rescale the standard deviations to the residuals of F and count the independent smears."""
+    """Return the problem with standard deviations and independent smears as the residuals of F show them."""
     scaled = problem.rescaled(residual_scale(F, problem.weighted, cutoff))
     return replace(scaled, independent=independent_count(scaled, F, cutoff))
 
 
 def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
-    """Robust standard deviation of the residuals over the assumed one, in [0.1, 4].
+    """Return the robust standard deviation of the residuals over the assumed one, in [0.1, 4].
 
     Residuals of the better order below ``cutoff`` are a mixture of a half normal distribution and of a
     uniform one, the outliers; expectation-maximisation tells them apart.

@@ -59,7 +59,7 @@ class TwoMotions:
 
 
 def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
-    """Residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
+    """Return residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
     ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
@@ -76,7 +76,7 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
 
 
 def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float) -> float:
-    """Share of independent errors that F leaves, outliers left out; see `independence`."""
+    """Return the share of independent errors that F leaves, outliers left out; see `independence`."""
     residual = errors_by_order(problem, F, backward)
     return independence(residual[None], np.abs(residual) < cutoff, problem.ends.mean(axis=1))
 
@@ -84,7 +84,7 @@ def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool
 def suspicious(
     problem: SmearProblem, F: Array, stated_px: Array, backward: NDArray[np.bool_], cutoff: float
 ) -> bool:
-    """Whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
+    """Return whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
     scale = float(np.median(problem.sigma_px / stated_px))
     return scale >= SUSPECT_SCALE and leaves_structure(problem, F, backward, cutoff)
 
@@ -92,7 +92,7 @@ def suspicious(
 def leaves_structure(
     problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = INDEPENDENT
 ) -> bool:
-    """Whether neighbours share the errors that F leaves, or the directions of its many outliers.
+    """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
@@ -112,7 +112,7 @@ def find_two_motions(
     cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
-    """Search two F at the stated standard deviations (N,); F is the best single one.
+    """Return two F at the stated standard deviations (N,); F is the best single one.
 
     ``backward`` (N,) are the orders of the best homography, see `errors_by_order`.
 
@@ -151,27 +151,27 @@ def find_two_motions(
 
 
 def followers(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> NDArray[np.int_]:
-    """Find the smears around which the first of two motions fits better than the second: indices."""
+    """Return the smears around which the first of two motions fits better than the second: indices."""
     one, other = (_squared(problem, F) for F in motions.F)
     return np.flatnonzero(_by_place(problem, one, other, cutoff))
 
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
-    """Smears of the cells that an F fits worst, a share of WORST of them; squared residuals (N,)."""
+    """Return the smears of the cells that an F fits worst, a share WORST; squared residuals (N,)."""
     cell = cells(problem.ends.mean(axis=1), PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, cutoff**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST * len(cell)), 30)]
 
 
 def _by_place(problem: SmearProblem, one: Array, other: Array, cutoff: float) -> NDArray[np.bool_]:
-    """Whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
+    """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, cutoff**2) - np.minimum(one, cutoff**2)
     cell = cells(problem.ends.mean(axis=1), PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 
 def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]:
-    """Shares (M,) of the smears that follow each of M models F (3, 3), and the log-likelihood.
+    """Return shares (M,) of the smears that follow each of M models F (3, 3), and the log-likelihood.
 
     A mixture's weights: half normal residuals of the better order, in standard deviations, and for the rest,
     which follow none, what smears of random direction give: near zero an even density of
@@ -191,7 +191,7 @@ def _search(problem: SmearProblem, cutoff: float, rng: np.random.Generator) -> A
 
 
 def _refit(problem: SmearProblem, F: Array, cutoff: float) -> Array:
-    """Refine F (3, 3) on the seven-parameter manifold, each smear in its better order."""
+    """Return F (3, 3) refined on the seven-parameter manifold, each smear in its better order."""
     if len(problem.ends) < 8:
         return F
     options = RefineOptions(max_iterations=6, cutoff=cutoff, decided=True)
@@ -199,6 +199,6 @@ def _refit(problem: SmearProblem, F: Array, cutoff: float) -> Array:
 
 
 def _squared(problem: SmearProblem, F: Array) -> Array:
-    """Squared residuals (N,) of the better order, in standard deviations."""
+    """Return squared residuals (N,) of the better order, in standard deviations."""
     squared: Array = problem.weighted.residuals(F).least ** 2
     return squared

@@ -65,7 +65,7 @@ class EstimatorOptions:
         self.search()
 
     def search(self) -> RansacOptions:
-        """Options of the robust loop."""
+        """Return the options of the robust loop."""
         return RansacOptions(
             max_iterations=self.max_iterations, confidence=self.confidence, stop_share=self.stop_inlier_share
         )

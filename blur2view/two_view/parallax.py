@@ -57,7 +57,7 @@ class Deviations:
 
 
 def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
-    """Deviations from the homography of generator A and from F (3, 3), normalised coordinates.
+    """Return deviations from the homography of generator A and from F (3, 3), normalised coordinates.
 
     Of F and its transpose, which fit alike, the one is taken whose orders agree better with A's.
     """
@@ -85,7 +85,7 @@ def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Devia
 
 
 def _unit(vectors: Array) -> tuple[Array, Array]:
-    """Give unit vectors (N, 2) and lengths (N,)."""
+    """Return unit vectors (N, 2) and lengths (N,)."""
     length = np.linalg.norm(vectors, axis=1)
     return vectors / np.maximum(length, TINY)[:, None], length
 
@@ -104,7 +104,7 @@ class Evidence:
 
 
 def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Evidence:
-    """Compare the homography alone with the homography and parallax.
+    """Return how the homography with parallax compares with the homography alone.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
 
 
 def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> float:
-    """Log-likelihood of smears under a homography alone, errors alike in all directions."""
+    """Return the log-likelihood of smears under a homography alone, errors alike in all directions."""
     deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
     measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
     along, across = deviation[:, 0], deviation[:, 1]
@@ -151,14 +151,14 @@ def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> fl
 
 
 def chance_densities(measured: Array) -> list[Array]:
-    """Densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
+    """Return densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
     radii = np.array(REACHES) * max(float(np.quantile(measured, 0.95)), TINY)
     floor = 1e-3 / (np.pi * radii[-1] ** 2)  # a smear longer than all discs must not have no density at all
     return [np.where(measured <= radius, 1 / (np.pi * radius**2), floor) for radius in radii]
 
 
 def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, cov: Array | float) -> Array:
-    """Density (N,) of deviations (2, N), both orders equally likely."""
+    """Return density (N,) of deviations (2, N), both orders equally likely."""
     determinant = var_along * var_across - cov * cov
     squared = (var_across * along**2 - 2 * cov * along * across + var_along * across**2) / determinant
     density: Array = (0.25 / np.pi) * np.exp(-0.5 * squared).sum(axis=0) / np.sqrt(determinant)
@@ -166,7 +166,7 @@ def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, 
 
 
 def mixture(density: Array, start: Array | None = None) -> tuple[Array, Array]:
-    """Weights (J,) of greatest likelihood for fixed components, density (N, J), and log-densities (N,)."""
+    """Return weights (J,) of greatest likelihood for components of density (N, J), and log-densities (N,)."""
     weights = np.full(density.shape[1], 1 / density.shape[1]) if start is None else start
     for _ in range(ROUNDS):
         weights = weights * ((1 / (density @ weights)) @ density) / len(density)

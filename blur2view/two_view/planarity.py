@@ -37,7 +37,7 @@ MEDIAN_SQUARED = 1.386  # median of the squared length of a standard normal pair
 
 
 def whiteness(matches: WeightedEnds, A: Array, cutoff: float) -> float:
-    """Share of independent deviations from a homography (`independence`), outliers left out."""
+    """Return the share of independent deviations from a homography (`independence`), outliers left out."""
     forward, backward = transfer_residuals(A, matches) / matches.sigma  # (2, N) each
     ahead = (forward**2).sum(axis=0) <= (backward**2).sum(axis=0)
     deviation = np.where(ahead, forward, backward)
@@ -49,7 +49,7 @@ def whiteness(matches: WeightedEnds, A: Array, cutoff: float) -> float:
 def without_parallax(
     problem: SmearProblem, fit: Fit, plane: PlaneH, cutoff: float, rng: np.random.Generator
 ) -> Verdict | None:
-    """Name a rotation or plane, or prove parallax beside one; None if a homography leaves too much."""
+    """Return a rotation, a plane, or proven parallax beside one; None if a homography leaves too much."""
     every = problem.weighted
     plane, _ = refine_homography(plane, every, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff))
     A = plane.generator()
@@ -71,7 +71,7 @@ def without_parallax(
 
 
 def gain_needed(count: int) -> float:
-    """Gain from which parallax is proven among independent errors of ``count`` smears.
+    """Return the gain from which parallax is proven among independent errors of ``count`` smears.
 
     Of 100 synthetic rotations and 100 planes three gain 30 to 39 and none more; of 60 general scenes and 60
     pure translations one gains 127, all others 300 and more.
@@ -82,7 +82,7 @@ def gain_needed(count: int) -> float:
 def recovered(
     problem: SmearProblem, fit: Fit, evidence: Evidence, A: Array, cutoff: float, rng: np.random.Generator
 ) -> tuple[Fit, Evidence]:
-    """Give the F that the plane and the smears off it say, with its evidence, where it is clearly better."""
+    """Return F from the plane and the smears off it, with its evidence, where it is clearly better."""
     every = problem.weighted
     off_plane = np.flatnonzero(transfer_orders(A, every).least ** 2 >= cutoff**2)
     F = plane_and_parallax(A, problem, off_plane, cutoff, rng)
@@ -102,7 +102,7 @@ def name_homography(
     figures: str,
     scores: tuple[tuple[MotionModel, float], ...],
 ) -> Verdict:
-    """Tell a rotation from a plane: Schwarz's criterion for K R K^-1 against any homography."""
+    """Return whether it is a rotation or a plane: Schwarz's criterion for K R K^-1 against any homography."""
     either = Structure.ROTATION_OR_PLANE
     if not problem.camera_known:
         figures += "; without an image size a rotation cannot be told from a plane"
@@ -127,7 +127,7 @@ def name_homography(
 
 
 def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
-    """Parallax is proven, or remains open."""
+    """Return that parallax is proven, or remains open."""
     scores = ((MotionModel.PLANE, fit.score + gain - needed),)
     figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
