@@ -30,7 +30,7 @@ class RigidTransform:
     rotation : ndarray of shape (3, 3)
         Rotation matrix.
     translation : ndarray of shape (3,)
-        Unit direction; zero where there is no translation or none can be told.
+        Unit direction; zero where there is no translation or none can be estimated.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientedPose:
-    """A pose with the order that it gives every match.
+    """A pose with every match's order under it.
 
     ``swapped`` (N,) marks matches whose ends[:, 1] is the open end; ``in_front`` is the share of the
     matches, by weight, that lie before both cameras in that order.
@@ -151,12 +151,12 @@ def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None =
         Probability of being an inlier; default 1.
     """
     weights = np.ones(len(ends)) if weights is None else weights
-    found: list[OrientedPose] = []
+    candidates: list[OrientedPose] = []
     for pose in decompose_essential(E):
         swapped, front = order_before_both(pose, ends, forward)
         share = float(weights @ front / max(float(weights.sum()), TINY))
-        found.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
-    return max(found, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
+        candidates.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
+    return max(candidates, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
 
 
 def order_before_both(

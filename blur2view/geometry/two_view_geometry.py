@@ -72,12 +72,12 @@ class TwoViewGeometry:
         Penalised cost of every model that was fitted, homographies too, best first.
     H : ndarray of shape (3, 3) or None
         ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
-        where a homography explains the smears; beside an F it says that parallax is not proven.
+        where a homography explains the smears; beside an F it means that parallax is not proven.
     E : ndarray of shape (3, 3) or None
         Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
         pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` turned: time has no arrow. The
+        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. The
         translation is zero for a pure rotation.
     covariance : PoseCovariance or None
         Of the pose.

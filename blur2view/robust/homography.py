@@ -88,10 +88,10 @@ class RotationH:
     """H = K R K^-1 with K = [[g, 0, cx], [0, g, cy], [0, 0, 1]]: pure rotation, three parameters.
 
     The three of the camera, log g, cx and cy, are held by ``spread`` as in `CameraF`; standard
-    deviations of zero fix them. R is Cayley's transform of [turn]x, an angle of 2 atan(|turn| / 2).
+    deviations of zero fix them. R is Cayley's transform of [rotation]x, an angle of 2 atan(|rotation| / 2).
     """
 
-    turn: Array  # (3,) radians to first order
+    rotation: Array  # (3,) radians to first order
     log_focal: float = 0.0
     principal: Array
     spread: CameraPrior
@@ -99,8 +99,8 @@ class RotationH:
     @classmethod
     def from_generator(cls, A: Array, spread: CameraPrior) -> RotationH:
         """Return the rotation nearest to A for the assumed camera (K = I)."""
-        turn = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
-        return cls(turn=turn, principal=np.zeros(2), spread=spread)
+        rotation = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+        return cls(rotation=rotation, principal=np.zeros(2), spread=spread)
 
     @property
     def dimension(self) -> int:
@@ -115,7 +115,7 @@ class RotationH:
     def generator(self) -> Array:
         """Return A of shape (3, 3)."""
         K = self.camera()
-        conjugate: Array = K @ cross_matrix(self.turn) @ np.linalg.inv(K)
+        conjugate: Array = K @ cross_matrix(self.rotation) @ np.linalg.inv(K)
         return conjugate
 
     def tangent(self) -> Array:
@@ -131,7 +131,7 @@ class RotationH:
         """Return the point with delta added to the parameters."""
         return replace(
             self,
-            turn=self.turn + delta[:3],
+            rotation=self.rotation + delta[:3],
             log_focal=self.log_focal + float(delta[3]),
             principal=self.principal + delta[4:],
         )
@@ -140,7 +140,7 @@ class RotationH:
         """Return residuals (6,), rotation, log g, cx and cy, and their Jacobian."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        value = np.concatenate([self.turn, [self.log_focal], self.principal])
+        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
         return value * weight, np.diag(weight)
 
 

@@ -68,7 +68,7 @@ class HomographyEstimator:
     matches: WeightedEnds
     quality: Array  # (N,) sampling weights
     cutoff: float
-    camera_known: bool
+    has_camera: bool
 
     @property
     def sample_size(self) -> int:
@@ -103,7 +103,7 @@ class HomographyEstimator:
         """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
         four = weighted_samples(self.quality, 4, samples, rng)
         models = four_smears(self.basis[four], self.displacement[four])
-        if self.camera_known:
+        if self.has_camera:
             two = weighted_samples(self.quality, 2, samples, rng)
             models = np.concatenate([models, two_smears(self.basis[two], self.displacement[two])])
         return models[np.isfinite(models).all(axis=1)]
@@ -142,7 +142,7 @@ class HomographyEstimator:
 
 
 def find_plane(
-    matches: WeightedEnds, cutoff: float, camera_known: bool, rng: np.random.Generator
+    matches: WeightedEnds, cutoff: float, has_camera: bool, rng: np.random.Generator
 ) -> PlaneH | None:
     """Return the homography that explains most smears, refined; None if no sample gave any.
 
@@ -152,9 +152,7 @@ def find_plane(
         If there are fewer than four smears.
     """
     weights = np.ones(len(matches.ends))
-    estimator = HomographyEstimator(
-        matches=matches, quality=weights, cutoff=cutoff, camera_known=camera_known
-    )
+    estimator = HomographyEstimator(matches=matches, quality=weights, cutoff=cutoff, has_camera=has_camera)
     found = ransac(estimator, SEARCH, rng).model
     if found is None:
         return None

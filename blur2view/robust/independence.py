@@ -44,7 +44,7 @@ def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float
 def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
     """Return residuals (N,), in sigmas, whose signs agree where neighbouring smears share an error.
 
-    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its
+    Every displacement is directed to run along its epipolar line, away from or towards the epipole; its
     residual across the line is then sign(l) (|l| - |q|).
     """
     both = problem.weighted.residuals(F)

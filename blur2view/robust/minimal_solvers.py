@@ -7,7 +7,7 @@ of vectors a, S follows by the pseudo-inverse of Q, and det F = 0 is one cubic: 
 pattern. Flipping every sign transposes F, so sigma_1 = +1 is enough.
 
 Seven smears fix any F exactly, but one wrong smear in seven spoils them, and noise does too. A photograph's
-camera is roughly known (square pixels, centred, focal length near the image's width) and turns little
+camera is roughly known (square pixels, centred, focal length near the image's width) and rotates little
 during an exposure; then F = [t]x (I + [w]x) to first order, and for every direction t of a grid three
 smears fix w linearly. These starts are approximate; local optimisation makes them exact.
 """
@@ -190,7 +190,9 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
     return roots
 
 
-def turning_hypotheses(ends: Array, directions: Array, limit: Array, signs: Array | None = None) -> Array:
+def small_rotation_hypotheses(
+    ends: Array, directions: Array, limit: Array, signs: Array | None = None
+) -> Array:
     """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and sign pattern.
 
     The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
@@ -217,10 +219,10 @@ def turning_hypotheses(ends: Array, directions: Array, limit: Array, signs: Arra
     rows = along * p[:, None] - directions[:, None] * (p * p).sum(-1)[:, None, :, None]  # (B, T, 3, 3)
     right = np.einsum("bic,tc->bti", np.cross(x, y), directions)  # (B, T, 3)
     patterns = THREE_SIGNS if signs is None else signs[:, None]
-    turn = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
-    _, direction, _ = kept = np.nonzero((turn / limit) ** 2 @ np.ones(3) <= 1)
-    found: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(turn[kept]))
-    return found
+    rotation = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
+    _, direction, _ = kept = np.nonzero((rotation / limit) ** 2 @ np.ones(3) <= 1)
+    hypotheses: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(rotation[kept]))
+    return hypotheses
 
 
 def _solve_three(rows: Array, right: Array) -> Array:

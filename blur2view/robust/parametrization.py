@@ -2,7 +2,7 @@
 
 Three nested families describe a blurred photograph: `TranslationF` (2 parameters: all smears meet in the
 epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends,
-square pixels, principal point near the centre, turning little) and `GeneralF` (all 7). Coordinates are
+square pixels, principal point near the centre, a small rotation) and `GeneralF` (all 7). Coordinates are
 normalised.
 """
 
@@ -119,8 +119,8 @@ class GeneralF:
     def tangent(self) -> Array:
         """Return dF of shape (7, 3, 3): rotations of U, rotations of V, the angle."""
         middle = self._diagonal()
-        turn = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
-        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, turn[None]])
+        derivative = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, derivative[None]])
         moved: Array = self.U @ inner @ self.V.T
         return moved
 
@@ -203,10 +203,10 @@ class CameraF:
         inverse, cross = self._inverse(), cross_matrix(self.t)
         E = cross @ self.R
         moved = inverse.T @ cross_matrix(plane_basis(self.t)) @ self.R @ inverse
-        turned = inverse.T @ cross @ GENERATORS @ self.R @ inverse
+        rotated = inverse.T @ cross @ GENERATORS @ self.R @ inverse
         changed = self._inverse_tangent()
         lens = np.swapaxes(changed, 1, 2) @ E @ inverse + inverse.T @ E @ changed
-        return np.concatenate([moved, turned, lens])
+        return np.concatenate([moved, rotated, lens])
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
@@ -222,8 +222,8 @@ class CameraF:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        turn = rotation_vector(self.R) - self.spread.centre
-        value = np.concatenate([turn, [self.log_focal], self.principal])
+        rotation = rotation_vector(self.R) - self.spread.centre
+        value = np.concatenate([rotation, [self.log_focal], self.principal])
         return value * weight, np.eye(6, 8, 2) * weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:

@@ -16,9 +16,8 @@ from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.sign_components import SignComponents
 
 ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
-TURN_SPREAD = np.array(
-    [1.0, 1.0, 3.0]
-)  # prior of the rotation: smear length over focal length; roll moves less
+# prior of the rotation: smear length over focal length; roll moves points less
+ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
 
@@ -35,10 +34,10 @@ class SmearProblem:
         Standard deviation of the Sampson distance in pixels.
     T : ndarray of shape (3, 3)
         Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
-    camera_known : bool
-        Whether T is that of an assumed camera.
+    has_camera : bool
+        Whether T is that of a camera, assumed from the image's size or given.
     independent : float
-        Effective number of independent smears: network errors are alike over tens of pixels.
+        Effective number of independent smears: network errors are correlated over tens of pixels.
     lens : (float, float)
         Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
         the intrinsics are known.
@@ -49,7 +48,7 @@ class SmearProblem:
     ends: Array
     sigma_px: Array
     T: Array
-    camera_known: bool
+    has_camera: bool
     independent: float
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
     scale: float = 1.0
@@ -61,7 +60,7 @@ class SmearProblem:
         return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
 
     @property
-    def calibrated(self) -> bool:
+    def intrinsics_known(self) -> bool:
         """Whether the intrinsics are known."""
         return self.lens == (0.0, 0.0)
 
@@ -91,7 +90,7 @@ class SmearProblem:
     @property
     def prior(self) -> CameraPrior:
         """What an ordinary camera does while smears of this length arise."""
-        x, y, z = TURN_SPREAD * float(np.median(self.length_px)) / self.unit_px
+        x, y, z = ROTATION_SPREAD * float(np.median(self.length_px)) / self.unit_px
         return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
 
     def rescaled(self, factor: float) -> SmearProblem:
@@ -151,7 +150,7 @@ def build_problem(
         ends=ends * np.diag(T)[:2] + T[:2, 2],
         sigma_px=sigma_px,
         T=T,
-        camera_known=camera is not None or image_size is not None,
+        has_camera=camera is not None or image_size is not None,
         independent=float(len(ends)),
     )
     if camera is None:

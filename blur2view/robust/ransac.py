@@ -56,7 +56,7 @@ class RansacOptions:
     probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
     ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
     models left; ``survivors`` the models of a batch that are scored on all data, of which the best may be
-    refined; ``contenders`` the sampled models that are given back.
+    refined; ``contenders`` the number of sampled models that are returned.
     """
 
     max_iterations: int = 1000

@@ -22,7 +22,7 @@ class SmearField:
         Standard deviation of the end-point error |d - d*|, in pixels; not negative.
     sigma_rad : ndarray of shape (H, W), float32, optional
         Standard deviation of the smear's direction, radians; not negative. None where the network does not
-        tell.
+        predict it.
 
     Raises
     ------

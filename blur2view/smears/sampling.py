@@ -20,8 +20,8 @@ class SelectOptions:
     ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at
     most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
     direction worth the name; ``rank`` "relative" prefers small sigma over length, "absolute" small sigma
-    (which favours short smears), "direction" sure directions (where the network does not tell, as
-    "absolute"); ``sure_rad`` the sigma up to which a direction can be told; ``still_sigma_px`` of a short
+    (which favours short smears), "direction" sure directions (where the network has none, as
+    "absolute"); ``sure_rad`` the sigma up to which a direction counts as known; ``still_sigma_px`` of a short
     smear up to which it shows that nothing moves there.
     """
 
@@ -56,7 +56,7 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     Returns
     -------
     SmearMatches
-        Possibly empty (a sharp or constant image), all fields filled in that the network tells.
+        Possibly empty (a sharp or constant image), all fields filled in that the network predicts.
     """
     options = options or SelectOptions()
     smears = GridSmears.of(field)
@@ -86,7 +86,7 @@ class GridSmears:
     points, displacement : ndarray of shape (N, 2)
         Pixels.
     sigma_px, sigma_rad : ndarray of shape (N,)
-        Standard deviations; ``sigma_rad`` is None where the network does not tell.
+        Standard deviations; ``sigma_rad`` is None where the network does not predict it.
     """
 
     points: Array
@@ -102,12 +102,11 @@ class GridSmears:
     @classmethod
     def at(cls, field: SmearField, rows: NDArray[np.int_], cols: NDArray[np.int_]) -> GridSmears:
         """Return the smears of a field at pixels (N,)."""
-        told = field.sigma_rad
         return cls(
             points=np.stack([cols, rows], axis=1).astype(np.float64),
             displacement=field.displacement[rows, cols].astype(np.float64),
             sigma_px=np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3),
-            sigma_rad=None if told is None else told[rows, cols].astype(np.float64),
+            sigma_rad=None if field.sigma_rad is None else field.sigma_rad[rows, cols].astype(np.float64),
         )
 
     @property
@@ -153,9 +152,9 @@ def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDA
     cell = (points / size * options.cells).astype(int) @ np.array([1, options.cells])
     order = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[order], cell[order])
-    turn = np.empty(len(points), int)
-    turn[order] = np.arange(len(points)) - start  # rank within the cell
-    chosen: NDArray[np.int_] = np.argsort(turn, kind="stable")[: options.max_matches]
+    rank = np.empty(len(points), int)
+    rank[order] = np.arange(len(points)) - start  # rank within the cell
+    chosen: NDArray[np.int_] = np.argsort(rank, kind="stable")[: options.max_matches]
     return chosen
 
 

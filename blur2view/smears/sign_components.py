@@ -1,7 +1,7 @@
 """Sign components: groups of smears whose relative order is certain, so that each has one unknown sign.
 
-Smears of one surface that are near each other have nearly the same displacement, up to the sign nobody
-knows. An edge joins two near smears whose displacements agree up to sign; it is certain where the smears
+Smears of one surface that are near each other have nearly the same displacement, up to the unknown
+sign. An edge joins two near smears whose displacements agree up to sign; it is certain where the smears
 around both agree with both, which chance agreements (outliers) and the borders of layers lack. Components of
 certain edges then merge where they touch and most pairs across agree. A component in which the signs
 contradict each other (around a cycle) falls back to fewer edges. Near and far layers may move oppositely, so
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sign_graph import Edges, Labels, balanced, connected, near_pairs, support
+from blur2view.smears.sign_graph import Edges, Labels, connected, consistent_signs, near_pairs, support
 
 BLOCK = 4  # side, in distances that count as near, of the blocks that a contradictory component falls into
 
@@ -72,7 +72,7 @@ class SignComponents:
     label : ndarray of int, shape (N,)
         The component of every smear, 0 to count - 1, largest first.
     sign : ndarray of shape (N,)
-        +1 or -1: displacements times sign are alike oriented inside a component.
+        +1 or -1: displacements times sign are equally oriented inside a component.
     """
 
     label: Labels
@@ -139,10 +139,10 @@ def sign_components(matches: SmearMatches, options: ComponentOptions | None = No
     certain = edges.only((both >= options.min_common) & (both >= options.min_common_share * either))
     limit = _limit(certain, options)
     certain = certain.only(certain.difference < limit)
-    label, sign = balanced(_rungs(certain, points, radius, limit), count)
+    label, sign = consistent_signs(_ever_fewer(certain, points, radius, limit), count)
     touching = np.concatenate([near, _far_pairs(points, radius, options)], axis=1)
     edges = Edges.between(matches.displacement, touching, limit)
-    joined, flip = balanced([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
+    joined, flip = consistent_signs([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
     parted = _parted(joined[label], edges, matches.length_px, options)
     return _relabelled(parted, sign * flip[label])
 
@@ -166,7 +166,7 @@ def _limit(certain: Edges, options: ComponentOptions) -> float:
     return float(np.clip(usual, options.floor, options.max_difference))
 
 
-def _rungs(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
+def _ever_fewer(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
     """Yield fewer and fewer edges, for components that contradict themselves; at last only inside blocks."""
     yield certain
     halved = certain.only(certain.difference < 0.5 * limit)
@@ -248,7 +248,7 @@ def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: Comp
 def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
     """Return labels in which components joined by short smears alone are split.
 
-    Where the motion passes through zero it turns round, but smears on both sides look alike. Long is a smear
+    Where the motion passes through zero it reverses, but smears on both sides look the same. Long is a smear
     of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
     component do not count.
     """
@@ -256,8 +256,8 @@ def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOpt
     order, sizes = np.lexsort((length_px, label)), np.bincount(label, minlength=count)
     quartile = length_px[order][np.cumsum(sizes) - 1 - sizes // 4]
     long = length_px >= options.valley * quartile[label]
-    alike = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
-    part = connected(edges.i[alike], edges.j[alike], len(label))
+    joined = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
+    part = connected(edges.i[joined], edges.j[joined], len(label))
     size = np.bincount(part, weights=long)
     whole = np.zeros(len(size), int)
     whole[part] = label

@@ -1,6 +1,6 @@
 """A graph of smears that agree up to sign: who is near whom, which edges are certain, what they connect.
 
-Two smears agree when their displacements are alike up to sign. An edge is supported when the smears around
+Two smears agree when their displacements agree up to sign. An edge is supported when the smears around
 both agree with both; chance agreements (outliers) and the borders of layers lack that. Components come from
 the graph's double cover, in which every node is there as it is and flipped: the two copies meet exactly where
 the signs around a cycle contradict each other.
@@ -140,19 +140,19 @@ def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
     return label[:count], label[count:]
 
 
-def balanced(rungs: Iterable[Edges], count: int) -> tuple[Labels, Array]:
+def consistent_signs(edge_sets: Iterable[Edges], count: int) -> tuple[Labels, Array]:
     """Return labels 0, 1, ... and signs by the first edges in which a node's component is consistent.
 
-    ``rungs`` are sets of edges, each part of the one before, read as far as needed. What no set settles is
-    alone.
+    ``edge_sets`` are sets of edges, each part of the one before, read as far as needed. A node that no set
+    decides is alone.
     """
-    label, sign, settled = np.arange(count), np.ones(count), np.zeros(count, bool)
-    for rung, edges in enumerate(rungs, start=1):
+    label, sign, decided = np.arange(count), np.ones(count), np.zeros(count, bool)
+    for level, edges in enumerate(edge_sets, start=1):
         kept, flipped = double_cover(edges, count)
-        new = ~settled & (kept != flipped)
-        label[new] = 2 * count * rung + np.minimum(kept, flipped)[new]
+        new = ~decided & (kept != flipped)
+        label[new] = 2 * count * level + np.minimum(kept, flipped)[new]
         sign[new] = np.where(kept < flipped, 1.0, -1.0)[new]
-        settled |= new
-        if settled.all():
+        decided |= new
+        if decided.all():
             break
     return np.unique(label, return_inverse=True)[1], sign

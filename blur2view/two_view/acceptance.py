@@ -28,7 +28,7 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
         )
     if matches.sure_share < options.min_sure_share:
         return (
-            f"no motion: the direction of blur can be told in {matches.sure_share:.1%} of the image "
+            f"no motion: blur has a known direction in {matches.sure_share:.1%} of the image "
             f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
         )
     if len(matches) < options.min_matches:
@@ -37,7 +37,9 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     if median < options.min_length_px:
         return f"no motion: the median smear is {median:.2f} px long, below {options.min_length_px:.2f} px"
     if constant_field(matches):
-        return f"constant field: all smears are alike ({median:.1f} px), which fits any rotation or plane"
+        return (
+            f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
+        )
     return _uncovered(matches, options)
 
 
@@ -71,7 +73,7 @@ def consensus(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> tuple[bool, str]:
-    """Return whether to doubt the F of a fit, and the figures that say so.
+    """Return whether to doubt the F of a fit, and the figures behind it.
 
     F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry. They
@@ -120,13 +122,13 @@ def agreement(
     """Return the agreement beyond chance, and the shares of smears that agree with F, and would by chance.
 
     A smear agrees when its residual is within CHANCE_RHO of its length, or within a standard deviation
-    ``sigma_px``; chance is measured on the same smears, each turned at random. Beyond chance:
+    ``sigma_px``; chance is measured on the same smears, each in a random direction. Beyond chance:
     (share - chance) / (1 - chance).
     """
     length = np.maximum(matches.length_px, 1e-9)
     tolerance = np.maximum(CHANCE_RHO * length, sigma_px)
     angle = rng.uniform(0, np.pi, len(matches))
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    turned = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
-    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, turned))
+    random = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
+    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, random))
     return (share - chance) / max(1 - chance, 1e-9), share, chance

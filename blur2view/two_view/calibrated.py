@@ -124,7 +124,7 @@ class CalibratedFit:
     def curvature(self) -> Array:
         """Return the second derivative (POSE, POSE) of half the cost, by differences.
 
-        Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt says less.
+        Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt weighs less.
         """
         normal, _ = self.normal_equations()
         spans = CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY)
@@ -205,8 +205,8 @@ def fit_calibrated(
     R, t = camera.R, camera.t
     if rotation_vector(R) @ centre < 0:  # the other flip of time
         R, t = R.T, -R.T @ t
-    turn, heading = translation_search(problem.ends)
-    searched = rotation_matrix(turn if turn @ centre >= 0 else -turn), heading
+    rotation, heading = translation_search(problem.ends)
+    searched = rotation_matrix(rotation if rotation @ centre >= 0 else -rotation), heading
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
 
     def start(R: Array, t: Array, sign: float) -> CalibratedFit:
@@ -216,7 +216,7 @@ def fit_calibrated(
     def cheapest(*poses: tuple[Array, Array]) -> list[CalibratedFit]:
         return sorted((start(R, t, sign) for R, t in poses for sign in (1.0, -1.0)), key=lambda fit: fit.cost)
 
-    found = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
-    starts = [*found, cheapest(searched)[0]]  # its own cost is high at first: it is always tried
+    near = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
+    starts = [*near, cheapest(searched)[0]]  # its own cost is high at first: it is always tried
     best = min((converged(start, ROUGH_STEPS) for start in starts), key=lambda fit: fit.cost)
     return converged(CalibratedFit.at(problem, best.point, best.state.sign, best.noise, options), STEPS)

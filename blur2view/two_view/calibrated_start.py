@@ -17,12 +17,12 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.robust.reweighted import reweighted_motion
 
 ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
-# Where errors are alike and far below what is stated, as a network's, the noise is not known, and smears tell
-# a turn from a sideways move badly. Then a hand-held camera is assumed: its rotation is this share of the one
-# that explains the smears alone, to within a share of the smears' length over the focal length. On RedKitchen
-# the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to 0.045; on rendered photographs,
-# most of which move rather than turn, rho rose from 0.040 to 0.045.
-ALIKE, STATED = 0.25, 0.3
+# Where errors are correlated and far below what is stated, as a network's, the noise is not known, and smears
+# separate a rotation from a sideways translation badly. Then a hand-held camera is assumed: its rotation is
+# this share of the one that explains the smears alone, to within a share of the smears' length over the
+# focal length. On RedKitchen the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to
+# 0.045; on rendered photographs, most of which translate rather than rotate, rho rose from 0.040 to 0.045.
+CORRELATED, STATED = 0.25, 0.3
 EXACT = 0.022  # errors below this share of the length are not those of a network (the tenth percentile there)
 ROTATION_SHARE, ROTATION_SPREAD = 0.75, 0.05
 ROTATION_STEPS, AXES = 12, 13  # of reweighting, from so many axes
@@ -52,7 +52,7 @@ def rotation_alone(problem: SmearProblem) -> Array:
 def rotation_prior(problem: SmearProblem) -> CameraPrior:
     """Return the prior of the rotation: small, or a hand-held camera's where the noise is not known."""
     exact = float(np.median(problem.sigma_px / np.maximum(problem.length_px, TINY))) < EXACT
-    if problem.data_weight >= ALIKE or problem.scale >= STATED or exact:
+    if problem.data_weight >= CORRELATED or problem.scale >= STATED or exact:
         return problem.prior
     length = float(np.median(problem.length_px)) / problem.unit_px
     x, y, z = (ROTATION_SHARE * rotation_alone(problem)).tolist()
@@ -70,22 +70,22 @@ def translation_search(ends: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    turn, t : ndarray of shape (3,)
+    rotation, t : ndarray of shape (3,)
         Rotation vector, to first order, and unit translation; both reversed is the other flip of time.
     """
     ends = ends[:: max(1, len(ends) // SMEARS)]
-    turn, t = _best(half_sphere(DIRECTIONS), ends)
+    rotation, t = _best(half_sphere(DIRECTIONS), ends)
     for radius in np.tan(np.radians(RINGS_DEG)):
         ring = t + radius * RING @ plane_basis(t)
-        turn, t = _best(np.vstack([t, ring / np.linalg.norm(ring, axis=1, keepdims=True)]), ends)
-    return turn, t
+        rotation, t = _best(np.vstack([t, ring / np.linalg.norm(ring, axis=1, keepdims=True)]), ends)
+    return rotation, t
 
 
 def _best(translations: Array, ends: Array) -> tuple[Array, Array]:
     """Return the rotation vector and translation that smears miss least."""
-    turns, misses = rotations_given(translations, ends)
+    rotations, misses = rotations_given(translations, ends)
     best = int(np.argmin(misses))
-    return turns[best], translations[best]
+    return rotations[best], translations[best]
 
 
 def rotations_given(translations: Array, ends: Array) -> tuple[Array, Array]:
@@ -99,7 +99,7 @@ def rotations_given(translations: Array, ends: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    turns : ndarray of shape (G, 3)
+    rotations : ndarray of shape (G, 3)
         Rotation vectors.
     misses : ndarray of shape (G,)
         Mean logarithm of the squared distance of the smears' ends from their lines, over their lengths: the

@@ -39,7 +39,7 @@ from blur2view.two_view.verdict import Structure, Verdict
 SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
 NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; network-like ones have 0.25
 STATED = 0.3  # errors over standard deviations from which these are believed; 0.10 to 0.25 on RedKitchen
-PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears counted as independent
+PROVEN = 30.0  # gain that proves parallax among correlated errors, smears counted as independent
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
 ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
@@ -75,7 +75,7 @@ def assess(
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = rng.permutation(len(matches))[:SAMPLE]
     part = problem.subset(sample).weighted
-    plane = find_plane(part, cutoff, problem.camera_known, rng)
+    plane = find_plane(part, cutoff, problem.has_camera, rng)
     if plane is None and not doubt:
         return Verdict(structure=Structure.PARALLAX, sentence="no homography fits", fit=fit)
     if plane is not None and whiteness(part, plane.generator(), cutoff) >= WHITE:
@@ -180,13 +180,13 @@ def tolerant_evidence(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
 ) -> Evidence:
     """Return the evidence for parallax where lengths may err by more than directions, as sigma admits."""
-    found = deviations(
+    against = deviations(
         plane.generator(), fit.point.matrix(), problem.subset(sample).weighted, problem.unit_px
     )
-    return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
+    return parallax_evidence(against, 0.5**0.5 * matches.sigma_px[sample])
 
 
 def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
     """Return the verdict by a model of F that leaves independent errors: then every smear counts."""
-    found = deviations(plane.generator(), white.point.matrix(), problem.weighted, problem.unit_px)
-    return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)
+    against = deviations(plane.generator(), white.point.matrix(), problem.weighted, problem.unit_px)
+    return judged(parallax_evidence(against).gain, gain_needed(len(problem.ends)), fit, plane)

@@ -60,7 +60,7 @@ def estimate_two_view(
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
         (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
-        there is parallax, with H alone where rotation and plane cannot be told apart; MULTIPLE with the F of
+        there is parallax, with H alone where rotation or plane is open; MULTIPLE with the F of
         the motion that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
     """
@@ -74,7 +74,7 @@ def estimate_two_view(
     matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    return with_pose(geometry, matches, problem, fits, options) if problem.calibrated else geometry
+    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:

@@ -28,7 +28,7 @@ PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GEN
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
 ODDS_AGAINST_GENERAL = 1e12
-# A camera that does not turn is rare too: at even odds the two-parameter F won a third of the frames of
+# A camera that does not rotate is rare too: at even odds the two-parameter F won a third of the frames of
 # RedKitchen, at a median rho of 0.066 where the camera's had 0.057.
 ODDS_AGAINST_TRANSLATION = 1e3
 ODDS_AGAINST = {
@@ -50,7 +50,7 @@ class Fit:
 
 
 def fit_families(
-    estimator: SmearEstimator, found: RansacResult, rng: np.random.Generator
+    estimator: SmearEstimator, searched: RansacResult, rng: np.random.Generator
 ) -> tuple[SmearProblem, list[Fit]]:
     """Return every model fitted from the search's result, on standard deviations rescaled to the residuals.
 
@@ -62,12 +62,12 @@ def fit_families(
         The two-parameter F always; the camera where one may be assumed; the general F.
     """
     cutoff, simple = estimator.cutoff, fit_translation(estimator, rng)
-    start = simple.matrix() if found.model is None else found.model
+    start = simple.matrix() if searched.model is None else searched.model
     rough = thinned(estimator.problem)
-    rough = calibrated(rough, start, cutoff)  # the scale of the noise, as the search's F has it
-    model, points = richer_starts(rough, distinct([start, simple.matrix(), *found.contenders]))
+    rough = with_measured_noise(rough, start, cutoff)  # the scale of the noise, as the search's F has it
+    model, points = richer_starts(rough, distinct([start, simple.matrix(), *searched.contenders]))
     point = fit_best(model, points, rough, cutoff, ROUGH_STEPS).point
-    problem = calibrated(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
+    problem = with_measured_noise(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
     fits = [
         fit_best(MotionModel.TRANSLATION, [simple], problem, cutoff),
         fit_best(model, [point], problem, cutoff),
@@ -101,7 +101,7 @@ def distinct(matrices: list[Array]) -> list[Array]:
 
 def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionModel, list[Manifold]]:
     """Return the richest plausible model, and its points nearest to the matrices (3, 3)."""
-    if problem.camera_known:
+    if problem.has_camera:
         return MotionModel.CAMERA, [camera_from_matrix(F, problem.prior) for F in matrices]
     return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
@@ -119,14 +119,14 @@ def fit_best(
         cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance
     )
     point, cost = min(
-        (refine(start, problem.weighted, options) for start in starts), key=lambda found: found[1]
+        (refine(start, problem.weighted, options) for start in starts), key=lambda pair: pair[1]
     )
     odds = ODDS_AGAINST.get(model, 1.0)
-    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.camera_known
+    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.has_camera
     return Fit(model=model, point=point, score=score)
 
 
-def calibrated(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
+def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
     """Return the problem with standard deviations and independent smears as the residuals of F show them."""
     scaled = problem.rescaled(residual_scale(F, problem.weighted, cutoff))
     return replace(scaled, independent=independent_count(scaled, F, cutoff))
@@ -136,7 +136,7 @@ def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
     """Return the robust standard deviation of the residuals over the assumed one, in [0.1, 4].
 
     Residuals of the better order below ``cutoff`` are a mixture of a half normal distribution and of a
-    uniform one, the outliers; expectation-maximisation tells them apart.
+    uniform one, the outliers; expectation-maximisation separates them.
     """
     residual = np.abs(matches.residuals(F).least)
     squared = residual[residual < cutoff] ** 2

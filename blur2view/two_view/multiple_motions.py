@@ -1,8 +1,8 @@
 """Several motions: whether two F, each of its own smears, explain much more than one.
 
 With unknown orders one F is flexible: on two halves of an image that move differently it leaves one or two
-pixels of error, alike within each half. Where the errors of the best F are coherent and as large as the
-smears' own standard deviations say, two F are fitted at those: samples are drawn from compact
+pixels of error, correlated within each half. Where the errors of the best F are coherent and as large as the
+smears' own standard deviations state, two F are fitted at those: samples are drawn from compact
 parts of the image, which mostly hold one motion.
 """
 
@@ -31,7 +31,7 @@ INDEPENDENT = 0.45  # share of independent errors below which they are coherent
 SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
 WORST = 0.35  # share of the smears, those that a first F fits worst, in which a second is sought
-ALIKE = 0.25  # share of independent directions of outliers below which they are of another motion
+COHERENT = 0.25  # share of independent directions of outliers below which they are of another motion
 MANY = 0.2  # share of outliers from which their directions are looked at
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
@@ -63,7 +63,7 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
 
     ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
-    where they hardly differ, leave errors that are alike among neighbours for that alone.
+    where they hardly differ, leave errors that neighbours share for that alone.
     """
     both = problem.weighted.residuals(F)
     options = np.stack(
@@ -101,7 +101,7 @@ def leaves_structure(
     far = np.abs(problem.weighted.residuals(F).least) >= cutoff
     angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < ALIKE)
+    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < COHERENT)
 
 
 def find_two_motions(
@@ -140,11 +140,11 @@ def find_two_motions(
         mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
         shared = (mine, one), (~mine, other)
         one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shared)
-    (first, second), found = explained(stated, [one, other])
+    (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
-    gain = 2 * (found - max(likelihood, reached)) * own
+    gain = 2 * (reached_by_two - max(likelihood, reached)) * own
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
     return TwoMotions(F=pair, first=first, second=second, single=float(max(single[0], alone[0])), gain=gain)

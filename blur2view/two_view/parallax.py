@@ -20,7 +20,7 @@ from blur2view.geometry.sampson import signed_sampson
 from blur2view.robust.homography import transfer_residuals
 from blur2view.robust.residuals import WeightedEnds
 
-SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations: nobody vouches for sigma
+SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations, which may be misjudged
 FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
 LARGEST = 1.4  # scale at which a smear off the homography may still count as on its epipolar line
 WIDTHS = (1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations
@@ -59,9 +59,9 @@ class Deviations:
 def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
     """Return deviations from the homography of generator A and from F (3, 3), normalised coordinates.
 
-    Of F and its transpose, which fit alike, the one is taken whose orders agree better with A's.
+    Of F and its transpose, which fit equally, the one is taken whose orders agree better with A's.
     """
-    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda found: found.disagreement)
+    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda against: against.disagreement)
 
 
 def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
@@ -92,7 +92,7 @@ def _unit(vectors: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What smears say of a homography: shares of them, and a gain in log-likelihood.
+    """Evidence of smears for a homography and for parallax: shares of them, a gain in log-likelihood.
 
     ``gain`` is twice the log-likelihood with parallax minus that without; ``on_plane`` the share of smears
     that the homography alone explains, ``parallax`` the share that F explains off it.
@@ -135,13 +135,13 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
     on_plane = float(weights[: len(alone)].sum())
     start = np.insert(weights, len(alone), np.full(len(beside), 0.3 * on_plane / len(beside)))
     start[: len(alone)] *= 0.7
-    found, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
-    parallax = float(found[len(alone) : len(alone) + len(beside)].sum())
+    fitted, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
+    parallax = float(fitted[len(alone) : len(alone) + len(beside)].sum())
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
 
 def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> float:
-    """Return the log-likelihood of smears under a homography alone, errors alike in all directions."""
+    """Return the log-likelihood of smears under a homography alone, errors equal in all directions."""
     deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
     measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
     along, across = deviation[:, 0], deviation[:, 1]

@@ -90,8 +90,8 @@ def recovered(
         return fit, evidence
     model, points = richer_starts(problem, [F])
     other = fit_best(model, points, problem, cutoff)
-    found = parallax_evidence(deviations(A, other.point.matrix(), every, problem.unit_px))
-    return (other, found) if found.gain > evidence.gain + CLEARLY else (fit, evidence)
+    new = parallax_evidence(deviations(A, other.point.matrix(), every, problem.unit_px))
+    return (other, new) if new.gain > evidence.gain + CLEARLY else (fit, evidence)
 
 
 def name_homography(
@@ -104,8 +104,8 @@ def name_homography(
 ) -> Verdict:
     """Return whether it is a rotation or a plane: Schwarz's criterion for K R K^-1 against any homography."""
     either = Structure.ROTATION_OR_PLANE
-    if not problem.camera_known:
-        figures += "; without an image size a rotation cannot be told from a plane"
+    if not problem.has_camera:
+        figures += "; without an image size a rotation cannot be distinguished from a plane"
         return Verdict(structure=either, sentence=figures, fit=fit, A=plane.generator(), scores=scores)
     every, options = problem.weighted, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff)
     rotation, _ = refine_homography(

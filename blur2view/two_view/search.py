@@ -28,8 +28,8 @@ def search_and_fit(
     With a camera the ends are its undistorted pixels.
     """
     estimator = build_estimator(matches, options, camera)
-    found = ransac(estimator, options.search(), rng)
-    return *fit_families(estimator, found, rng), found.iterations
+    searched = ransac(estimator, options.search(), rng)
+    return *fit_families(estimator, searched, rng), searched.iterations
 
 
 def build_estimator(

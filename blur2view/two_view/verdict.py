@@ -34,7 +34,7 @@ WITHOUT_F = {Structure.NOTHING, Structure.STILL, *HOMOGRAPHIES}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """What the smears show, why, and the models that say so.
+    """What the smears show, why, and the models behind it.
 
     ``fit`` is the F (of normalised coordinates) to report where there is one, ``A`` the generator of the
     homography; ``scores`` the penalised costs of the homographies, comparable to those of the models of F.

@@ -70,14 +70,14 @@ def test_rotation_family_holds_exactly_the_rotations() -> None:
     K = np.array([[1.1, 0, 0.02], [0, 1.1, -0.01], [0, 0, 1]])
     axis, angle = np.array([0.6, 0.0, 0.8]), 0.2
     family = RotationH(
-        turn=2 * np.tan(angle / 2) * axis, log_focal=np.log(1.1), principal=K[:2, 2], spread=SOFT
+        rotation=2 * np.tan(angle / 2) * axis, log_focal=np.log(1.1), principal=K[:2, 2], spread=SOFT
     )
     assert np.allclose(cayley(family.generator()), K @ rotation(angle * axis) @ np.linalg.inv(K), atol=1e-14)
 
 
 def test_start_of_the_rotation_is_the_skew_part() -> None:
     w = np.array([0.01, -0.02, 0.03])
-    assert np.allclose(RotationH.from_generator(cross_matrix(w), SOFT).turn, w)
+    assert np.allclose(RotationH.from_generator(cross_matrix(w), SOFT).rotation, w)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,10 @@ def test_start_of_the_rotation_is_the_skew_part() -> None:
     [
         PlaneH(entries=plane(1).A.ravel()[:8]),
         RotationH(
-            turn=np.array([0.02, 0.03, -0.05]), log_focal=0.2, principal=np.array([0.03, -0.02]), spread=SOFT
+            rotation=np.array([0.02, 0.03, -0.05]),
+            log_focal=0.2,
+            principal=np.array([0.03, -0.02]),
+            spread=SOFT,
         ),
     ],
 )
@@ -160,7 +163,7 @@ def test_refinement_of_a_rotation_finds_turn_and_focal_length() -> None:
     start = RotationH.from_generator(cross_matrix(np.array([0.025, -0.037, 0.05])), SOFT)
     found, _ = refine_homography(start, matches, options)
     assert np.isclose(np.exp(found.log_focal), 1.25, rtol=0.01)
-    assert np.allclose(np.abs(found.turn), np.abs(turn), rtol=0.01)
+    assert np.allclose(np.abs(found.rotation), np.abs(turn), rtol=0.01)
     held, _ = refine_homography(RotationH.from_generator(start.generator(), KNOWN), matches, options)
     assert abs(held.log_focal) < 1e-9 and np.abs(held.principal).max() < 1e-9
 
