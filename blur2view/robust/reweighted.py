@@ -56,7 +56,7 @@ def reweighted_motion(
     """
     if start is None and not ordered:
         raise ValueError("signs that are unknown need a start")
-    parameters, components = rows.shape[-3:-1]
+    parameters = rows.shape[-3]
     flat = rows.reshape(*rows.shape[:-2], -1)  # (..., k, d N)
     expected, precision = (np.zeros(parameters), np.zeros(parameters)) if prior is None else prior
     motion = np.zeros((*rows.shape[:-3], parameters)) if start is None else start
@@ -67,15 +67,20 @@ def reweighted_motion(
     for _ in range(steps):
         sign = np.where((_predicted(motion, flat, flow) * flow).sum(axis=-2, keepdims=True) < 0, -1.0, 1.0)
         signed = flow if ordered else sign * flow
-        weighted = flat * np.concatenate([weight] * components, axis=-1)[..., None, :]
-        normal = weighted @ np.swapaxes(flat, -1, -2)
-        diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
-        normal = normal + (RIDGE * diagonal + precision + TINY)[..., None] * np.eye(parameters)
-        right = (weighted @ signed.reshape(*signed.shape[:-2], -1, 1))[..., 0] + precision * expected
-        motion = np.linalg.solve(normal, right[..., None])[..., 0]
+        motion = _solved(flat, signed, weight, expected, precision)
         missed = np.linalg.norm(_predicted(motion, flat, flow) - signed, axis=-2)
         weight = _cauchy(missed, scale)
     return motion, missed
+
+
+def _solved(flat: Array, signed: Array, weight: Array, expected: Array, precision: Array) -> Array:
+    """Return the motions (..., k) of rows (..., k, d N), flow (..., d, N), weights (..., N) and a prior."""
+    weighted = flat * np.concatenate([weight] * signed.shape[-2], axis=-1)[..., None, :]
+    normal = weighted @ np.swapaxes(flat, -1, -2)
+    ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + precision + TINY
+    right = (weighted @ signed.reshape(*signed.shape[:-2], -1, 1))[..., 0] + precision * expected
+    damped = normal + ridge[..., None] * np.eye(ridge.shape[-1])
+    return np.asarray(np.linalg.solve(damped, right[..., None])[..., 0])
 
 
 def _predicted(motion: Array, flat: Array, flow: Array) -> Array:

@@ -147,7 +147,7 @@ def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
         RefineOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_company_decides_what_a_smear_alone_cannot() -> None:
+def test_its_component_decides_what_a_smear_alone_cannot() -> None:
     components = SignComponents(label=np.zeros(5, int), sign=np.array([1.0, 1, -1, 1, 1]))
     clear = np.array([0.0, 0.0, 9.0, 0.0, 1.0])
     residuals = OrderedResiduals(forward=clear, backward=np.array([9.0, 9.0, 0.0, 9.0, 1.0]))
