@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     )
     from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
     from blur2view.geometry.pose import PoseCovariance, RigidTransform
-    from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+    from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
     from blur2view.networks.model_file import ModelInfo
     from blur2view.networks.pyramid import PyramidOptions
     from blur2view.networks.smear_network import SmearNetwork, predict
@@ -68,6 +68,7 @@ __all__ = [
     "ModelInfo",
     "MotionLabel",
     "MotionMask",
+    "MotionModel",
     "MotionNetwork",
     "MovingRegion",
     "OutputError",
@@ -109,7 +110,7 @@ _PUBLIC = {
     "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
     "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
     "geometry.pose": ("PoseCovariance", "RigidTransform"),
-    "geometry.two_view_geometry": ("Configuration", "TwoViewGeometry"),
+    "geometry.two_view_geometry": ("Configuration", "MotionModel", "TwoViewGeometry"),
     "networks.model_file": ("ModelInfo",),
     "networks.pyramid": ("PyramidOptions",),
     "networks.smear_network": ("SmearNetwork", "predict"),

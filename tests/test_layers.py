@@ -105,8 +105,9 @@ def test_the_package_has_few_files_beside_its_rooms() -> None:
     assert sum(path.is_file() for path in PACKAGE.iterdir()) <= MOST_FILES
 
 
-def test_robust_loop_knows_nothing_of_ours() -> None:
-    assert own_imports(MODULE["blur2view.robust.ransac"]) == {"blur2view.arrays"}
+@pytest.mark.parametrize("loop", ["ransac", "levenberg_marquardt"])
+def test_loops_know_no_geometry(loop: str) -> None:
+    assert own_imports(MODULE[f"blur2view.robust.{loop}"]) == {"blur2view.arrays"}
 
 
 @pytest.mark.parametrize("path", PACKAGE_SOURCES, ids=str)

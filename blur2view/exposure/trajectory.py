@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.rotation import rotation_vector, turn_flow
+from blur2view.geometry.rotation import rotation_flow, rotation_vector
+from blur2view.robust.reweighted import reweighted_motion
 
 INDEPENDENT_SMEARS = 30  # smears at most: a network's errors are correlated over much of a picture
 MIN_SMEARS = 8  # smears; with fewer a frame's motion is not estimated
@@ -66,7 +67,7 @@ class ExposedFrame:
     @property
     def rows(self) -> Array:
         """Return the Jacobian (N, 2, 6) of the features by rotation vector and translation."""
-        rotation = turn_flow(self.rays).transpose(2, 0, 1)
+        rotation = rotation_flow(self.rays).transpose(2, 0, 1)
         x, y = self.rays.T
         one, none = np.ones_like(x), np.zeros_like(x)
         translation = np.array([[one, none, -x], [none, one, -y]]).transpose(2, 0, 1)
@@ -128,18 +129,16 @@ def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Arra
         precision = 1 / np.maximum(fraction * spread, 1e-3 * np.abs(expected).max() + TINY) ** 2
     if len(frame.rays) < MIN_SMEARS:
         return expected if frame.velocity is not None and np.isfinite(fraction) else None
-    rows, found = frame.rows, expected
     length = np.linalg.norm(frame.displacement, axis=1) + TINY
     share = min(1.0, INDEPENDENT_SMEARS / len(length))
-    for _ in range(STEPS):
-        missed = np.linalg.norm(frame.displacement - rows @ found, axis=1)
-        relative = missed / length
-        scale = max(float(np.median(relative)), 1e-6)
-        weight = share / (scale * length) ** 2 / (1 + (relative / scale) ** 2)
-        normal = np.einsum("n,nij,nik->jk", weight, rows, rows, optimize=True) + np.diag(precision)
-        right = np.einsum("n,nij,ni->j", weight, rows, frame.displacement, optimize=True)
-        found = np.asarray(np.linalg.solve(normal, right + precision * expected), float)
-    return found
+    return reweighted_motion(
+        frame.rows.transpose(2, 1, 0) / length,
+        frame.displacement.T / length,
+        steps=STEPS,
+        scale=lambda missed: max(float(np.median(missed)), 1e-6),
+        start=expected,
+        prior=(expected, precision / share),
+    )[0]
 
 
 def smooth_velocities(poses: Array) -> Array:

@@ -1,8 +1,8 @@
-"""What positive depth says about the order of a smear.
+"""The order of a smear by positive depth (cheirality).
 
 A point in front of the camera moves, once the rotation is taken off, away from the epipole of a camera that
 goes forward and towards that of one that goes back. So a motion (rotation and translation of an
-approximately known camera) says of every smear which of its two orders a point in front of the camera can
+approximately known camera) decides of every smear which of its two orders a point in front of the camera can
 have: where the translation moves points further along their epipolar lines than the rotation does, exactly
 one. It is the cheirality of two views, read before any order is known.
 """
@@ -16,13 +16,15 @@ from blur2view.arrays import TINY, Array
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
 
 
-def parallax_along_lines(turn: Array, t: Array, middle: Array, displacement: Array) -> tuple[Array, Array]:
-    """Parallax along the epipolar lines, away from the epipole, of both orders of every smear.
+def parallax_along_lines(
+    rotation: Array, t: Array, middle: Array, displacement: Array
+) -> tuple[Array, Array]:
+    """Return parallax along the epipolar lines, away from the epipole, of both orders of every smear.
 
     Parameters
     ----------
-    turn : ndarray of shape (3,)
-        Rotation vector, radians, to first order: exposures turn the camera by a few degrees.
+    rotation : ndarray of shape (3,)
+        Rotation vector, radians, to first order: cameras rotate by a few degrees at most.
     t : ndarray of shape (3,)
         Translation, any scale; its sign decides which way is forward.
     middle, displacement : ndarray of shape (2, N)
@@ -34,17 +36,20 @@ def parallax_along_lines(turn: Array, t: Array, middle: Array, displacement: Arr
         With ends[:, 0] first and with ends[:, 1] first. Positive for points in front of the camera.
     """
     x, y = middle
-    spin = turn[0] * y - turn[1] * x
-    rotation_x, rotation_y = turn[1] - turn[2] * y - spin * x, turn[2] * x - turn[0] - spin * y
+    spin = rotation[0] * y - rotation[1] * x
+    rotation_x, rotation_y = (
+        rotation[1] - rotation[2] * y - spin * x,
+        rotation[2] * x - rotation[0] - spin * y,
+    )
     line_x, line_y = t[0] - t[2] * x, t[1] - t[2] * y
     length = np.maximum(np.hypot(line_x, line_y), TINY)
     moved = (displacement[0] * line_x + displacement[1] * line_y) / length
-    turned = (rotation_x * line_x + rotation_y * line_y) / length
-    return moved - turned, -moved - turned
+    rotated = (rotation_x * line_x + rotation_y * line_y) / length
+    return moved - rotated, -moved - rotated
 
 
 def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array, Array]:
-    """Logarithms of what both orders are given by their parallax, known to a standard deviation.
+    """Return the log-probabilities of both orders by their parallax, known to a standard deviation.
 
     An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
     gains nothing by being vague; where none is, both are improbable.

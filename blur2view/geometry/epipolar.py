@@ -18,7 +18,7 @@ from blur2view.arrays import TINY, Array
 
 
 def cross_matrix(vectors: Array) -> Array:
-    """Give the matrices [v]x with ``[v]x w = v x w``.
+    """Return the matrices [v]x with ``[v]x w = v x w``.
 
     Parameters
     ----------
@@ -35,20 +35,20 @@ def cross_matrix(vectors: Array) -> Array:
 
 
 def homogeneous(points: Array) -> Array:
-    """Append a one: (..., 2) pixels to (..., 3)."""
+    """Return pixels (..., 2) with a one appended, (..., 3)."""
     points = np.asarray(points, float)
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
 
 
 def unit_norm(F: Array) -> Array:
-    """Scale matrices (..., 3, 3) to Frobenius norm 1; a zero matrix stays zero."""
+    """Return matrices (..., 3, 3) scaled to Frobenius norm 1; a zero matrix stays zero."""
     norm = np.linalg.norm(F, axis=(-2, -1), keepdims=True)
     scaled: Array = F / np.maximum(norm, TINY)
     return scaled
 
 
 def symmetric_skew(F: Array) -> tuple[Array, Array]:
-    """Split F = S + [a]x.
+    """Return the parts S and a of F = S + [a]x.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def symmetric_skew(F: Array) -> tuple[Array, Array]:
 
 
 def join_symmetric_skew(S: Array, a: Array) -> Array:
-    """Build F = S + [a]x, the inverse of `symmetric_skew`."""
+    """Return F = S + [a]x, the inverse of `symmetric_skew`."""
     joined: Array = S + cross_matrix(a)
     return joined
 
 
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
-    """Give the coefficients of q in S and of l in a, so that points2^T F points1 = q + l.
+    """Return the coefficients of q in S and of l in a, so that points2^T F points1 = q + l.
 
     Parameters
     ----------
@@ -97,19 +97,19 @@ def quadratic_features(ends: Array) -> tuple[Array, Array]:
 
 
 def symmetric_from_vector(vector: Array) -> Array:
-    """Unpack (S11, S12, S13, S22, S23, S33) of shape (..., 6) into symmetric (..., 3, 3)."""
+    """Return the symmetric (..., 3, 3) of (S11, S12, S13, S22, S23, S33), shape (..., 6)."""
     full: Array = vector[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]]
     return full.reshape(*vector.shape[:-1], 3, 3)
 
 
 def epipoles(F: Array) -> tuple[Array, Array]:
-    """Give the unit homogeneous epipoles e1 (F e1 = 0) and e2 (F^T e2 = 0) of F (..., 3, 3)."""
+    """Return the unit homogeneous epipoles e1 (F e1 = 0) and e2 (F^T e2 = 0) of F (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(F)
     return Vt[..., 2, :], U[..., :, 2]
 
 
 def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
-    """F of unit norm from K and cam2_from_cam1 = (R, t), both views sharing K.
+    """Return F of unit norm from K and cam2_from_cam1 = (R, t), both views sharing K.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
 
 
 def shared_normalisation(ends: Array) -> Array:
-    """One similarity T for both ends: centroid to 0, mean distance to sqrt(2).
+    """Return one similarity T for both ends: centroid to 0, mean distance to sqrt(2).
 
     Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
 
@@ -148,11 +148,11 @@ def shared_normalisation(ends: Array) -> Array:
 
 
 def apply_similarity(T: Array, points: Array) -> Array:
-    """Map pixels (..., K, 2) by scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
+    """Return pixels (..., K, 2) under scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
     mapped: Array = points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
     return mapped
 
 
 def denormalise(F: Array, T: Array) -> Array:
-    """Carry F (..., 3, 3) of points T x back to points x: T^T F T, unit norm."""
+    """Return F (..., 3, 3) of points x from that of points T x: T^T F T, unit norm."""
     return unit_norm(np.swapaxes(T, -2, -1) @ F @ T)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.geometry.rotation import rotation_vector
 
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -30,7 +30,7 @@ class RigidTransform:
     rotation : ndarray of shape (3, 3)
         Rotation matrix.
     translation : ndarray of shape (3,)
-        Unit direction; zero where there is no translation or none can be told.
+        Unit direction; zero where there is no translation or none can be estimated.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class RigidTransform:
         object.__setattr__(self, "translation", t)
 
     def inverse(self) -> RigidTransform:
-        """Give ``cam1_from_cam2``: the same motion with time reversed."""
+        """Return ``cam1_from_cam2``: the same motion with time reversed."""
         return RigidTransform(rotation=self.rotation.T, translation=-self.rotation.T @ self.translation)
 
     @property
@@ -76,9 +76,16 @@ class RigidTransform:
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
-    """Give the four poses of an essential matrix (3, 3), those of the smaller rotation first.
+    """Return the four poses of an essential matrix (3, 3), those of the smaller rotation first.
 
     A matrix that is none is brought to the nearest one.
+    """
+    rotations, t = essential_motions(E)
+    return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]
+
+
+def essential_motions(E: Array) -> tuple[list[Array], Array]:
+    """Return both rotations (3, 3) of the essential matrix nearest to E, the smaller first, and +-t (3,).
 
     References
     ----------
@@ -87,11 +94,11 @@ def decompose_essential(E: Array) -> list[RigidTransform]:
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     rotations = sorted((U @ W @ Vt for W in (QUARTER_TURN, QUARTER_TURN.T)), key=lambda R: -np.trace(R))
-    return [RigidTransform(rotation=R, translation=sign * U[:, 2]) for R in rotations for sign in (1.0, -1.0)]
+    return rotations, U[:, 2]
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
-    """Mark matches whose rays meet, or nearly meet, before both cameras.
+    """Return which matches' rays meet, or nearly meet, before both cameras (cheirality).
 
     Parameters
     ----------
@@ -114,7 +121,7 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientedPose:
-    """A pose with the order that it gives every match.
+    """A pose with every match's order under it.
 
     ``swapped`` (N,) marks matches whose ends[:, 1] is the open end; ``in_front`` is the share of the
     matches, by weight, that lie before both cameras in that order.
@@ -126,7 +133,7 @@ class OrientedPose:
 
 
 def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None = None) -> OrientedPose:
-    """Choose the pose of E, and every match's order, by positive depth.
+    """Return the pose of E, and every match's order, by positive depth.
 
     An order counts by its probability under E's residuals and by whether the point then lies before both
     cameras; where E leaves the order open (a pure translation), depth decides it. Of the four poses that
@@ -144,18 +151,18 @@ def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None =
         Probability of being an inlier; default 1.
     """
     weights = np.ones(len(ends)) if weights is None else weights
-    found: list[OrientedPose] = []
+    candidates: list[OrientedPose] = []
     for pose in decompose_essential(E):
         swapped, front = order_before_both(pose, ends, forward)
         share = float(weights @ front / max(float(weights.sum()), TINY))
-        found.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
-    return max(found, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
+        candidates.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
+    return max(candidates, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
 
 
 def order_before_both(
     pose: RigidTransform, ends: Array, forward: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Order the rays (N, 2, 2) of matches by probability and positive depth under a pose.
+    """Return the order of the rays (N, 2, 2) of matches, by probability and positive depth under a pose.
 
     Returns
     -------
@@ -207,7 +214,7 @@ class PoseCovariance:
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.matrix[3:, 3:])[-1], 0.0))))
 
     def error(self, pose: RigidTransform, true: RigidTransform) -> Array:
-        """Give (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
+        """Return (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
         w = rotation_vector(true.rotation @ pose.rotation.T)
         across = self.tangents @ true.translation
         length = float(np.linalg.norm(across))
@@ -215,7 +222,7 @@ class PoseCovariance:
         return np.concatenate([w, angle * across / max(length, TINY)])
 
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
-        """Carry the covariance of a pose over to its inverse.
+        """Return the covariance of the inverse of a pose.
 
         To first order exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w, and the translation
         t' = -R^T t moves by -R^T (dt - w x t): along the tangents -T R, u' = u + T [t]x w.
@@ -228,7 +235,7 @@ class PoseCovariance:
     def squared_distance(
         self, pose: RigidTransform, true: RigidTransform, part: slice | None = None
     ) -> float:
-        """Squared Mahalanobis distance between a pose and the true one; the smaller of both flips of time.
+        """Return the squared Mahalanobis distance to the true pose, or to its inverse if that is nearer.
 
         ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
         translation's direction. Compare with `CHI_SQUARED_90`.
@@ -240,7 +247,7 @@ class PoseCovariance:
 
 
 def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovariance:
-    """Sandwich covariance of a pose fitted in the parameters (t along two tangents, R turned from the left).
+    """Return the sandwich covariance of a pose fitted in t (two tangents) and R (from the left).
 
     Parameters
     ----------
@@ -260,12 +267,3 @@ def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovar
     covariance = inverse @ scatter @ inverse
     order = [2, 3, 4, 0, 1]  # rotation first
     return PoseCovariance(matrix=covariance[np.ix_(order, order)], tangents=tangents)
-
-
-def nearest_motion(F: Array) -> tuple[Array, Array]:
-    """R (3, 3) and unit t (3,) of the essential matrix nearest to F; the smaller rotation, t up to sign."""
-    U, _, Vt = np.linalg.svd(unit_norm(F))
-    U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
-    W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    R = max((U @ W @ Vt, U @ W.T @ Vt), key=np.trace)
-    return R, U[:, 2] / max(float(np.linalg.norm(U[:, 2])), TINY)

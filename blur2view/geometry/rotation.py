@@ -13,7 +13,7 @@ GENERATORS: Array = cross_matrix(np.eye(3))  # (3, 3, 3): [e_k]x
 
 
 def plane_basis(normal: Array) -> Array:
-    """Two orthonormal vectors perpendicular to each (unnormalised) vector, shape (..., 3) to (2, ..., 3).
+    """Return two orthonormal vectors perpendicular to each vector, shape (..., 3) to (2, ..., 3).
 
     References
     ----------
@@ -24,7 +24,7 @@ def plane_basis(normal: Array) -> Array:
 
 
 def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """`plane_basis` by coordinates."""
+    """Return `plane_basis` by coordinates."""
     norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
     x, y, z = x / norm, y / norm, z / norm
     sign = np.copysign(1.0, z)
@@ -35,7 +35,7 @@ def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tupl
 
 
 def half_sphere(count: int) -> Array:
-    """Give unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
+    """Return unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
     index = np.arange(count)
     z = (index + 0.5) / count
     radius, angle = np.sqrt(1 - z * z), GOLDEN_ANGLE * index
@@ -43,24 +43,24 @@ def half_sphere(count: int) -> Array:
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector in radians."""
+    """Return the rotation matrix of a rotation vector in radians."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, float))[0], float)
 
 
 def rotation_vector(R: Array) -> Array:
-    """Rotation vector (3,) in radians of a rotation matrix."""
+    """Return the rotation vector (3,) in radians of a rotation matrix."""
     return np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
 def step_on_sphere(unit: Array, delta: Array) -> Array:
-    """Move a unit vector (3,) by delta (2,) in its tangent plane (`plane_basis`) and renormalise."""
+    """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
     moved = unit + delta @ plane_basis(unit)
     scaled: Array = moved / np.linalg.norm(moved)
     return scaled
 
 
-def turn_flow(middle: Array) -> Array:
-    """Motion (2, 3, N) of points per radian of rotation about x, y and z, to first order.
+def rotation_flow(middle: Array) -> Array:
+    """Return the motion (2, 3, N) of points per radian of rotation about x, y and z, to first order.
 
     Parameters
     ----------

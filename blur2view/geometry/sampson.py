@@ -15,7 +15,7 @@ UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Squared Sampson distance of ordered matches to F, in squared pixels.
+    """Return the squared Sampson distance of ordered matches to F, in squared pixels.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def sampson(F: Array, points1: Array, points2: Array) -> Array:
 
 
 def serrmin(F: Array, ends: Array) -> Array:
-    """SErrMin: the smaller of the squared Sampson distances of the two orders of each smear.
+    """Return SErrMin: the smaller of the squared Sampson distances of the two orders of each smear.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def serrmin(F: Array, ends: Array) -> Array:
 
 
 def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
-    """Decide the order of each match: True where ``ends[:, 1]`` is the open (first) point under F.
+    """Return the order of each match: True where ``ends[:, 1]`` is the open (first) point under F.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class BatchSampson:
         self.count = len(ends)
 
     def __call__(self, F: Array, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
-        """SErrMin, float32 of shape (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
+        """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
         S, a = symmetric_skew(F)
         gram1 = np.swapaxes(F[:, :2], 1, 2) @ F[:, :2]  # |(F x)_12|^2 = x^T gram1 x
         gram2 = F[:, :, :2] @ np.swapaxes(F[:, :, :2], 1, 2)
@@ -112,7 +112,7 @@ class BatchSampson:
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
-    """Monomials of p p^T + s s^T (N, 6) and of 2 s p^T (N, 6), with homogeneous p and s = (su, sv, 0)."""
+    """Return monomials of p p^T + s s^T and of 2 s p^T, (N, 6), with homogeneous p and s = (su, sv, 0)."""
     u, v, su, sv = p[:, 0], p[:, 1], s[:, 0], s[:, 1]
     one = np.ones_like(u)
     even = [u * u + su * su, 2 * (u * v + su * sv), 2 * u, v * v + sv * sv, 2 * v, one]
@@ -135,18 +135,18 @@ def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Give signed Sampson distances (N,) to F (3, 3): roots of `sampson.sampson`, with a sign."""
+    """Return signed Sampson distances (N,) to F (3, 3): roots of `sampson.sampson`, with a sign."""
     return residual_parts(F, homogeneous(points1).T, homogeneous(points2).T)[0]
 
 
 def sampson_jacobian(F: Array, points1: Array, points2: Array) -> Array:
-    """Differentiate `signed_sampson` in the nine entries of F, shape (N, 3, 3)."""
+    """Return the derivative (N, 3, 3) of `signed_sampson` in the entries of F."""
     columns = entry_jacobian(F, homogeneous(points1).T, homogeneous(points2).T)
     return columns.T.reshape(-1, 3, 3)
 
 
 def entry_jacobian(F: Array, x: Array, y: Array) -> Array:
-    """Give the derivative (9, N) of the signed Sampson distance for homogeneous x, y (3, N)."""
+    """Return the derivative (9, N) of the signed Sampson distance for homogeneous x, y (3, N)."""
     residual, line1, line2, root = residual_parts(F, x, y)
     scaled = residual / root  # c / D
     line1[:2] *= scaled
@@ -159,7 +159,7 @@ def entry_jacobian(F: Array, x: Array, y: Array) -> Array:
 
 
 def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Signed residual (N,), lines in view 1 and 2 (3, N), root of the squared gradient (N,)."""
+    """Return the signed residual (N,), lines in view 1 and 2 (3, N), root of the squared gradient (N,)."""
     line2, line1 = F @ x, F.T @ y
     squared = line2[0] ** 2 + line2[1] ** 2 + line1[0] ** 2 + line1[1] ** 2
     root = np.sqrt(np.maximum(squared, TINY))

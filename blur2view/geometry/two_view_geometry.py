@@ -15,17 +15,38 @@ from blur2view.geometry.pose import PoseCovariance, RigidTransform
 
 
 class Configuration(StrEnum):
-    """What was found; the names are those of COLMAP's TwoViewGeometryConfiguration, the values lower case."""
+    """Kind of two-view geometry, named and spelled as in COLMAP's TwoViewGeometryConfiguration."""
 
-    UNDEFINED = "undefined"
-    DEGENERATE = "degenerate"
+    UNDEFINED = "UNDEFINED"
+    DEGENERATE = "DEGENERATE"
+    CALIBRATED = "CALIBRATED"
+    UNCALIBRATED = "UNCALIBRATED"
+    PLANAR = "PLANAR"
+    PANORAMIC = "PANORAMIC"
+    PLANAR_OR_PANORAMIC = "PLANAR_OR_PANORAMIC"
+    WATERMARK = "WATERMARK"
+    MULTIPLE = "MULTIPLE"
+
+
+class MotionModel(StrEnum):
+    """Model of the motion that F or, without F, H is from; in brackets its number of parameters."""
+
+    TRANSLATION = "translation"
+    """F of a translation (2)."""
+    CAMERA = "camera"
+    """F of one ordinary camera, the same at both ends (5, and 3 of the camera held by a prior)."""
+    GENERAL = "general"
+    """Any F (7)."""
     CALIBRATED = "calibrated"
-    UNCALIBRATED = "uncalibrated"
-    PLANAR = "planar"
-    PANORAMIC = "panoramic"
-    PLANAR_OR_PANORAMIC = "planar_or_panoramic"
-    WATERMARK = "watermark"
-    MULTIPLE = "multiple"
+    """F of known intrinsics (5)."""
+    ROTATION = "rotation"
+    """H of a pure rotation (3, and 3 of the camera held by a prior)."""
+    PLANE = "plane"
+    """Any H (8)."""
+    ROTATION_OR_PLANE = "rotation or plane"
+    """H that is one of the two, which is open (8)."""
+    NONE = "none"
+    """Neither F nor H."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,21 +66,18 @@ class TwoViewGeometry:
         Where ``ends[:, 1]`` is the open end under F.
     iterations : int
         Samples drawn.
-    model : str
-        The family F is from: "translation" (2 parameters), "camera" (one ordinary camera, 5 parameters and
-        a prior), "general" (7), "calibrated" (5, known intrinsics,
-        started from one of ``scores``). Without F what H is: "rotation" (3
-        parameters and a prior), "plane" (8) or "rotation or plane". Else "none".
-    scores : tuple of (str, float)
-        Name and penalised cost of every family that was fitted, homographies too, best first.
+    model : MotionModel
+        Of F; without F, of H. A calibrated F was started from one of ``scores``.
+    scores : tuple of (MotionModel, float)
+        Penalised cost of every model that was fitted, homographies too, best first.
     H : ndarray of shape (3, 3) or None
         ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
-        where a homography explains the smears; beside an F it says that parallax is not proven.
+        where a homography explains the smears; beside an F it means that parallax is not proven.
     E : ndarray of shape (3, 3) or None
         Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
         pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` turned: time has no arrow. The
+        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. The
         translation is zero for a pure rotation.
     covariance : PoseCovariance or None
         Of the pose.
@@ -71,8 +89,8 @@ class TwoViewGeometry:
     inlier_mask: NDArray[np.bool_]
     swapped: NDArray[np.bool_]
     iterations: int = 0
-    model: str = "none"
-    scores: tuple[tuple[str, float], ...] = ()
+    model: MotionModel = MotionModel.NONE
+    scores: tuple[tuple[MotionModel, float], ...] = ()
     H: Array | None = None
     E: Array | None = None
     cam2_from_cam1: RigidTransform | None = None
@@ -84,12 +102,12 @@ class TwoViewGeometry:
         return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
 
     @property
-    def runner_up(self) -> tuple[str, float] | None:
-        """Name and penalised cost of the cheapest family that was not chosen, None if there is none."""
+    def runner_up(self) -> tuple[MotionModel, float] | None:
+        """Cheapest model that was not chosen, with its penalised cost; None if there is none."""
         return next((score for score in self.scores if score[0] != self.model), None)
 
     def reversed(self) -> TwoViewGeometry:
-        """Give the same motion with time reversed: the other of two equal answers."""
+        """Return the same motion with time reversed: the other of two equal answers."""
         pose, covariance = self.cam2_from_cam1, self.covariance
         H = None if self.H is None else np.linalg.inv(self.H)
         return replace(
@@ -103,7 +121,7 @@ class TwoViewGeometry:
         )
 
     def to_pycolmap(self) -> Any:
-        """Give the same as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
+        """Return the geometry as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
 
         Returns
         -------

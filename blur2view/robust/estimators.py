@@ -16,8 +16,8 @@ from blur2view.geometry.sampson import BatchSampson
 from blur2view.robust.minimal_solvers import (
     SAMPLE_SIZE,
     meeting_points,
+    small_rotation_hypotheses,
     solve_seven_smears,
-    turning_hypotheses,
 )
 from blur2view.robust.parametrization import GeneralF, TranslationF
 from blur2view.robust.problem import SmearProblem
@@ -26,7 +26,7 @@ from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.sign_components import SignComponents, sample_patterns
 
-COMPANY = 6  # smears in a component of this size are sampled fully, single ones a sixth as often
+FULL_COMPONENT = 6  # smears of components of this size are sampled fully, single ones a sixth as often
 WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
 DIRECTIONS = 60  # of translation tried with every sample of three
@@ -65,9 +65,9 @@ class SmearEstimator:
 
     @cached_property
     def quality(self) -> Array:
-        """Sampling weights (N,): length over standard deviation, squared; less where no neighbour agrees."""
-        company = np.minimum(self.components.sizes, COMPANY)[self.components.label] / COMPANY
-        weights: Array = company * (self.problem.length_px / self.problem.sigma_px) ** 2
+        """Sampling weights (N,): length over standard deviation, squared; less where few neighbours agree."""
+        share = np.minimum(self.components.sizes, FULL_COMPONENT)[self.components.label] / FULL_COMPONENT
+        weights: Array = share * (self.problem.length_px / self.problem.sigma_px) ** 2
         return weights
 
     @cached_property
@@ -76,32 +76,32 @@ class SmearEstimator:
         return np.asarray(1 / self.problem.sigma_px**2, np.float32)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 3, 3) of ``samples`` samples of three and, where no camera is known, of seven."""
+        """Return candidates (M, 3, 3) of samples of three and, where no camera is assumed, of seven."""
         ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
         directions, doubted = half_sphere(self.directions), np.arange(samples) % DOUBT == 0
         three = weighted_samples(self.quality, 3, samples, rng)
         models = [
-            turning_hypotheses(ends[three[group.index]], directions, limit, group.signs)
+            small_rotation_hypotheses(ends[three[group.index]], directions, limit, group.signs)
             for group in sample_patterns(self.components, three, doubted)
         ]
-        if not self.problem.camera_known:
+        if not self.problem.has_camera:
             seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
             for group in sample_patterns(self.components, seven, doubted):
                 models.append(solve_seven_smears(ends[seven[group.index]], group.signs)[0])
         return np.concatenate(models)
 
     def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
-        """SErrMin in squared standard deviations, (M, n)."""
+        """Return SErrMin in squared standard deviations, (M, n)."""
         squared: NDArray[Any] = self.sampson(models, block) * self.precision[block]
         return squared
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
-        """MSAC cost (M,)."""
+        """Return MSAC cost (M,)."""
         total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
         return total
 
     def refine(self, model: Array) -> Array:
-        """Few steps on the seven-parameter manifold, wider standard deviations first: models are coarse."""
+        """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
         options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
         point = GeneralF.from_matrix(model)
         for width in (WIDE, 1.0):
@@ -110,9 +110,9 @@ class SmearEstimator:
         return point.matrix()
 
     def shares(self, model: Array) -> tuple[float, float]:
-        """Share under the paper's threshold; share of inliers beyond those that fit by chance.
+        """Return the share under the paper's threshold, and that of inliers beyond chance.
 
-        A smear of length L turned at random passes a bound on its Sampson distance with probability
+        A smear of length L and random direction passes a bound on its Sampson distance with probability
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
         """
         squared = self.sampson(model[None])[0]
@@ -123,7 +123,7 @@ class SmearEstimator:
 
 
 def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:
-    """Best meeting point of pairs of smears: the start of the two-parameter F."""
+    """Return the best meeting point of pairs of smears: the start of the two-parameter F."""
     drawn = weighted_samples(estimator.quality, 2, samples, rng)
     points = meeting_points(estimator.problem.ends[drawn])
     points = points[np.linalg.norm(points, axis=1) > 0.5]
@@ -139,10 +139,10 @@ class LocalEstimator(SmearEstimator):
     """`SmearEstimator` whose samples come from one compact part of the image a batch."""
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 3, 3) of ``samples`` samples of three."""
+        """Return candidates (M, 3, 3) of ``samples`` samples of three."""
         middle = self.problem.ends.mean(axis=1)
         distance = ((middle - middle[rng.integers(len(middle))]) ** 2).sum(axis=1)
         near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]
         three = near[weighted_samples(np.ones(len(near)), 3, samples, rng)]
         limit = 3 * np.array(self.problem.prior.rotation)
-        return turning_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS), limit)
+        return small_rotation_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS), limit)

@@ -11,15 +11,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self, TypeVar
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraPrior, no_prior
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, robust_cost, robust_weight
+from blur2view.robust.residuals import (
+    OrderedResiduals,
+    RefineOptions,
+    WeightedEnds,
+    robust_cost,
+    robust_weight,
+)
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
@@ -33,16 +40,16 @@ class Homographies(Protocol):
         """Number of free parameters."""
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
 
     def tangent(self) -> Array:
-        """dA/dparameters, shape (dimension, 3, 3), at the present point."""
+        """Return dA/dparameters, shape (dimension, 3, 3), at the present point."""
 
     def step(self, delta: Array) -> Self:
-        """Give the point reached by adding delta (dimension,) to the parameters."""
+        """Return the point reached by adding delta (dimension,) to the parameters."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (m,) in standard deviations and their Jacobian (m, dimension); m may be 0."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, dimension)."""
 
 
 Family = TypeVar("Family", bound=Homographies)
@@ -60,19 +67,19 @@ class PlaneH:
         return 8
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
         return np.append(self.entries, 0.0).reshape(3, 3)
 
     def tangent(self) -> Array:
-        """Give dA of shape (8, 3, 3)."""
+        """Return dA of shape (8, 3, 3)."""
         return ENTRIES
 
     def step(self, delta: Array) -> PlaneH:
-        """Add to the entries."""
+        """Return the point with delta added to the entries."""
         return PlaneH(entries=self.entries + delta)
 
     def prior(self) -> tuple[Array, Array]:
-        """Give no prior."""
+        """Return no residuals."""
         return no_prior(8)
 
 
@@ -81,19 +88,19 @@ class RotationH:
     """H = K R K^-1 with K = [[g, 0, cx], [0, g, cy], [0, 0, 1]]: pure rotation, three parameters.
 
     The three of the camera, log g, cx and cy, are held by ``spread`` as in `CameraF`; standard
-    deviations of zero fix them. R is Cayley's transform of [turn]x, an angle of 2 atan(|turn| / 2).
+    deviations of zero fix them. R is Cayley's transform of [rotation]x, an angle of 2 atan(|rotation| / 2).
     """
 
-    turn: Array  # (3,) radians to first order
+    rotation: Array  # (3,) radians to first order
     log_focal: float = 0.0
     principal: Array
     spread: CameraPrior
 
     @classmethod
     def from_generator(cls, A: Array, spread: CameraPrior) -> RotationH:
-        """Start at the rotation nearest to A for the assumed camera (K = I)."""
-        turn = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
-        return cls(turn=turn, principal=np.zeros(2), spread=spread)
+        """Return the rotation nearest to A for the assumed camera (K = I)."""
+        rotation = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+        return cls(rotation=rotation, principal=np.zeros(2), spread=spread)
 
     @property
     def dimension(self) -> int:
@@ -101,18 +108,18 @@ class RotationH:
         return 6
 
     def camera(self) -> Array:
-        """K of shape (3, 3)."""
+        """Return K of shape (3, 3)."""
         g, (cx, cy) = np.exp(self.log_focal), self.principal
         return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
 
     def generator(self) -> Array:
-        """Give A of shape (3, 3)."""
+        """Return A of shape (3, 3)."""
         K = self.camera()
-        conjugate: Array = K @ cross_matrix(self.turn) @ np.linalg.inv(K)
+        conjugate: Array = K @ cross_matrix(self.rotation) @ np.linalg.inv(K)
         return conjugate
 
     def tangent(self) -> Array:
-        """Give dA of shape (6, 3, 3): three turns, log g, cx, cy."""
+        """Return dA of shape (6, 3, 3): rotation, log g, cx, cy."""
         K = self.camera()
         inverse, A, change = np.linalg.inv(K), self.generator(), np.zeros((3, 3, 3))
         change[0, [0, 1], [0, 1]] = K[0, 0]
@@ -121,34 +128,34 @@ class RotationH:
         return np.concatenate([K @ GENERATORS @ inverse, lens @ A - A @ lens])
 
     def step(self, delta: Array) -> RotationH:
-        """Add to the parameters."""
+        """Return the point with delta added to the parameters."""
         return replace(
             self,
-            turn=self.turn + delta[:3],
+            rotation=self.rotation + delta[:3],
             log_focal=self.log_focal + float(delta[3]),
             principal=self.principal + delta[4:],
         )
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (6,): turn, log g, cx, cy."""
+        """Return residuals (6,), rotation, log g, cx and cy, and their Jacobian."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        value = np.concatenate([self.turn, [self.log_focal], self.principal])
+        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
         return value * weight, np.diag(weight)
 
 
 def cayley(A: Array) -> Array:
-    """H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
+    """Return H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
     return np.asarray(np.linalg.solve(IDENTITY - 0.5 * A, IDENTITY + 0.5 * A), float)
 
 
 def pixel_homography(A: Array, T: Array) -> Array:
-    """H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
+    """Return H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
     return unit_norm(np.asarray(np.linalg.solve(T, cayley(A) @ T), float))
 
 
 def velocity_basis(points: Array) -> Array:
-    """Displacements (N, 2, 8) at points (N, 2) for unit entries of A: d = basis @ entries to first order."""
+    """Return displacements (N, 2, 8) at points (N, 2) for unit entries of A, to first order."""
     x, y = np.asarray(points, float).T
     one, zero = np.ones_like(x), np.zeros_like(x)
     along_x = [x, y, one, zero, zero, zero, -x * x, -x * y]
@@ -156,50 +163,38 @@ def velocity_basis(points: Array) -> Array:
     return np.stack([np.stack(along_x, axis=1), np.stack(along_y, axis=1)], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarEnds:
-    """Smears in a family's coordinates, with the standard deviations (N,) of their Sampson distance.
+def transfer_residuals(A: Array, matches: WeightedEnds) -> Array:
+    """Return residuals (2, 2, N) from a homography: order (ends[:, 0] first or last), component, smear.
 
-    The residual of the order x, y is (pi((I - A/2) y) - pi((I + A/2) x)) / sqrt(2), pi the division by the
-    third coordinate: both ends are carried to mid exposure. Its two components have the standard deviation
-    of a Sampson distance.
+    That of the order x, y is (pi((I - A/2) y) - pi((I + A/2) x)) / sqrt(2), pi the division by the third
+    coordinate: both ends are carried to mid exposure. Its two components have the standard deviation of a
+    Sampson distance.
     """
+    first, second, _ = matches.orders
+    residual = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, second)[0] - _carry(IDENTITY + 0.5 * A, first)[0])
+    return np.swapaxes(residual.reshape(2, 2, -1), 0, 1)
 
-    ends: Array  # (N, 2, 2)
-    sigma: Array  # (N,)
 
-    @cached_property
-    def points(self) -> tuple[Array, Array]:
-        """Homogeneous ends [:, 0] and [:, 1], (3, N): rows, for speed."""
-        one, other = (np.ascontiguousarray(homogeneous(self.ends[:, i]).T) for i in (0, 1))
-        return one, other
+def transfer_orders(A: Array, matches: WeightedEnds) -> OrderedResiduals:
+    """Return the lengths of the residuals from a homography in standard deviations, in both orders."""
+    return lengths_in_sigma(transfer_residuals(A, matches), matches.sigma)
 
-    def residuals(self, A: Array) -> Array:
-        """Residuals (2, 2, N): order (ends[:, 0] first, ends[:, 1] first), component, smear."""
-        one, other = self.points
-        return np.stack([_residual(A, one, other), _residual(A, other, one)])
 
-    def ordered(self, A: Array) -> OrderedResiduals:
-        """Lengths of the residuals in standard deviations, in both orders."""
-        forward, backward = np.sqrt((self.residuals(A) ** 2).sum(axis=1)) / self.sigma
-        return OrderedResiduals(forward=forward, backward=backward)
+def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
+    """Return the lengths of residuals (2, 2, N) in both orders, in standard deviations (N,)."""
+    forward, backward = np.sqrt((residuals**2).sum(axis=1)) / sigma
+    return OrderedResiduals(forward=forward, backward=backward)
 
 
 def _carry(M: Array, x: Array) -> tuple[Array, Array]:
-    """pi(M x) of shape (2, N) and 1 / (M x)_3 of shape (N,)."""
+    """Return pi(M x) of shape (2, N) and 1 / (M x)_3 of shape (N,)."""
     carried: Array = M @ x
     inverse: Array = 1 / np.where(np.abs(carried[2]) < TINY, TINY, carried[2])
     return carried[:2] * inverse, inverse
 
 
-def _residual(A: Array, x: Array, y: Array) -> Array:
-    """Residual (2, N) of the order x, y."""
-    residual: Array = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, y)[0] - _carry(IDENTITY + 0.5 * A, x)[0])
-    return residual
-
-
 def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
-    """Differentiate the residual of the order x, y (3, N) along tangents (k, 3, 3) of A: (k, 2, N)."""
+    """Return the derivative (k, 2, N) of the residual of x, y (3, N) along tangents (k, 3, 3)."""
     total = np.zeros((len(tangent), 2, x.shape[1]))
     for M, point in ((IDENTITY - 0.5 * A, y), (IDENTITY + 0.5 * A, x)):
         at, inverse = _carry(M, point)
@@ -209,55 +204,69 @@ def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
     return scaled
 
 
-def refine_homography(start: Family, matches: PlanarEnds, options: RefineOptions) -> tuple[Family, float]:
-    """Minimise data_weight * sum rho(squared residual) + |prior|^2 by Levenberg-Marquardt, orders weighed.
+def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
+    """Return the minimum of data_weight * sum rho(squared residual) + |prior|^2, orders weighed.
 
     As `refinement.refine`, with two-dimensional residuals.
 
     Returns
     -------
-    point : Homographies
-        The best point met; ``start`` where nothing is better.
+    family : Homographies
+        The cheapest point met; ``start`` where nothing is better.
     cost : float
         Its cost, dimensionless (twice a negative log-likelihood).
     """
-    point, damping = start, 1e-3
-    cost = _cost(point, matches, options)
-    for _ in range(options.max_iterations):
-        normal, gradient = _normal_equations(point, matches, options)
-        gain = 0.0
-        while damping < 1e6:
-            damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
-            trial = point.step(np.asarray(np.linalg.solve(damped, -gradient), float))
-            trial_cost = _cost(trial, matches, options)
-            if trial_cost < cost:
-                gain, point, cost, damping = cost - trial_cost, trial, trial_cost, max(damping / 10, 1e-9)
-                break
-            damping *= 10
-        if gain <= options.tolerance * cost:
+    best = _WeightedHomography(family=start, matches=matches, options=options)
+    for step in levenberg_marquardt(best, options.max_iterations):
+        best = step.point
+        if step.decrease <= options.tolerance * step.cost:
             break
-    return point, cost
+    return best.family, best.cost
 
 
-def _cost(point: Homographies, matches: PlanarEnds, options: RefineOptions) -> float:
-    squared, (prior, _) = matches.ordered(point.generator()).squared, point.prior()
-    return float(options.data_weight * robust_cost(squared, options.cutoff).sum() + prior @ prior)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _WeightedHomography(Generic[Family]):
+    """A homography among its smears (`levenberg_marquardt.Reweighted`): its weights are always its own."""
 
+    family: Family
+    matches: WeightedEnds
+    options: RefineOptions
 
-def _normal_equations(
-    point: Homographies, matches: PlanarEnds, options: RefineOptions
-) -> tuple[Array, Array]:
-    """J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
-    A, tangent = point.generator(), point.tangent()
-    prior, prior_jacobian = point.prior()
-    normal, gradient = prior_jacobian.T @ prior_jacobian, prior_jacobian.T @ prior
-    ordered = matches.ordered(A)
-    weight = options.data_weight * robust_weight(ordered.squared, options.cutoff) / matches.sigma**2
-    shares = ordered.forward_share, 1 - ordered.forward_share
-    one, other = matches.points
-    for pair, share, residual in zip(((one, other), (other, one)), shares, matches.residuals(A), strict=True):
-        J = residual_jacobian(A, tangent, *pair)
-        weighted = (J * (weight * share)).reshape(len(J), -1)
-        normal = normal + weighted @ J.reshape(len(J), -1).T
-        gradient = gradient + weighted @ residual.ravel()
-    return normal, gradient
+    @cached_property
+    def residuals(self) -> Array:
+        """Residuals (2, 2, N), see `transfer_residuals`."""
+        return transfer_residuals(self.family.generator(), self.matches)
+
+    @cached_property
+    def ordered(self) -> OrderedResiduals:
+        """Their lengths in standard deviations."""
+        return lengths_in_sigma(self.residuals, self.matches.sigma)
+
+    @cached_property
+    def cost(self) -> float:
+        """Robust cost of data and prior."""
+        prior, _ = self.family.prior()
+        data = robust_cost(self.ordered.squared, self.options.cutoff).sum()
+        return float(self.options.data_weight * data + prior @ prior)
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
+        A, tangent = self.family.generator(), self.family.tangent()
+        weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
+        share = self.ordered.forward_share
+        first, second, _ = self.matches.orders
+        both = self.options.data_weight * weight * np.stack([share, 1 - share])  # (2, N)
+        return normal_equations(
+            residual_jacobian(A, tangent, first, second).reshape(len(tangent), -1),  # component, order, smear
+            np.swapaxes(self.residuals, 0, 1).ravel(),
+            np.tile(both.ravel(), 2),
+            *self.family.prior(),
+        )
+
+    def moved(self, delta: Array) -> _WeightedHomography[Family]:
+        """Return the homography moved by delta (k,)."""
+        return replace(self, family=self.family.step(delta))
+
+    def reweighted(self) -> _WeightedHomography[Family]:
+        """Return itself."""
+        return self

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.homography import PlanarEnds, PlaneH, refine_homography, velocity_basis
+from blur2view.robust.homography import PlaneH, refine_homography, velocity_basis
 from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
-from blur2view.robust.residuals import RefineOptions, robust_weight
+from blur2view.robust.residuals import RefineOptions, WeightedEnds, robust_weight
 
 FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
 TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
@@ -25,7 +25,7 @@ FINAL_STEPS = 3  # Levenberg-Marquardt steps; the search ends within noise of th
 
 
 def four_smears(basis: Array, displacement: Array) -> Array:
-    """Entries of A for every sample of four smears and sign pattern, to first order.
+    """Return entries of A for every sample of four smears and sign pattern, to first order.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def four_smears(basis: Array, displacement: Array) -> Array:
 
 
 def two_smears(basis: Array, displacement: Array) -> Array:
-    """Entries of A = [w]x, (2 B, 8), from samples of two: (B, 2, 2, 8) and (B, 2, 2); least squares."""
+    """Return entries (2 B, 8) of A = [w]x by least squares from samples of two, as of `four_smears`."""
     return _solve_signed(basis @ ROTATIONS, displacement, TWO_SIGNS) @ ROTATIONS.T
 
 
 def _solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
-    """Least-squares solutions (B P, k) of basis (B, m, 2, k) @ a = +-displacement for P sign patterns."""
+    """Return least-squares solutions (B P, k) of basis (B, m, 2, k) @ a = +-displacement, P sign patterns."""
     rows = basis.reshape(len(basis), -1, basis.shape[-1])  # (B, 2m, k)
     right = (signs[:, :, None] * displacement[:, None]).reshape(len(basis), len(signs), -1)  # (B, P, 2m)
     gram = np.swapaxes(rows, 1, 2) @ rows
@@ -65,10 +65,10 @@ class HomographyEstimator:
     residual |d -+ v|^2 of the better sign is |d|^2 + |v|^2 - 2 |d . v|.
     """
 
-    matches: PlanarEnds
+    matches: WeightedEnds
     quality: Array  # (N,) sampling weights
     cutoff: float
-    camera_known: bool
+    has_camera: bool
 
     @property
     def sample_size(self) -> int:
@@ -100,16 +100,16 @@ class HomographyEstimator:
         return basis, d, (d * d).sum(axis=0)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
-        """Candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
+        """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
         four = weighted_samples(self.quality, 4, samples, rng)
         models = four_smears(self.basis[four], self.displacement[four])
-        if self.camera_known:
+        if self.has_camera:
             two = weighted_samples(self.quality, 2, samples, rng)
             models = np.concatenate([models, two_smears(self.basis[two], self.displacement[two])])
         return models[np.isfinite(models).all(axis=1)]
 
     def residuals(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
-        """Squared residuals (M, n) of the better order in standard deviations."""
+        """Return squared residuals (M, n) of the better order in standard deviations."""
         (bx, by), (dx, dy), squared = self.scaled
         entries = np.asarray(models, np.float32).T
         vx, vy = bx[block] @ entries, by[block] @ entries  # (n, M)
@@ -118,12 +118,12 @@ class HomographyEstimator:
         return value.T
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
-        """MSAC cost (M,)."""
+        """Return MSAC cost (M,)."""
         total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
         return total
 
     def refine(self, model: Array) -> Array:
-        """Few rounds of reweighted least squares, every smear in its better order."""
+        """Return the model after few rounds of reweighted least squares, every smear in its better order."""
         basis, d, squared = self.scaled
         for _ in range(SEARCH_STEPS):
             velocity = basis @ model.astype(np.float32)  # (2, N)
@@ -136,15 +136,15 @@ class HomographyEstimator:
         return model
 
     def shares(self, model: Array) -> tuple[float, float]:
-        """Share of inliers, twice."""
+        """Return the share of inliers, twice."""
         inlier = self.residuals(model[None], np.arange(self.count))[0] < self.cutoff**2
         return float(inlier.mean()), float(inlier.mean())
 
 
 def find_plane(
-    matches: PlanarEnds, cutoff: float, camera_known: bool, rng: np.random.Generator
+    matches: WeightedEnds, cutoff: float, has_camera: bool, rng: np.random.Generator
 ) -> PlaneH | None:
-    """Search the homography that explains most smears, and refine it; None if no sample gave any.
+    """Return the homography that explains most smears, refined; None if no sample gave any.
 
     Raises
     ------
@@ -152,9 +152,7 @@ def find_plane(
         If there are fewer than four smears.
     """
     weights = np.ones(len(matches.ends))
-    estimator = HomographyEstimator(
-        matches=matches, quality=weights, cutoff=cutoff, camera_known=camera_known
-    )
+    estimator = HomographyEstimator(matches=matches, quality=weights, cutoff=cutoff, has_camera=has_camera)
     found = ransac(estimator, SEARCH, rng).model
     if found is None:
         return None

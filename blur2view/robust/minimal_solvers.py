@@ -7,7 +7,7 @@ of vectors a, S follows by the pseudo-inverse of Q, and det F = 0 is one cubic: 
 pattern. Flipping every sign transposes F, so sigma_1 = +1 is enough.
 
 Seven smears fix any F exactly, but one wrong smear in seven spoils them, and noise does too. A photograph's
-camera is roughly known (square pixels, centred, focal length near the image's width) and turns little
+camera is roughly known (square pixels, centred, focal length near the image's width) and rotates little
 during an exposure; then F = [t]x (I + [w]x) to first order, and for every direction t of a grid three
 smears fix w linearly. These starts are approximate; local optimisation makes them exact.
 """
@@ -44,7 +44,7 @@ THREE_SIGNS: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]]
 
 
 def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, np.ndarray]:
-    """Give every F that seven unordered smears admit, for many samples at once.
+    """Return every F that seven unordered smears admit, for many samples at once.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _solve_chunk(ends: Array, signs: Array) -> tuple[Array, np.ndarray]:
 
 
 def _pencils(ends: Array, signs: Array) -> Array:
-    """Give two (S, a) that span all solutions, (B, 9, 2, P), for each sample and pattern (..., 7, P)."""
+    """Return two (S, a) that span all solutions, (B, 9, 2, P), for every sample and pattern."""
     q, skew = quadratic_features(ends)  # (B, 7, 6), (B, 7, 3)
     orthogonal, triangle = np.linalg.qr(q, mode="complete")
     diagonal = np.abs(np.diagonal(triangle[:, : SAMPLE_SIZE - 1], axis1=1, axis2=2))
@@ -125,7 +125,7 @@ def _pencils(ends: Array, signs: Array) -> Array:
 
 
 def _determinant_cubic(pencil: Array) -> Array:
-    """Coefficients (4, n) of det F(alpha, beta) in alpha^3 ... beta^3, for two (S, a) of shape (2, 9, n)."""
+    """Return coefficients (4, n) of det F(alpha, beta) in alpha^3 ... beta^3, for two (S, a), (2, 9, n)."""
     one, other = pencil
     at = [_determinant(*value) for value in (one, other, one + other, one - other)]
     even, odd = 0.5 * (at[2] + at[3]), 0.5 * (at[2] - at[3])  # c0 + c2, c1 + c3
@@ -135,7 +135,7 @@ def _determinant_cubic(pencil: Array) -> Array:
 def _determinant(
     s11: Array, s12: Array, s13: Array, s22: Array, s23: Array, s33: Array, x: Array, y: Array, z: Array
 ) -> Array:
-    """Evaluate det(S + [a]x) = det S + a^T S a."""
+    """Return det(S + [a]x) = det S + a^T S a."""
     det = s11 * (s22 * s33 - s23 * s23) - s12 * (s12 * s33 - s23 * s13) + s13 * (s12 * s23 - s22 * s13)
     row1, row2, row3 = s11 * x + s12 * y + s13 * z, s12 * x + s22 * y + s23 * z, s13 * x + s23 * y + s33 * z
     total: Array = det + x * row1 + y * row2 + z * row3
@@ -143,7 +143,7 @@ def _determinant(
 
 
 def homogeneous_cubic_roots(coefficients: Array) -> tuple[Array, Array]:
-    """Real roots (alpha : beta) of c0 alpha^3 + c1 alpha^2 beta + c2 alpha beta^2 + c3 beta^3.
+    """Return real roots (alpha : beta) of c0 alpha^3 + c1 alpha^2 beta + c2 alpha beta^2 + c3 beta^3.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def homogeneous_cubic_roots(coefficients: Array) -> tuple[Array, Array]:
 
 
 def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
-    """Real roots (3, ...) of x^3 + a x^2 + b x + c by Viete and Cardano, polished; NaN where complex."""
+    """Return real roots (3, ...) of x^3 + a x^2 + b x + c, polished; NaN where complex (Viete, Cardano)."""
     q, r = (a * a - 3 * b) / 9, (a * (2 * a * a - 9 * b) + 27 * c) / 54
     q_cubed = np.maximum(q, 0.0) ** 3
     three = (q >= 0) & (r * r <= q_cubed * (1 + DOUBLE_ROOT_SLACK))
@@ -190,8 +190,10 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
     return roots
 
 
-def turning_hypotheses(ends: Array, directions: Array, limit: Array, signs: Array | None = None) -> Array:
-    """F = [t]x (I + [w]x) for every sample of three smears, direction t and sign pattern.
+def small_rotation_hypotheses(
+    ends: Array, directions: Array, limit: Array, signs: Array | None = None
+) -> Array:
+    """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and sign pattern.
 
     The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
 
@@ -217,14 +219,14 @@ def turning_hypotheses(ends: Array, directions: Array, limit: Array, signs: Arra
     rows = along * p[:, None] - directions[:, None] * (p * p).sum(-1)[:, None, :, None]  # (B, T, 3, 3)
     right = np.einsum("bic,tc->bti", np.cross(x, y), directions)  # (B, T, 3)
     patterns = THREE_SIGNS if signs is None else signs[:, None]
-    turn = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
-    _, direction, _ = kept = np.nonzero((turn / limit) ** 2 @ np.ones(3) <= 1)
-    found: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(turn[kept]))
-    return found
+    rotation = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
+    _, direction, _ = kept = np.nonzero((rotation / limit) ** 2 @ np.ones(3) <= 1)
+    hypotheses: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(rotation[kept]))
+    return hypotheses
 
 
 def _solve_three(rows: Array, right: Array) -> Array:
-    """Solve (..., 3, 3) systems for (..., P, 3) right sides by the adjugate; inf where singular."""
+    """Return solutions of (..., 3, 3) systems for (..., P, 3) right sides; inf where singular."""
     r1, r2, r3 = np.moveaxis(rows, -2, 0)
     adjugate = np.stack([np.cross(r2, r3), np.cross(r3, r1), np.cross(r1, r2)], axis=-2)
     determinant = (r1 * adjugate[..., 0, :]).sum(-1)
@@ -235,7 +237,7 @@ def _solve_three(rows: Array, right: Array) -> Array:
 
 
 def meeting_points(ends: Array) -> Array:
-    """Give the unit homogeneous points (B, 3) in which the lines of two smears, ends (B, 2, 2, 2), meet.
+    """Return the unit homogeneous points (B, 3) where the lines of two smears (B, 2, 2, 2) meet.
 
     Two parts of one line meet everywhere; the answer is then some point or zero.
     """

@@ -2,7 +2,7 @@
 
 Three nested families describe a blurred photograph: `TranslationF` (2 parameters: all smears meet in the
 epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends,
-square pixels, principal point near the centre, turning little) and `GeneralF` (all 7). Coordinates are
+square pixels, principal point near the centre, a small rotation) and `GeneralF` (all 7). Coordinates are
 normalised.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.pose import nearest_motion
+from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.rotation import (
     GENERATORS,
     plane_basis,
@@ -33,23 +33,23 @@ class Manifold(Protocol):
         """Number of free parameters."""
 
     def matrix(self) -> Array:
-        """F of shape (3, 3), any scale."""
+        """Return F of shape (3, 3), any scale."""
 
     def tangent(self) -> Array:
-        """dF/dparameters, shape (dimension, 3, 3), at the present point."""
+        """Return dF/dparameters, shape (dimension, 3, 3), at the present point."""
 
     def step(self, delta: Array) -> Self:
-        """Give the point reached by moving delta (dimension,) along the tangents."""
+        """Return the point reached by moving delta (dimension,) along the tangents."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (m,) in standard deviations and their Jacobian (m, dimension); m may be 0."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, dimension)."""
 
     def motion(self) -> tuple[Array, Array]:
-        """Rotation vector and translation (3,) of a camera with K near the identity, for `depth`."""
+        """Return rotation vector and translation (3,) of a camera with K near the identity."""
 
 
 def no_prior(dimension: int) -> tuple[Array, Array]:
-    """Give the prior of a family that has none."""
+    """Return the prior of a family that has none: no residuals."""
     return np.zeros(0), np.zeros((0, dimension))
 
 
@@ -65,23 +65,23 @@ class TranslationF:
         return 2
 
     def matrix(self) -> Array:
-        """F of shape (3, 3)."""
+        """Return F of shape (3, 3)."""
         return cross_matrix(self.epipole)
 
     def tangent(self) -> Array:
-        """Give dF of shape (2, 3, 3)."""
+        """Return dF of shape (2, 3, 3)."""
         return cross_matrix(plane_basis(self.epipole))
 
     def step(self, delta: Array) -> TranslationF:
-        """Move the epipole on the sphere."""
+        """Return the point with the epipole moved on the sphere."""
         return TranslationF(epipole=step_on_sphere(self.epipole, delta))
 
     def prior(self) -> tuple[Array, Array]:
-        """Give no prior."""
+        """Return no residuals."""
         return no_prior(2)
 
     def motion(self) -> tuple[Array, Array]:
-        """No rotation, and the epipole."""
+        """Return no rotation, and the epipole."""
         return np.zeros(3), self.epipole
 
 
@@ -100,7 +100,7 @@ class GeneralF:
 
     @classmethod
     def from_matrix(cls, F: Array) -> GeneralF:
-        """Start at the rank-2 matrix nearest to F."""
+        """Return the rank-2 matrix nearest to F."""
         U, singular, Vt = np.linalg.svd(F)
         return cls(U=U, V=Vt.T, angle=float(np.arctan2(singular[1], singular[0])))
 
@@ -113,30 +113,30 @@ class GeneralF:
         return np.diag([np.cos(self.angle), np.sin(self.angle), 0.0])
 
     def matrix(self) -> Array:
-        """F of shape (3, 3), unit norm."""
+        """Return F of shape (3, 3), unit norm."""
         return self.U @ self._diagonal() @ self.V.T
 
     def tangent(self) -> Array:
-        """Give dF of shape (7, 3, 3): three turns of U, three of V, the angle."""
+        """Return dF of shape (7, 3, 3): rotations of U, rotations of V, the angle."""
         middle = self._diagonal()
-        turn = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
-        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, turn[None]])
+        derivative = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, derivative[None]])
         moved: Array = self.U @ inner @ self.V.T
         return moved
 
     def step(self, delta: Array) -> GeneralF:
-        """Turn U and V, change the angle."""
+        """Return the point with U and V rotated and the angle changed."""
         U, V = self.U @ rotation_matrix(delta[:3]), self.V @ rotation_matrix(delta[3:6])
         return GeneralF(U=U, V=V, angle=self.angle + float(delta[6]))
 
     def prior(self) -> tuple[Array, Array]:
-        """Give no prior."""
+        """Return no residuals."""
         return no_prior(7)
 
     def motion(self) -> tuple[Array, Array]:
-        """Motion of the nearest essential matrix, of its two rotations the smaller."""
-        R, t = nearest_motion(self.matrix())
-        return rotation_vector(R), t
+        """Return the motion of the nearest essential matrix, of its two rotations the smaller."""
+        rotations, t = essential_motions(self.matrix())
+        return rotation_vector(rotations[0]), t
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +185,7 @@ class CameraF:
         return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
 
     def _inverse_tangent(self) -> Array:
-        """d(K^-1) of shape (3, 3, 3) in log g, cx, cy."""
+        """Return d(K^-1) of shape (3, 3, 3) in log g, cx, cy."""
         g = np.exp(self.log_focal)
         cx, cy = self.principal
         tangent = np.zeros((3, 3, 3))
@@ -194,22 +194,22 @@ class CameraF:
         return tangent
 
     def matrix(self) -> Array:
-        """F of shape (3, 3), not of unit norm."""
+        """Return F of shape (3, 3), not of unit norm."""
         inverse = self._inverse()
         return inverse.T @ cross_matrix(self.t) @ self.R @ inverse
 
     def tangent(self) -> Array:
-        """Give dF of shape (8, 3, 3)."""
+        """Return dF of shape (8, 3, 3)."""
         inverse, cross = self._inverse(), cross_matrix(self.t)
         E = cross @ self.R
         moved = inverse.T @ cross_matrix(plane_basis(self.t)) @ self.R @ inverse
-        turned = inverse.T @ cross @ GENERATORS @ self.R @ inverse
+        rotated = inverse.T @ cross @ GENERATORS @ self.R @ inverse
         changed = self._inverse_tangent()
         lens = np.swapaxes(changed, 1, 2) @ E @ inverse + inverse.T @ E @ changed
-        return np.concatenate([moved, turned, lens])
+        return np.concatenate([moved, rotated, lens])
 
     def step(self, delta: Array) -> CameraF:
-        """Move t on the sphere, turn R from the left, change the camera."""
+        """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
         return replace(
             self,
             t=step_on_sphere(self.t, delta[:2]),
@@ -219,22 +219,22 @@ class CameraF:
         )
 
     def prior(self) -> tuple[Array, Array]:
-        """Residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
+        """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
         lens = self.spread.log_focal, self.spread.principal, self.spread.principal
         weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        turn = rotation_vector(self.R) - self.spread.centre
-        value = np.concatenate([turn, [self.log_focal], self.principal])
+        rotation = rotation_vector(self.R) - self.spread.centre
+        value = np.concatenate([rotation, [self.log_focal], self.principal])
         return value * weight, np.eye(6, 8, 2) * weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:
-        """Its rotation vector and translation; the offset of K from the identity is left out."""
+        """Return its rotation vector and translation; the offset of K from the identity is left out."""
         return rotation_vector(self.R), self.t
 
 
 def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
-    """Start at the pose of least rotation that F has for the assumed camera (K = identity).
+    """Return the pose of least rotation that F has for the assumed camera (K = identity).
 
     F need not be an essential matrix: it is brought to the nearest one.
     """
-    R, t = nearest_motion(F)
-    return CameraF(t=t, R=R, spread=spread)
+    rotations, t = essential_motions(F)
+    return CameraF(t=t, R=rotations[0], spread=spread)

@@ -1,4 +1,4 @@
-"""The smears of one image as a robust problem: coordinates, standard deviations, independence."""
+"""The smears of one image as a robust problem: normalised coordinates and standard deviations."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import denormalise, homogeneous
+from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.sign_components import SignComponents
 
 ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
-TURN_SPREAD = np.array(
-    [1.0, 1.0, 3.0]
-)  # prior of the rotation: smear length over focal length; roll moves less
+# prior of the rotation: smear length over focal length; roll moves points less
+ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
-BLOCKS = 5  # blocks along the longer side in which residuals are compared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,10 +34,10 @@ class SmearProblem:
         Standard deviation of the Sampson distance in pixels.
     T : ndarray of shape (3, 3)
         Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
-    camera_known : bool
-        Whether T is that of an assumed camera.
+    has_camera : bool
+        Whether T is that of a camera, assumed from the image's size or given.
     independent : float
-        Effective number of independent smears: network errors are alike over tens of pixels.
+        Effective number of independent smears: network errors are correlated over tens of pixels.
     lens : (float, float)
         Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
         the intrinsics are known.
@@ -50,7 +48,7 @@ class SmearProblem:
     ends: Array
     sigma_px: Array
     T: Array
-    camera_known: bool
+    has_camera: bool
     independent: float
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
     scale: float = 1.0
@@ -62,7 +60,7 @@ class SmearProblem:
         return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
 
     @property
-    def calibrated(self) -> bool:
+    def intrinsics_known(self) -> bool:
         """Whether the intrinsics are known."""
         return self.lens == (0.0, 0.0)
 
@@ -92,15 +90,15 @@ class SmearProblem:
     @property
     def prior(self) -> CameraPrior:
         """What an ordinary camera does while smears of this length arise."""
-        x, y, z = TURN_SPREAD * float(np.median(self.length_px)) / self.unit_px
+        x, y, z = ROTATION_SPREAD * float(np.median(self.length_px)) / self.unit_px
         return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
 
     def rescaled(self, factor: float) -> SmearProblem:
-        """Give the problem with all standard deviations multiplied by a factor."""
+        """Return the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
 
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
-        """Give the problem of some smears; the share of independent ones stays."""
+        """Return the problem of some smears; the share of independent ones stays."""
         ends = self.ends[index]
         independent = self.independent * len(ends) / len(self.ends)
         components = None if self.components is None else self.components.subset(index)
@@ -109,12 +107,12 @@ class SmearProblem:
         )
 
     def pixels(self, F: Array) -> Array:
-        """F of pixel coordinates, unit norm, from F of normalised ones."""
+        """Return F of pixel coordinates, unit norm, from F of normalised ones."""
         return denormalise(F, self.T)
 
 
 def assumed_camera(image_size: tuple[float, float]) -> Array:
-    """K^-1 (3, 3) of the assumed camera: principal point at the centre, focal 1.2 times the longer side."""
+    """Return K^-1 (3, 3) of the assumed camera: centred, focal length 1.2 times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
     return np.array(
@@ -123,7 +121,7 @@ def assumed_camera(image_size: tuple[float, float]) -> Array:
 
 
 def assumed_camera_of(ends: Array) -> Array:
-    """K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
+    """Return K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
     points = ends.reshape(-1, 2)
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), TINY)
     T = assumed_camera((size[0] + 1, size[1] + 1))
@@ -132,14 +130,14 @@ def assumed_camera_of(ends: Array) -> Array:
 
 
 def occupied_blocks(points: Array, block_px: float) -> int:
-    """Count square blocks of this side that hold a point (N, 2)."""
+    """Return the number of square blocks of this side that hold a point (N, 2)."""
     return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
 
 
 def build_problem(
     ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, camera: Camera | None = None
 ) -> SmearProblem:
-    """Normalise smears (N, 2, 2); sigma_px (N,) is that of the Sampson distance, pixels.
+    """Return smears (N, 2, 2) normalised; sigma_px (N,) is that of the Sampson distance, pixels.
 
     Coordinates are those of the camera, for whose undistorted pixels the ends are given, else of an assumed
     one; without an image size none is assumed. Every smear counts as independent until `independent_count`.
@@ -152,43 +150,9 @@ def build_problem(
         ends=ends * np.diag(T)[:2] + T[:2, 2],
         sigma_px=sigma_px,
         T=T,
-        camera_known=camera is not None or image_size is not None,
+        has_camera=camera is not None or image_size is not None,
         independent=float(len(ends)),
     )
     if camera is None:
         return problem
     return replace(problem, lens=(camera.log_focal_sigma, 0.0 if camera.known else CameraPrior.principal))
-
-
-def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
-    """Residuals (N,) in standard deviations whose signs agree where neighbouring smears err alike.
-
-    Every displacement is turned to run along its epipolar line, away from or towards the epipole; its
-    residual across the line is then sign(l) (|l| - |q|).
-    """
-    both = problem.weighted.residuals(F)
-    line = homogeneous(problem.ends.mean(axis=1)) @ F.T
-    d = problem.ends[:, 1] - problem.ends[:, 0]
-    along = d[:, 0] * line[:, 1] - d[:, 1] * line[:, 0]
-    skew, symmetric = 0.5 * (both.forward - both.backward), 0.5 * (both.forward + both.backward)
-    signed: Array = np.sign(along) * np.sign(skew) * (np.abs(skew) - np.abs(symmetric))
-    return signed
-
-
-def independent_count(problem: SmearProblem, F: Array, cutoff: float) -> float:
-    """Effective number of independent smears, from how alike the residuals of F are within blocks.
-
-    The sum of m residuals of variance v has variance m v if they are independent and m^2 v if they agree;
-    the ratio of the two, summed over blocks (a fifth of the points' extent), is the number of smears that
-    make one.
-    """
-    value = coherent_residuals(problem, F)
-    value = np.where(np.abs(value) < cutoff, value, 0.0)
-    middle = problem.ends.mean(axis=1)
-    block = np.floor((middle - middle.min(axis=0)) / (np.ptp(middle, axis=0).max() / BLOCKS + TINY)).astype(
-        int
-    )
-    _, index = np.unique(block, axis=0, return_inverse=True)
-    sums = np.bincount(index.ravel(), weights=value)
-    cluster = float(sums @ sums) / max(float(value @ value), TINY)
-    return len(value) / max(cluster, 1.0)

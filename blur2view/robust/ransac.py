@@ -35,16 +35,16 @@ class Estimator(Protocol):
         """Number of data."""
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Models:
-        """Draw minimal samples and give all models of all of them, possibly none."""
+        """Return all models of newly drawn minimal samples, possibly none."""
 
     def score(self, models: Models, block: NDArray[np.int_]) -> NDArray[Any]:
-        """Cost (M,) of every model summed over the data of a block; less is better."""
+        """Return the cost (M,) of every model summed over the data of a block; less is better."""
 
     def refine(self, model: Models) -> Models:
-        """Give a locally better model, or the same one."""
+        """Return a locally better model, or the same one."""
 
     def shares(self, model: Models) -> tuple[float, float]:
-        """Share of data that fits (for the stop on fit) and share of inliers (for the confidence)."""
+        """Return the shares of data that fit (for the stop on fit) and of inliers (for the confidence)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class RansacOptions:
     probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
     ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
     models left; ``survivors`` the models of a batch that are scored on all data, of which the best may be
-    refined; ``contenders`` the sampled models that are given back.
+    refined; ``contenders`` the number of sampled models that are returned.
     """
 
     max_iterations: int = 1000
@@ -93,7 +93,7 @@ class RansacResult:
 
 
 def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
-    """Search the model of least cost; deterministic given the state of rng.
+    """Return the model of least cost found; deterministic given the state of rng.
 
     A model is refined when, as sampled, it beats every sampled model before it on all data; refined models
     compete by their cost on all data.
@@ -127,7 +127,7 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
-    """Thin out models on growing blocks of the data until ``options.survivors`` are left, best first.
+    """Return the ``options.survivors`` best models after scoring on growing blocks of the data.
 
     References
     ----------
@@ -147,7 +147,7 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], optio
 def _improve(
     estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]
 ) -> tuple[Models, float]:
-    """Refine a model; give the cheaper of both with its cost."""
+    """Return the cheaper of a model and its refinement, with its cost."""
     refined = estimator.refine(model)
     refined_cost = float(estimator.score(refined[None], order)[0])
     return (refined, refined_cost) if refined_cost < cost else (model, cost)
@@ -156,7 +156,7 @@ def _improve(
 def stop_reason(
     shares: tuple[float, float], iterations: int, estimator: Estimator, options: RansacOptions
 ) -> Stop | None:
-    """Say whether to stop, and why."""
+    """Return why to stop, or None."""
     if iterations < options.min_iterations:
         return None
     fitting, inliers = shares
@@ -168,7 +168,7 @@ def stop_reason(
 
 
 def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
-    """Give log(1 - confidence) / log(1 - w^m): samples needed so that one is surely all inliers."""
+    """Return log(1 - confidence) / log(1 - w^m): samples needed so that one is surely all inliers."""
     good = min(max(inlier_share, 0.0), 1.0) ** sample_size
     if good <= 0:
         return float("inf")
@@ -176,7 +176,7 @@ def needed_iterations(inlier_share: float, sample_size: int, confidence: float) 
 
 
 def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Draw index sets (samples, size) without repetition inside a set, by weight.
+    """Return index sets (samples, size) drawn by weight, without repetition inside a set.
 
     Sets are drawn with repetition; the few that have one are drawn anew without (Gumbel top-k).
 

@@ -1,14 +1,17 @@
-"""Local optimisation: decide each match's order, take a robust sigma-weighted Sampson step, repeat."""
+"""Local optimisation of F: weigh both orders of every match, take a robust Sampson step, repeat."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.geometry.sampson import entry_jacobian
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
 
@@ -17,7 +20,7 @@ NEGLIGIBLE = 1e-4  # weight below which an order of a smear is left out of the n
 
 
 def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, float]:
-    """Minimise data_weight * sum of `WeightedEnds.costs` + |prior|^2 over a family by Levenberg-Marquardt.
+    """Return the minimum of data_weight * sum of `WeightedEnds.costs` + |prior|^2 over a family.
 
     The order of every match, and whether it is an outlier, are weighed anew at every point
     (expectation-maximisation), so nothing is ever fixed but the sign of the translation, which is that of
@@ -27,89 +30,101 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
     Returns
     -------
     point : Manifold
-        The best point met; ``start`` where nothing is better.
+        The cheapest point met; ``start`` where nothing is better.
     cost : float
         Its cost, dimensionless (twice a negative log-likelihood).
     """
-    state, damping = _first_state(start, matches, options), 1e-3
-    best = state
-    for _ in range(options.max_iterations):
-        found = _improving_step(state, matches, options, damping)
-        if found is None:
-            break
-        trial, damping = found
-        gain = state.cost - trial.cost
-        state = _state(trial.point, trial.residuals, matches, options, state.sign)
-        if state.cost < best.cost:  # what depth says has changed with the point, and so has its cost
-            best = state
-        if gain < options.tolerance * trial.cost:
+    plain = matches.residuals(start.matrix(), options.decided)
+    both = (
+        WeightedPoint(point=start, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
+        for sign in (1.0, -1.0)
+    )
+    first = best = min(both, key=lambda state: state.cost)
+    for step in levenberg_marquardt(first, options.max_iterations):
+        if step.point.cost < best.cost:  # the odds by positive depth have changed, and so has the cost
+            best = step.point
+        if step.decrease <= options.tolerance * step.cost:
             break
     return best.point, best.cost
 
 
-@dataclass(frozen=True, kw_only=True)
-class _State(Generic[M]):
-    """A point, its residuals with the odds of both orders, its cost, and the sign of its translation."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linearised:
+    """Residuals of smears in the orders that count, and their derivatives.
+
+    ``jacobian`` (k, n) and ``residual`` (n,) are in standard deviations, ``weight`` (n,) the probability of
+    the order; ``smear`` (n,) indexes the smears.
+    """
+
+    jacobian: Array
+    residual: Array
+    weight: Array
+    smear: NDArray[np.int_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeightedPoint(Generic[M]):
+    """A point of a family with its residuals and the odds of their orders (`Reweighted`).
+
+    ``sign`` is that of the translation, by which positive depth gives odds to the orders.
+    """
 
     point: M
+    matches: WeightedEnds
     residuals: OrderedResiduals
-    cost: float
     sign: float
+    options: RefineOptions
 
+    @cached_property
+    def cost(self) -> float:
+        """Twice the negative log-posterior."""
+        prior, _ = self.point.prior()
+        data = self.matches.costs(self.residuals, self.options).sum()
+        return float(self.options.data_weight * data + prior @ prior)
 
-def _first_state(start: M, matches: WeightedEnds, options: RefineOptions) -> _State[M]:
-    """Give the start with the sign of its translation that explains more."""
-    plain = matches.residuals(start.matrix(), options.decided)
-    states = [_state(start, plain, matches, options, sign) for sign in (1.0, -1.0)]
-    return min(states, key=lambda state: state.cost)
+    @cached_property
+    def inliers(self) -> Array:
+        """Probabilities (N,) of being an inlier."""
+        return self.matches.inlier_shares(self.residuals, self.options)
 
+    @cached_property
+    def order_weights(self) -> Array:
+        """Probabilities (2, N) of being an inlier in one and in the other order."""
+        share = self.residuals.forward_share
+        weights: Array = self.inliers * np.stack([share, 1 - share])
+        return weights
 
-def _state(
-    point: M, residuals: OrderedResiduals, matches: WeightedEnds, options: RefineOptions, sign: float
-) -> _State[M]:
-    """Weigh the orders anew."""
-    if not options.decided:
-        residuals = matches.weigh(residuals, point, options.depth_weight, sign)
-    return _State(point=point, residuals=residuals, cost=_cost(point, residuals, matches, options), sign=sign)
+    def linearised(self, negligible: float = NEGLIGIBLE) -> Linearised:
+        """Return both orders of the smears but those of negligible weight: of most, one cannot be."""
+        weight = self.order_weights.ravel()
+        counted = np.flatnonzero(weight > negligible)
+        first, second, sigma = (array[..., counted] for array in self.matches.orders)
+        tangent = self.point.tangent().reshape(self.point.dimension, 9)
+        return Linearised(
+            jacobian=(tangent @ entry_jacobian(self.point.matrix(), first, second)) / sigma,
+            residual=np.concatenate([self.residuals.forward, self.residuals.backward])[counted],
+            weight=weight[counted],
+            smear=counted % len(self.inliers),
+        )
 
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of data and prior."""
+        data = self.linearised()
+        weight = self.options.data_weight * data.weight
+        return normal_equations(data.jacobian, data.residual, weight, *self.point.prior())
 
-def _improving_step(
-    state: _State[M], matches: WeightedEnds, options: RefineOptions, damping: float
-) -> tuple[_State[M], float] | None:
-    """First damped step that lowers the cost at these odds of the orders, with the next damping, if any."""
-    normal, gradient = normal_equations(state.point, matches, state.residuals, options)
-    ahead, behind = state.residuals.forward_log, state.residuals.backward_log
-    while damping < 1e6:
-        damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
-        point = state.point.step(np.asarray(np.linalg.solve(damped, -gradient), float))
-        there = matches.residuals(point.matrix(), options.decided)
-        there = replace(there, forward_log=ahead, backward_log=behind)
-        trial = replace(state, point=point, residuals=there, cost=_cost(point, there, matches, options))
-        if trial.cost < state.cost:
-            return trial, max(damping / 10, 1e-9)
-        damping *= 10
-    return None
+    def moved(self, delta: Array) -> WeightedPoint[M]:
+        """Return the point moved by delta (k,), the odds of the orders as they are."""
+        point = self.point.step(delta)
+        there = self.matches.residuals(point.matrix(), self.options.decided)
+        ahead, behind = self.residuals.forward_log, self.residuals.backward_log
+        return replace(self, point=point, residuals=replace(there, forward_log=ahead, backward_log=behind))
 
-
-def _cost(
-    point: Manifold, residuals: OrderedResiduals, matches: WeightedEnds, options: RefineOptions
-) -> float:
-    prior, _ = point.prior()
-    return float(options.data_weight * matches.costs(residuals, options).sum() + prior @ prior)
-
-
-def normal_equations(
-    point: Manifold, matches: WeightedEnds, residuals: OrderedResiduals, options: RefineOptions
-) -> tuple[Array, Array]:
-    """J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
-    F, tangent = point.matrix(), point.tangent().reshape(point.dimension, 9)
-    prior, prior_jacobian = point.prior()
-    normal, gradient = prior_jacobian.T @ prior_jacobian, prior_jacobian.T @ prior
-    inlier, share = matches.inlier_shares(residuals, options), residuals.forward_share
-    weight = np.concatenate([inlier * share, inlier * (1 - share)])
-    counted = np.flatnonzero(weight > NEGLIGIBLE)  # most smears have one order that is out of the question
-    first, second, sigma = (array[..., counted] for array in matches.orders)
-    residual = np.concatenate([residuals.forward, residuals.backward])[counted]
-    J = (tangent @ entry_jacobian(F, first, second)) / sigma  # (k, n)
-    weighted = J * (options.data_weight * weight[counted])
-    return normal + weighted @ J.T, gradient + weighted @ residual
+    def reweighted(self) -> WeightedPoint[M]:
+        """Return the same point with the odds that positive depth gives the orders there."""
+        if self.options.decided:
+            return self
+        depth_weight = self.options.depth_weight
+        return replace(
+            self, residuals=self.matches.weigh(self.residuals, self.point, depth_weight, self.sign)
+        )

@@ -15,8 +15,8 @@ from blur2view.robust.parametrization import Manifold
 from blur2view.smears.sign_components import SignComponents
 
 LOG_2 = float(np.log(2.0))
-VOTE, MAJORITY = 3.0, 4.0  # most that one smear, and its whole component, say on an order: log-odds
-DEPTH_TRUST = 0.25  # share of independent smears at which what depth says counts half
+VOTE, MAJORITY = 3.0, 4.0  # most that one smear, and its whole component, weigh on an order: log-odds
+DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class RefineOptions:
     """How `refine` works.
 
     ``max_iterations`` steps at most; ``cutoff`` the residual, in standard deviations, at which a match is as
-    likely an outlier as an inlier, unless the matches say more (`WeightedEnds.chance`); ``data_weight`` the
+    likely an outlier as an inlier, unless the matches know more (`WeightedEnds.chance`); ``data_weight`` the
     share of independent matches (effective over actual number), which tempers the data against the prior;
     ``tolerance`` the relative decrease of the cost that ends the search; ``decided`` takes each match's
     better order for granted (see `OrderedResiduals`).
@@ -38,7 +38,7 @@ class RefineOptions:
 
     @property
     def depth_weight(self) -> float:
-        """How much positive depth says on the orders, in (0, 1).
+        """Weight of positive depth's odds of the orders, in (0, 1).
 
         Errors that neighbours share mislead about depth as they do about F: on network smears of rendered
         photographs, of which one in thirty is independent, the median rho was 0.049 with full odds, 0.039 so.
@@ -53,11 +53,11 @@ class RefineOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderedResiduals:
-    """Residuals of every smear in both orders, in standard deviations, and what they say about its order.
+    """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
 
     ``forward`` and ``backward`` (N,) are the residuals of ends[:, 0] first and ends[:, 1] first;
-    ``forward_log`` and ``backward_log`` the logarithms of what both orders are given before looking at the
-    residuals: log(1/2), or what positive depth says (`depth`). Twice the negative log-likelihood of a smear
+    ``forward_log`` and ``backward_log`` the logarithms of both orders' probabilities before looking at the
+    residuals: log(1/2), or by positive depth (`depth`). Twice the negative log-likelihood of a smear
     is -2 log(P(f) exp(-forward^2 / 2) + P(b) exp(-backward^2 / 2)): at even odds, deciding an order costs
     2 log 2 and is only worth it where the orders differ by more than the noise. ``decided`` takes the better
     order for granted instead, as SErrMin does: right for a search at unknown noise, but it rewards any S as
@@ -107,7 +107,7 @@ class WeightedEnds:
     ``sigma`` is the standard deviation of the Sampson distance. ``chance`` is the density of an outlier's
     residual over that of an inlier at zero, times the odds of being one (default: half an inlier at the
     options' cutoff). ``along`` is the standard deviation of a displacement's component along its epipolar
-    line; where it is given, positive depth speaks on the orders, in coordinates with K near the identity.
+    line; where it is given, positive depth gives odds of the orders, in coordinates with K near the identity.
     """
 
     ends: Array  # (N, 2, 2)
@@ -130,42 +130,42 @@ class WeightedEnds:
         return 0.5 * (one + other), other - one
 
     def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
-        """Residuals under F (3, 3) in both orders, which are equally likely beforehand."""
+        """Return residuals under F (3, 3) in both orders, which are equally likely beforehand."""
         first, second, sigma = self.orders
         forward, backward = (residual_parts(F, first, second)[0] / sigma).reshape(2, -1)
         return OrderedResiduals(forward=forward, backward=backward, decided=decided)
 
     def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
-        """Give residuals the odds that positive depth gives the orders under a point of a family.
+        """Return residuals with the odds of the orders by positive depth, under a point of a family.
 
         ``sign`` is that of the point's translation; ``weight`` in [0, 1] tempers the odds. Nothing changes
         without ``along``.
         """
         if self.along is None:
             return plain
-        turn, t = point.motion()
-        both = parallax_along_lines(turn, sign * t, *self.middle)
+        rotation, t = point.motion()
+        both = parallax_along_lines(rotation, sign * t, *self.middle)
         odds = order_log_odds(*both, self.along)
         ahead, behind = (weight * log + (weight - 1) * LOG_2 for log in odds)
         alone = replace(plain, forward_log=ahead, backward_log=behind)
         if self.components is None:
             return alone
-        company = weight * company_log_odds(self.components, alone)
+        others = weight * component_log_odds(self.components, alone)
         return replace(
             alone,
-            forward_log=ahead - np.logaddexp(0.0, -company) + LOG_2 * (company != 0),
-            backward_log=behind - np.logaddexp(0.0, company) + LOG_2 * (company != 0),
+            forward_log=ahead - np.logaddexp(0.0, -others) + LOG_2 * (others != 0),
+            backward_log=behind - np.logaddexp(0.0, others) + LOG_2 * (others != 0),
         )
 
     def costs(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
-        """Twice the negative log-likelihood (N,), 0 for a perfect inlier, of inliers and outliers mixed."""
+        """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
         chance = self._chance(options)
         likelihood = np.exp(-0.5 * residuals.squared)
         cost: Array = -2 * np.log((likelihood + chance) / (1 + chance))
         return cost
 
     def inlier_shares(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
-        """Probabilities (N,) of being an inlier: the weights of reweighted least squares."""
+        """Return probabilities (N,) of being an inlier: the weights of reweighted least squares."""
         likelihood = np.exp(-0.5 * residuals.squared)
         share: Array = likelihood / (likelihood + self._chance(options))
         return share
@@ -174,28 +174,28 @@ class WeightedEnds:
         return float(np.exp(-0.5 * options.cutoff**2)) if self.chance is None else self.chance
 
 
-def company_log_odds(components: SignComponents, residuals: OrderedResiduals) -> Array:
-    """Log-odds (N,) that the other smears of its component give a smear's order ends[:, 0] first.
+def component_log_odds(components: SignComponents, residuals: OrderedResiduals) -> Array:
+    """Return log-odds (N,) of the order ends[:, 0] first, by the other smears of the component.
 
-    They vote with what each says by itself, bounded; a component whose votes contradict each other has no
-    say, so a wrong grouping does little harm.
+    They vote with their own log-odds, bounded; a component whose votes contradict each other has
+    none, so a wrong grouping does little harm.
     """
     label, sign = components.label, components.sign
     ahead, behind = residuals.log_likelihoods
     vote = np.clip(ahead - behind, -VOTE, VOTE) * sign
-    total, spoken = np.bincount(label, vote), np.bincount(label, np.abs(vote))
-    unity = np.maximum(2 * np.abs(total) / np.maximum(spoken, TINY) - 1, 0.0)
+    total, cast = np.bincount(label, vote), np.bincount(label, np.abs(vote))
+    unity = np.maximum(2 * np.abs(total) / np.maximum(cast, TINY) - 1, 0.0)
     odds: Array = np.clip(total[label] - vote, -MAJORITY, MAJORITY) * unity[label] * sign
     return odds
 
 
 def robust_cost(squared: Array, cutoff: float) -> Array:
-    """Geman-McClure c / (1 + c / cutoff^2) of squared residuals: c when small, cutoff^2 at most."""
+    """Return Geman-McClure c / (1 + c / cutoff^2) of squared residuals: c when small, cutoff^2 at most."""
     bounded: Array = squared / (1 + squared / cutoff**2)
     return bounded
 
 
 def robust_weight(squared: Array, cutoff: float) -> Array:
-    """Give the derivative (1 + c / cutoff^2)^-2 of `robust_cost`: the weight of reweighted least squares."""
+    """Return the derivative (1 + c / cutoff^2)^-2 of `robust_cost`, the weight in least squares."""
     weight: Array = 1 / (1 + squared / cutoff**2) ** 2
     return weight

@@ -22,7 +22,7 @@ class SmearField:
         Standard deviation of the end-point error |d - d*|, in pixels; not negative.
     sigma_rad : ndarray of shape (H, W), float32, optional
         Standard deviation of the smear's direction, radians; not negative. None where the network does not
-        tell.
+        predict it.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class SmearField:
 
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
-    """Map d to |d| (cos 2phi, sin 2phi), where d and -d agree.
+    """Return |d| (cos 2phi, sin 2phi) of d, the same for d and -d.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def to_double_angle(displacement: ArrayLike) -> Floats:
 
 
 def from_double_angle(double_angle: ArrayLike) -> Floats:
-    """Invert :func:`to_double_angle`, choosing phi in (-90, 90] degrees.
+    """Return the inverse of :func:`to_double_angle`, phi in (-90, 90] degrees.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64
 
 
 def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Resample a grid of cells to pixels, bilinearly, cell j's centre at pixel stride*j + (stride-1)/2.
+    """Return a grid of cells resampled to pixels, cell j's centre at pixel stride*j + (stride-1)/2.
 
     Directions must be in double angle: averaging d and -d would cancel them. Outside the outermost
     centres the nearest cell continues.

@@ -29,9 +29,9 @@ class SmearMatches:
     still_share : float
         Share of the measurable image that shows no motion, in [0, 1].
     sure_share : float
-        Share of the image in which the direction of blur can be told, in [0, 1].
+        Share of the image in which the direction of blur is known, in [0, 1].
     across_px : ndarray of shape (N,), float64, optional
-        Standard deviation of the part of the error across every smear, where the network tells; positive.
+        Standard deviation of the part of the error across every smear, if the network predicts it; positive.
 
     Raises
     ------
@@ -74,10 +74,10 @@ class SmearMatches:
         sigma_px: float | Array = 1.0,
         image_size: tuple[int, int] | None = None,
     ) -> SmearMatches:
-        """Build from two arrays (N, 2) of matched pixels; what their order was is forgotten.
+        """Return the matches of two arrays (N, 2) of matched pixels; their order is dropped.
 
         ``sigma_px`` is that of the displacement, a number or (N,): twice the standard deviation of one
-        coordinate of one point, if both points err alike.
+        coordinate of one point, if both points have equal errors.
         """
         points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
         if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:
@@ -86,11 +86,11 @@ class SmearMatches:
         return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
 
     def __len__(self) -> int:
-        """Give the number of matches."""
+        """Return the number of matches."""
         return len(self.ends)
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:
-        """Only the matches of an index or mask."""
+        """Return the matches of an index or mask."""
         across_px = None if self.across_px is None else self.across_px[index]
         return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
 
@@ -105,7 +105,7 @@ class SmearMatches:
         """Return the matches with sigmas in proportion to the errors across the smears, if these are known.
 
         Their size stays that of the whole error in the median, so that what is believed of smears does not
-        depend on whether the network tells directions.
+        depend on whether the network predicts errors of directions.
         """
         if self.across_px is None or not len(self):
             return self

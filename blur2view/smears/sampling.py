@@ -20,8 +20,8 @@ class SelectOptions:
     ``beta`` the share of the stride-4 grid to keep (the paper: 0.35; 0.45 for driving); ``max_matches`` at
     most, spread over ``cells`` x ``cells`` parts of the image; ``min_length_px`` shorter smears have no
     direction worth the name; ``rank`` "relative" prefers small sigma over length, "absolute" small sigma
-    (which favours short smears), "direction" sure directions (where the network does not tell, as
-    "absolute"); ``sure_rad`` the sigma up to which a direction can be told; ``still_sigma_px`` of a short
+    (which favours short smears), "direction" sure directions (where the network has none, as
+    "absolute"); ``sure_rad`` the sigma up to which a direction counts as known; ``still_sigma_px`` of a short
     smear up to which it shows that nothing moves there.
     """
 
@@ -46,7 +46,7 @@ class SelectOptions:
 
 
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
-    """Turn the surest smears of a field into matches, spread over the image; deterministic.
+    """Return the most certain smears of a field as matches, spread over the image; deterministic.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     Returns
     -------
     SmearMatches
-        Possibly empty (a sharp or constant image), all fields filled in that the network tells.
+        Possibly empty (a sharp or constant image), all fields filled in that the network predicts.
     """
     options = options or SelectOptions()
     smears = GridSmears.of(field)
@@ -86,7 +86,7 @@ class GridSmears:
     points, displacement : ndarray of shape (N, 2)
         Pixels.
     sigma_px, sigma_rad : ndarray of shape (N,)
-        Standard deviations; ``sigma_rad`` is None where the network does not tell.
+        Standard deviations; ``sigma_rad`` is None where the network does not predict it.
     """
 
     points: Array
@@ -96,18 +96,17 @@ class GridSmears:
 
     @classmethod
     def of(cls, field: SmearField) -> GridSmears:
-        """Sample a field."""
+        """Return the smears of a field."""
         return cls.at(field, *grid_pixels(field.shape))
 
     @classmethod
     def at(cls, field: SmearField, rows: NDArray[np.int_], cols: NDArray[np.int_]) -> GridSmears:
-        """Sample a field at pixels (N,)."""
-        told = field.sigma_rad
+        """Return the smears of a field at pixels (N,)."""
         return cls(
             points=np.stack([cols, rows], axis=1).astype(np.float64),
             displacement=field.displacement[rows, cols].astype(np.float64),
             sigma_px=np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3),
-            sigma_rad=None if told is None else told[rows, cols].astype(np.float64),
+            sigma_rad=None if field.sigma_rad is None else field.sigma_rad[rows, cols].astype(np.float64),
         )
 
     @property
@@ -131,18 +130,18 @@ class GridSmears:
 
 
 def error_across(length_px: Array, sigma_rad: Array) -> Array:
-    """Give the standard deviations (N,) of errors across smears, pixels, from lengths and directions."""
+    """Return the standard deviations (N,) of errors across smears, pixels, from lengths and directions."""
     return np.maximum(length_px * sigma_rad, LEAST_ACROSS_PX)
 
 
 def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Rows and columns of the pixels [1::4, 1::4], nearest the centres of the network's cells; flat."""
+    """Return rows and columns of the pixels [1::4, 1::4], nearest the centres of the cells; flat."""
     rows, cols = np.mgrid[min(1, shape[0] - 1) : shape[0] : STRIDE, min(1, shape[1] - 1) : shape[1] : STRIDE]
     return rows.ravel(), cols.ravel()
 
 
 def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDArray[np.int_]:
-    """Choose at most max_matches of the points (N, 2), best first, taking turns between the cells.
+    """Return at most max_matches of the points (N, 2), best first, from each cell in turn.
 
     Returns
     -------
@@ -153,14 +152,14 @@ def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDA
     cell = (points / size * options.cells).astype(int) @ np.array([1, options.cells])
     order = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[order], cell[order])
-    turn = np.empty(len(points), int)
-    turn[order] = np.arange(len(points)) - start  # rank within the cell
-    chosen: NDArray[np.int_] = np.argsort(turn, kind="stable")[: options.max_matches]
+    rank = np.empty(len(points), int)
+    rank[order] = np.arange(len(points)) - start  # rank within the cell
+    chosen: NDArray[np.int_] = np.argsort(rank, kind="stable")[: options.max_matches]
     return chosen
 
 
 def _still_share(length: Array, sigma: Array, options: SelectOptions) -> float:
-    """Share of the measurable smears (sure to half their length, or to still_sigma_px) that are too short."""
+    """Return the share of the measurable smears (certain to half their length, or a sigma) that are short."""
     measurable: NDArray[Any] = sigma <= np.maximum(0.5 * length, options.still_sigma_px)
     still = measurable & (length < options.min_length_px)
     return float(still.sum() / max(measurable.sum(), 1))

@@ -1,7 +1,7 @@
 """Sign components: groups of smears whose relative order is certain, so that each has one unknown sign.
 
-Smears of one surface that are near each other have nearly the same displacement, up to the sign nobody
-knows. An edge joins two near smears whose displacements agree up to sign; it is certain where the smears
+Smears of one surface that are near each other have nearly the same displacement, up to the unknown
+sign. An edge joins two near smears whose displacements agree up to sign; it is certain where the smears
 around both agree with both, which chance agreements (outliers) and the borders of layers lack. Components of
 certain edges then merge where they touch and most pairs across agree. A component in which the signs
 contradict each other (around a cycle) falls back to fewer edges. Near and far layers may move oppositely, so
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sign_graph import Edges, Labels, balanced, connected, near_pairs, support
+from blur2view.smears.sign_graph import Edges, Labels, connected, consistent_signs, near_pairs, support
 
 BLOCK = 4  # side, in distances that count as near, of the blocks that a contradictory component falls into
 
@@ -72,7 +72,7 @@ class SignComponents:
     label : ndarray of int, shape (N,)
         The component of every smear, 0 to count - 1, largest first.
     sign : ndarray of shape (N,)
-        +1 or -1: displacements times sign are alike oriented inside a component.
+        +1 or -1: displacements times sign are equally oriented inside a component.
     """
 
     label: Labels
@@ -86,7 +86,7 @@ class SignComponents:
             raise ValueError("labels must not be negative, signs must be +1 or -1")
 
     def __len__(self) -> int:
-        """Give the number of smears."""
+        """Return the number of smears."""
         return len(self.label)
 
     @property
@@ -100,23 +100,23 @@ class SignComponents:
         return np.bincount(self.label)
 
     def touched(self, samples: NDArray[np.int_]) -> Labels:
-        """Count the components (B,) that index sets (B, m) touch."""
+        """Return the number of components (B,) that index sets (B, m) touch."""
         ordered = np.sort(self.label[samples], axis=1)
         touched: Labels = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1)
         return touched
 
     def subset(self, index: NDArray[np.int_] | NDArray[np.bool_] | slice) -> SignComponents:
-        """Only the smears of an index or mask, relabelled."""
+        """Return the smears of an index or mask, relabelled."""
         return _relabelled(self.label[index], self.sign[index])
 
 
 def no_components(count: int) -> SignComponents:
-    """Give every smear a component of its own: no order is known of any other."""
+    """Return a component for every smear: no order is known of any other."""
     return SignComponents(label=np.arange(count), sign=np.ones(count))
 
 
 def sign_components(matches: SmearMatches, options: ComponentOptions | None = None) -> SignComponents:
-    """Group smears whose relative order is certain.
+    """Return groups of smears whose relative order is certain.
 
     Parameters
     ----------
@@ -139,16 +139,16 @@ def sign_components(matches: SmearMatches, options: ComponentOptions | None = No
     certain = edges.only((both >= options.min_common) & (both >= options.min_common_share * either))
     limit = _limit(certain, options)
     certain = certain.only(certain.difference < limit)
-    label, sign = balanced(_rungs(certain, points, radius, limit), count)
+    label, sign = consistent_signs(_ever_fewer(certain, points, radius, limit), count)
     touching = np.concatenate([near, _far_pairs(points, radius, options)], axis=1)
     edges = Edges.between(matches.displacement, touching, limit)
-    joined, flip = balanced([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
+    joined, flip = consistent_signs([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
     parted = _parted(joined[label], edges, matches.length_px, options)
     return _relabelled(parted, sign * flip[label])
 
 
 def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Labels:
-    """Give the pairs (2, E) that are near among every ``sparse``-th point alone."""
+    """Return the pairs (2, E) that are near among every ``sparse``-th point alone."""
     sparse = np.arange(0, len(points), options.sparse)
     if len(sparse) < 2:
         return np.zeros((2, 0), int)
@@ -159,14 +159,14 @@ def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Label
 
 
 def _limit(certain: Edges, options: ComponentOptions) -> float:
-    """Tighten the difference that agrees to what is usual on surfaces."""
+    """Return the greatest difference that agrees, tightened to what is usual on surfaces."""
     if not len(certain.i):
         return options.max_difference
     usual = options.usual * float(np.median(certain.difference))
     return float(np.clip(usual, options.floor, options.max_difference))
 
 
-def _rungs(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
+def _ever_fewer(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
     """Yield fewer and fewer edges, for components that contradict themselves; at last only inside blocks."""
     yield certain
     halved = certain.only(certain.difference < 0.5 * limit)
@@ -190,7 +190,7 @@ class SamplePatterns:
 def sample_patterns(
     components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
 ) -> list[SamplePatterns]:
-    """Give the sign patterns that components leave for every sample, grouped by their number.
+    """Return the sign patterns that components leave for every sample, grouped by their number.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def sample_patterns(
 
 
 def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: ComponentOptions) -> Edges:
-    """Edges between components that, where they touch, mostly agree in one relative sign."""
+    """Return edges between components that, where they touch, mostly agree in one relative sign."""
     count = int(label.max()) + 1
     across = np.flatnonzero(label[edges.i] != label[edges.j])
     i, j = edges.i[across], edges.j[across]
@@ -246,9 +246,9 @@ def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: Comp
 
 
 def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
-    """Part components whose long smears hang together by short ones alone.
+    """Return labels in which components joined by short smears alone are split.
 
-    Where the motion passes through zero it turns round, but smears on both sides look alike. Long is a smear
+    Where the motion passes through zero it reverses, but smears on both sides look the same. Long is a smear
     of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
     component do not count.
     """
@@ -256,8 +256,8 @@ def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOpt
     order, sizes = np.lexsort((length_px, label)), np.bincount(label, minlength=count)
     quartile = length_px[order][np.cumsum(sizes) - 1 - sizes // 4]
     long = length_px >= options.valley * quartile[label]
-    alike = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
-    part = connected(edges.i[alike], edges.j[alike], len(label))
+    joined = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
+    part = connected(edges.i[joined], edges.j[joined], len(label))
     size = np.bincount(part, weights=long)
     whole = np.zeros(len(size), int)
     whole[part] = label
@@ -271,7 +271,7 @@ def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
 
 
 def _relabelled(label: Labels, sign: Array) -> SignComponents:
-    """Name components 0, 1, ... by falling size."""
+    """Return the components labelled 0, 1, ... by falling size."""
     _, index, sizes = np.unique(label, return_inverse=True, return_counts=True)
     rank = np.empty(len(sizes), int)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))

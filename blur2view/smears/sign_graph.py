@@ -1,6 +1,6 @@
 """A graph of smears that agree up to sign: who is near whom, which edges are certain, what they connect.
 
-Two smears agree when their displacements are alike up to sign. An edge is supported when the smears around
+Two smears agree when their displacements agree up to sign. An edge is supported when the smears around
 both agree with both; chance agreements (outliers) and the borders of layers lack that. Components come from
 the graph's double cover, in which every node is there as it is and flipped: the two copies meet exactly where
 the signs around a cycle contradict each other.
@@ -24,7 +24,7 @@ PROBES = 128  # points at which the density is measured
 
 
 def near_pairs(points: Array, neighbours: int) -> tuple[Labels, float]:
-    """Give the pairs (2, E) of points nearer than a distance, and that distance.
+    """Return the pairs (2, E) of points nearer than a distance, and that distance.
 
     Within it a typical point has ``neighbours`` others. Where the density varies a lot, every point's nearest
     ``neighbours`` others are taken instead, so that E stays at most N neighbours.
@@ -59,7 +59,7 @@ class Edges:
 
     @classmethod
     def between(cls, displacement: Array, pairs: Labels, max_difference: float) -> Edges:
-        """Keep the pairs whose displacements agree up to sign."""
+        """Return the edges of pairs whose displacements agree up to sign."""
         i, j = pairs
         x, y = displacement.T
         squared = x * x + y * y
@@ -72,12 +72,12 @@ class Edges:
         )
 
     def only(self, kept: NDArray[np.bool_]) -> Edges:
-        """Keep a part."""
+        """Return a part of the edges."""
         return Edges(i=self.i[kept], j=self.j[kept], sign=self.sign[kept], difference=self.difference[kept])
 
 
 def support(points: Array, radius: float, near: Labels, edges: Edges) -> tuple[Labels, Labels]:
-    """Count, per edge, the points near both ends that agree with both, and those that agree with either.
+    """Return, per edge, how many points near both ends agree with both, and how many with either.
 
     ``points`` (N, 2), ``near`` (2, E) all pairs nearer than ``radius``, ``edges`` those that agree.
     """
@@ -92,7 +92,7 @@ def support(points: Array, radius: float, near: Labels, edges: Edges) -> tuple[L
 
 
 def _local_bits(points: Array, radius: float) -> Labels:
-    """Give each point one of 256 numbers, different from those of nearly all points near it.
+    """Return one of 256 numbers for each point, different from those of nearly all points near it.
 
     Points share a number if they are four cells of the given side apart, or crowd by more than 16 in a cell.
     """
@@ -106,7 +106,7 @@ def _local_bits(points: Array, radius: float) -> Labels:
 
 
 def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
-    """Give each node's neighbours as bits, (2, N); two neighbours with one number are miscounted."""
+    """Return each node's neighbours as bits, (2, N); two neighbours with one number are miscounted."""
     count, halves = len(bit), CELLS * CELLS * SLOTS // WORD
     own, name = np.concatenate([i, j]), np.concatenate([bit[j], bit[i]])
     total = np.bincount(name // WORD * count + own, weights=POWERS[name], minlength=count * halves)
@@ -118,7 +118,7 @@ def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
 
 
 def connected(i: Labels, j: Labels, count: int) -> Labels:
-    """Label (count,) the connected components of the undirected graph of edges (i, j)."""
+    """Return labels (count,) of the connected components of the undirected graph of edges (i, j)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -130,7 +130,7 @@ def connected(i: Labels, j: Labels, count: int) -> Labels:
 
 
 def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
-    """Give components of the double cover: labels (N,) of every node as it is, and of it flipped.
+    """Return components of the double cover: labels (N,) of every node as it is, and of it flipped.
 
     The two are equal exactly where a cycle's signs contradict each other.
     """
@@ -140,19 +140,19 @@ def double_cover(edges: Edges, count: int) -> tuple[Labels, Labels]:
     return label[:count], label[count:]
 
 
-def balanced(rungs: Iterable[Edges], count: int) -> tuple[Labels, Array]:
-    """Labels 0, 1, ... and signs from the first edges in which a node's component has no contradiction.
+def consistent_signs(edge_sets: Iterable[Edges], count: int) -> tuple[Labels, Array]:
+    """Return labels 0, 1, ... and signs by the first edges in which a node's component is consistent.
 
-    ``rungs`` are sets of edges, each part of the one before, read as far as needed. What no set settles is
-    alone.
+    ``edge_sets`` are sets of edges, each part of the one before, read as far as needed. A node that no set
+    decides is alone.
     """
-    label, sign, settled = np.arange(count), np.ones(count), np.zeros(count, bool)
-    for rung, edges in enumerate(rungs, start=1):
+    label, sign, decided = np.arange(count), np.ones(count), np.zeros(count, bool)
+    for level, edges in enumerate(edge_sets, start=1):
         kept, flipped = double_cover(edges, count)
-        new = ~settled & (kept != flipped)
-        label[new] = 2 * count * rung + np.minimum(kept, flipped)[new]
+        new = ~decided & (kept != flipped)
+        label[new] = 2 * count * level + np.minimum(kept, flipped)[new]
         sign[new] = np.where(kept < flipped, 1.0, -1.0)[new]
-        settled |= new
-        if settled.all():
+        decided |= new
+        if decided.all():
             break
     return np.unique(label, return_inverse=True)[1], sign

@@ -20,7 +20,7 @@ HELD_OUT_MATCHES = 300
 
 
 def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
-    """Reason to look for no F at all, or None."""
+    """Return the reason to look for no F at all, or None."""
     if matches.still_share > options.max_still_share:
         return (
             f"no motion of the camera: {matches.still_share:.0%} of the measurable image shows no smear "
@@ -28,7 +28,7 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
         )
     if matches.sure_share < options.min_sure_share:
         return (
-            f"no motion: the direction of blur can be told in {matches.sure_share:.1%} of the image "
+            f"no motion: blur has a known direction in {matches.sure_share:.1%} of the image "
             f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
         )
     if len(matches) < options.min_matches:
@@ -37,12 +37,14 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     if median < options.min_length_px:
         return f"no motion: the median smear is {median:.2f} px long, below {options.min_length_px:.2f} px"
     if constant_field(matches):
-        return f"constant field: all smears are alike ({median:.1f} px), which fits any rotation or plane"
+        return (
+            f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
+        )
     return _uncovered(matches, options)
 
 
 def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
-    """Reason if the smears cover so little of the image that they may be one moving object."""
+    """Return the reason if the smears cover too little of the image, or None."""
     if matches.image_size is None:
         return None
     block_px = max(matches.image_size) / options.coverage_blocks
@@ -57,7 +59,7 @@ def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
 
 
 def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
-    """Whether all displacements agree, up to sign, within a share of their length (95 % of them)."""
+    """Return whether all displacements agree, up to sign, within a share of their length (95 % of them)."""
     d = matches.displacement
     reference = d[np.argsort(matches.length_px)[len(d) // 2]]
     difference = np.minimum(np.linalg.norm(d - reference, axis=1), np.linalg.norm(d + reference, axis=1))
@@ -71,7 +73,7 @@ def consensus(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> tuple[bool, str]:
-    """Whether to doubt the F of a fit, and the figures that say so.
+    """Return whether to doubt the F of a fit, and the figures behind it.
 
     F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry. They
@@ -95,7 +97,7 @@ def halves_agreement(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> float:
-    """Refine a fit to each half of the image and test it on the other: mean agreement beyond chance."""
+    """Return the mean agreement beyond chance of each half of the image with a fit to the other."""
     middle = matches.midpoint
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
@@ -117,16 +119,16 @@ def halves_agreement(
 def agreement(
     F: Array, matches: SmearMatches, rng: np.random.Generator, sigma_px: Array | float = 0.0
 ) -> tuple[float, float, float]:
-    """Agreement beyond chance, share of smears that agree with F, share that would by chance.
+    """Return the agreement beyond chance, and the shares of smears that agree with F, and would by chance.
 
     A smear agrees when its residual is within CHANCE_RHO of its length, or within a standard deviation
-    ``sigma_px``; chance is measured on the same smears, each turned at random. Beyond chance:
+    ``sigma_px``; chance is measured on the same smears, each in a random direction. Beyond chance:
     (share - chance) / (1 - chance).
     """
     length = np.maximum(matches.length_px, 1e-9)
     tolerance = np.maximum(CHANCE_RHO * length, sigma_px)
     angle = rng.uniform(0, np.pi, len(matches))
     half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    turned = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
-    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, turned))
+    random = np.stack([matches.midpoint - half, matches.midpoint + half], axis=1)
+    share, chance = (float((np.sqrt(serrmin(F, ends)) < tolerance).mean()) for ends in (matches.ends, random))
     return (share - chance) / max(1 - chance, 1e-9), share, chance

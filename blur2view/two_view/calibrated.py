@@ -15,11 +15,13 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
 from blur2view.geometry.rotation import plane_basis, rotation_matrix, rotation_vector
-from blur2view.geometry.sampson import sampson_jacobian
+from blur2view.robust.independence import autocorrelation, coherent_residuals
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraF, TranslationF
-from blur2view.robust.problem import SmearProblem, coherent_residuals
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
-from blur2view.two_view.calibrated_start import ROUGH_COUNT, translation_search, turning_prior
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.refinement import Linearised, WeightedPoint
+from blur2view.robust.residuals import RefineOptions
+from blur2view.two_view.calibrated_start import ROUGH_COUNT, rotation_prior, translation_search
 
 POSE = 5  # of a camera's parameters, the first: two of t, three of R
 STEPS, ROUGH_STEPS = 16, 6  # of expectation-maximisation, each with one Levenberg-Marquardt step
@@ -28,8 +30,6 @@ AT_REST = 1e-3  # a step below this many standard deviations ends it
 SCALES, ODDS = (0.03, 4.0), (0.01, 3.0)  # limits of the noise's scale, and of the odds of an outlier
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 MISSED = 1.1  # the regions of white noise hold what they should with variances larger by this
-REACH, BINS = 0.3, 12  # of the autocorrelation: distances up to this share of the picture's size
-PAIRS_OF = 500  # smears at most that are paired for it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,151 +42,124 @@ class Noise:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedFit:
-    """A pose at rest among its smears.
+    """A pose among its smears (`levenberg_marquardt.Reweighted`), with the noise estimated beside it.
 
-    ``point`` is the camera (its lens fixed), ``sign`` that of its translation, ``noise`` what was estimated
-    with it, ``cost`` twice the negative log-posterior.
+    ``state`` is the camera (its lens fixed) with the residuals and the odds of the orders under ``noise``.
     """
 
     problem: SmearProblem
-    point: CameraF
-    sign: float
     noise: Noise
-    options: RefineOptions
+    state: WeightedPoint[CameraF]
 
-    @cached_property
-    def matches(self) -> WeightedEnds:
-        """The smears with the noise as estimated.
+    @classmethod
+    def at(
+        cls, problem: SmearProblem, point: CameraF, sign: float, noise: Noise, options: RefineOptions
+    ) -> CalibratedFit:
+        """Return the smears of a problem weighed at a camera, the sign of its translation and a noise.
 
         An outlier's Sampson distance has the density 2^0.5 / (pi length) at zero: its direction is random.
         """
-        given = self.problem.weighted
-        sigma = given.sigma * self.noise.scale
-        length = np.maximum(self.problem.length_px / self.problem.unit_px, TINY)
-        chance = self.noise.outlier_odds * np.minimum(2 / np.pi**0.5 * sigma / length, 1.0)
-        return replace(given, sigma=sigma, chance=chance)
-
-    @cached_property
-    def residuals(self) -> OrderedResiduals:
-        """In both orders, with the odds of both."""
-        plain = self.matches.residuals(self.point.matrix())
-        return self.matches.weigh(plain, self.point, self.options.depth_weight, self.sign)
-
-    @cached_property
-    def inliers(self) -> Array:
-        """Probabilities (N,) of being an inlier."""
-        return self.matches.inlier_shares(self.residuals, self.options)
-
-    @cached_property
-    def order_weights(self) -> Array:
-        """Probabilities (2, N) of being an inlier in one and in the other order."""
-        share = self.residuals.forward_share
-        weights: Array = self.inliers * np.stack([share, 1 - share])
-        return weights
-
-    @cached_property
-    def both(self) -> Array:
-        """Residuals (2, N) in both orders, in standard deviations."""
-        return np.stack([self.residuals.forward, self.residuals.backward])
-
-    def cost_at(self, point: CameraF) -> float:
-        """Twice the negative log-posterior of another point, with the orders' odds of this one."""
-        there = self.matches.residuals(point.matrix())
-        there = replace(
-            there, forward_log=self.residuals.forward_log, backward_log=self.residuals.backward_log
-        )
-        return self._cost(point, there)
+        stated = problem.weighted
+        sigma = stated.sigma * noise.scale
+        length = np.maximum(problem.length_px / problem.unit_px, TINY)
+        chance = noise.outlier_odds * np.minimum(2 / np.pi**0.5 * sigma / length, 1.0)
+        matches = replace(stated, sigma=sigma, chance=chance)
+        plain = matches.residuals(point.matrix())
+        state = WeightedPoint(point=point, matches=matches, residuals=plain, sign=sign, options=options)
+        return cls(problem=problem, noise=noise, state=state.reweighted())
 
     @property
+    def point(self) -> CameraF:
+        """The camera."""
+        return self.state.point
+
+    @property
+    def options(self) -> RefineOptions:
+        """How it is refined."""
+        return self.state.options
+
+    @property
+    def inliers(self) -> Array:
+        """Probabilities (N,) of being an inlier."""
+        return self.state.inliers
+
+    @cached_property
     def cost(self) -> float:
         """Twice the negative log-posterior, of the noise too."""
         noise = 2 * np.log(self.noise.scale * (1 + self.noise.outlier_odds)) * len(self.inliers)
-        chance = -2 * np.log1p(np.asarray(self.matches.chance)).sum()  # costs are 0 for a perfect inlier
-        return self._cost(self.point, self.residuals) + self.options.data_weight * float(noise + chance)
-
-    def _cost(self, point: CameraF, residuals: OrderedResiduals) -> float:
-        prior, _ = point.prior()
-        data = self.matches.costs(residuals, self.options).sum()
-        return float(self.options.data_weight * data + prior @ prior)
+        chance = -2 * np.log1p(np.asarray(self.state.matches.chance)).sum()  # costs are 0 for perfect inliers
+        return self.state.cost + self.options.data_weight * float(noise + chance)
 
     @cached_property
-    def _derivatives(self) -> tuple[Array, Array, Array]:
-        """Gradients (POSE, N) of half the cost by smear, normal matrices (POSE, POSE) of data and prior."""
-        F, tangent = self.point.matrix(), self.point.tangent().reshape(-1, 9)[:POSE]
-        gradient, normal = np.zeros((POSE, len(self.inliers))), np.zeros((POSE, POSE))
-        ends = self.problem.ends
-        for first, second, weight, residual in (
-            (ends[:, 0], ends[:, 1], self.order_weights[0], self.both[0]),
-            (ends[:, 1], ends[:, 0], self.order_weights[1], self.both[1]),
-        ):
-            J = tangent @ sampson_jacobian(F, first, second).reshape(-1, 9).T / self.matches.sigma
-            weighted = J * weight
-            gradient += weighted * residual
-            normal += weighted @ J.T
-        _, prior = self.point.prior()
-        return gradient, normal, (prior.T @ prior)[:POSE, :POSE]
+    def linearised(self) -> Linearised:
+        """Both orders of every smear, those of no weight too: what is sought is the point at rest."""
+        return self.state.linearised(negligible=0.0)
 
-    @property
-    def gradient(self) -> Array:
-        """Gradient (POSE,) of half the cost."""
-        value, jacobian = self.point.prior()
-        total: Array = (
-            self.options.data_weight * self._derivatives[0].sum(axis=1) + (jacobian.T @ value)[:POSE]
-        )
-        return total
-
-    @property
-    def normal(self) -> Array:
-        """Gauss-Newton matrix (POSE, POSE) of half the cost."""
-        _, data, prior = self._derivatives
-        matrix: Array = self.options.data_weight * data + prior
-        return matrix
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return Gauss-Newton's matrix (POSE, POSE) and the gradient (POSE,) of half the cost."""
+        data, (value, jacobian) = self.linearised, self.point.prior()
+        weight = self.options.data_weight * data.weight
+        return normal_equations(data.jacobian[:POSE], data.residual, weight, value, jacobian[:, :POSE])
 
     def moved(self, delta: Array) -> CalibratedFit:
-        """Give the fit with its pose moved along the tangents (POSE,); the noise stays, the orders do not."""
+        """Return the fit with its pose moved along the tangents (POSE,), weights and noise as they are."""
         free = np.concatenate([delta, np.zeros(self.point.dimension - POSE)])
-        return replace(self, point=self.point.step(free))
+        return replace(self, state=self.state.moved(free))
 
-    def with_noise(self) -> CalibratedFit:
-        """Estimate the noise anew from the residuals (one step of expectation-maximisation)."""
-        weights = self.order_weights
+    def reordered(self) -> CalibratedFit:
+        """Return the fit with the orders weighed anew."""
+        return replace(self, state=self.state.reweighted())
+
+    def reweighted(self) -> CalibratedFit:
+        """Return the fit with orders weighed anew, then the noise (a step of expectation-maximisation)."""
+        state = self.state.reweighted()
+        weights, residuals = state.order_weights, state.residuals
         total = max(float(weights.sum()), TINY)
-        scale = self.noise.scale * float(np.sqrt((weights * self.both**2).sum() / total))
+        squared = np.stack([residuals.forward, residuals.backward]) ** 2
+        scale = self.noise.scale * float(np.sqrt((weights * squared).sum() / total))
         odds = (len(self.inliers) - total) / total
         noise = Noise(scale=float(np.clip(scale, *SCALES)), outlier_odds=float(np.clip(odds, *ODDS)))
-        return replace(self, noise=noise)
+        return CalibratedFit.at(self.problem, state.point, state.sign, noise, self.options)
 
     def curvature(self) -> Array:
-        """Second derivative (POSE, POSE) of half the cost, by differences.
+        """Return the second derivative (POSE, POSE) of half the cost, by differences.
 
-        Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt says less.
+        Unlike Gauss-Newton's matrix it knows that a smear whose order or kind is in doubt weighs less.
         """
-        spans = CURVATURE_STEP / np.sqrt(np.diag(self.normal) + TINY)
-        rows = [
-            (self.moved(span * e).gradient - self.moved(-span * e).gradient) / (2 * span)
-            for span, e in zip(spans, np.eye(POSE), strict=True)
-        ]
+        normal, _ = self.normal_equations()
+        spans = CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY)
+        rows = []
+        for span, e in zip(spans, np.eye(POSE), strict=True):
+            ahead, behind = (self.moved(s * e).reordered().normal_equations()[1] for s in (span, -span))
+            rows.append((ahead - behind) / (2 * span))
         matrix = np.array(rows)
         matrix = 0.5 * (matrix + matrix.T)
         least = np.linalg.eigvalsh(matrix)[0]
-        return matrix if least > 0 else self.normal
+        return matrix if least > 0 else normal
 
     def oriented(self) -> OrientedPose:
-        """Pose and order of every match, by positive depth."""
-        plain = self.matches.residuals(self.point.matrix())
-        return oriented_pose(self.point.matrix(), self.problem.ends, plain.forward_share, self.inliers)
+        """Return the pose and the order of every match, by positive depth."""
+        F = self.point.matrix()
+        plain = self.state.matches.residuals(F)
+        return oriented_pose(F, self.problem.ends, plain.forward_share, self.inliers)
+
+    def autocorrelation(self) -> tuple[float, float]:
+        """Return `autocorrelation` of the inliers' residuals: near zero, and the distance of its half."""
+        sure = np.flatnonzero(self.inliers > 0.5)
+        residual = coherent_residuals(self.problem, self.point.matrix())[sure] / self.noise.scale
+        return autocorrelation(residual, self.problem.ends.mean(axis=1)[sure])
 
     @cached_property
-    def alike(self) -> float:
+    def cluster_size(self) -> float:
         """Number of smears that err as one: theirs is the variance of so many times fewer independent ones.
 
-        From the autocorrelation of the residuals: its value near zero, and the distance at which it halves,
-        as of a Gaussian. The problem's count suffices where half of the smears are independent.
+        From the autocorrelation of the residuals, as of a Gaussian; the problem's count, which knows only
+        clusters up to the size of a block, suffices where half of the smears are independent.
         """
         counted = 1 / self.options.data_weight
         if counted < 2:
             return counted
-        near, half = autocorrelation(self)
+        near, half = self.autocorrelation()
         middle = self.problem.ends.mean(axis=1)
         area = float(np.prod(np.ptp(middle, axis=0)))
         cluster = near * len(middle) * 2 * np.pi * (half**2 / (2 * np.log(2))) / max(area, TINY)
@@ -194,47 +167,21 @@ class CalibratedFit:
         return float(len(middle) / max(independent - POSE, 1.0))  # what the pose has taken up cannot be seen
 
     def covariance(self) -> PoseCovariance:
-        """Covariance of the pose: the sandwich of an M-estimator, for errors that neighbours share."""
-        gradient, _, prior = self._derivatives
+        """Return the covariance of the pose: an M-estimator's sandwich, for errors that neighbours share."""
+        data = self.linearised
+        terms = self.options.data_weight * data.jacobian[:POSE] * data.weight * data.residual
+        gradient = np.stack([np.bincount(data.smear, row, len(self.inliers)) for row in terms])  # by smear
+        prior = self.point.prior()[1][:, :POSE]
         sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
-        scatter = self.options.data_weight**2 * MISSED * self.alike * gradient @ gradient.T + prior
+        scatter = MISSED * self.cluster_size * gradient @ gradient.T + prior.T @ prior
         return pose_covariance(self.curvature(), scatter, sign * plane_basis(self.point.t))
 
 
-def autocorrelation(fit: CalibratedFit) -> tuple[float, float]:
-    """Autocorrelation of the inliers' residuals near distance zero, and the distance at which it halves."""
-    sure = np.flatnonzero(fit.inliers > 0.5)
-    sure = sure[:: max(1, len(sure) // PAIRS_OF)]
-    value = coherent_residuals(fit.problem, fit.point.matrix())[sure] / fit.noise.scale
-    value, middle = np.clip(value, -3, 3), fit.problem.ends.mean(axis=1)[sure]
-    one, other = np.triu_indices(len(sure), 1)
-    distance = np.linalg.norm(middle[one] - middle[other], axis=1)
-    width = REACH * float(np.sqrt(np.prod(np.ptp(middle, axis=0)))) / BINS
-    bins = np.minimum((distance / max(width, TINY)).astype(int), BINS)
-    pairs = np.maximum(np.bincount(bins, minlength=BINS + 1), 1)
-    products = np.bincount(bins, weights=value[one] * value[other], minlength=BINS + 1)
-    curve = (products / pairs)[:BINS] / max(float((value**2).mean()), TINY)
-    below = np.flatnonzero(curve < 0.5 * curve[0])
-    return float(np.clip(curve[0], 0, 1)), float((below[0] if len(below) else BINS) + 0.5) * width
-
-
-def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
-    """Alternate a damped Gauss-Newton step of the pose and a step of the noise until both rest."""
-    damping = 1e-3
-    for _ in range(steps):
-        normal, gradient = fit.normal, fit.gradient
-        while damping < 1e6:
-            damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
-            delta = np.asarray(np.linalg.solve(damped, -gradient), float)
-            trial = fit.moved(delta)
-            if fit.cost_at(trial.point) <= fit.cost_at(fit.point):
-                break
-            damping *= 10
-        else:
-            break
-        damping = max(damping / 10, 1e-9)
-        fit = trial.with_noise()
-        if float(np.sqrt(max(delta @ normal @ delta, 0.0))) < AT_REST:
+def converged(fit: CalibratedFit, steps: int) -> CalibratedFit:
+    """Return the fit after steps of the pose, each followed by one of the noise, once both rest."""
+    for step in levenberg_marquardt(fit, steps):
+        fit = step.point
+        if step.sigmas < AT_REST:
             break
     return fit
 
@@ -242,7 +189,7 @@ def settle(fit: CalibratedFit, steps: int) -> CalibratedFit:
 def fit_calibrated(
     problem: SmearProblem, camera: CameraF, simple: TranslationF, options: RefineOptions
 ) -> CalibratedFit:
-    """Fit the pose from the camera that was found, from no rotation, and from a search over translations.
+    """Return the pose fitted from a camera's fit, from no rotation, and from a search over translations.
 
     Parameters
     ----------
@@ -253,23 +200,23 @@ def fit_calibrated(
     options : RefineOptions
         ``cutoff`` and ``data_weight``.
     """
-    spread = turning_prior(problem)
+    spread = rotation_prior(problem)
     centre = np.array(spread.centre)
     R, t = camera.R, camera.t
     if rotation_vector(R) @ centre < 0:  # the other flip of time
         R, t = R.T, -R.T @ t
-    turn, heading = translation_search(problem.ends)
-    searched = rotation_matrix(turn if turn @ centre >= 0 else -turn), heading
+    rotation, heading = translation_search(problem.ends)
+    searched = rotation_matrix(rotation if rotation @ centre >= 0 else -rotation), heading
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
 
     def start(R: Array, t: Array, sign: float) -> CalibratedFit:
         point = CameraF(t=t, R=R, spread=spread)
-        return CalibratedFit(problem=part, point=point, sign=sign, noise=Noise(), options=options)
+        return CalibratedFit.at(part, point, sign, Noise(), options)
 
     def cheapest(*poses: tuple[Array, Array]) -> list[CalibratedFit]:
         return sorted((start(R, t, sign) for R, t in poses for sign in (1.0, -1.0)), key=lambda fit: fit.cost)
 
-    found = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
-    starts = [*found, cheapest(searched)[0]]  # its own cost is high before it settles: it is always tried
-    best = min((settle(start, ROUGH_STEPS) for start in starts), key=lambda fit: fit.cost)
-    return settle(replace(best, problem=problem), STEPS)
+    near = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
+    starts = [*near, cheapest(searched)[0]]  # its own cost is high at first: it is always tried
+    best = min((converged(start, ROUGH_STEPS) for start in starts), key=lambda fit: fit.cost)
+    return converged(CalibratedFit.at(problem, best.point, best.state.sign, best.noise, options), STEPS)

@@ -11,21 +11,22 @@ from __future__ import annotations
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.rotation import half_sphere, plane_basis, turn_flow
+from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import SmearProblem
+from blur2view.robust.reweighted import reweighted_motion
 
 ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
-# Where errors are alike and far below what is stated, as a network's, the noise is not known, and smears tell
-# a turn from a sideways move badly. Then a hand-held camera is assumed: its rotation is this share of the one
-# that explains the smears alone, to within a share of the smears' length over the focal length. On RedKitchen
-# the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to 0.045; on rendered photographs,
-# most of which move rather than turn, rho rose from 0.040 to 0.045.
-ALIKE, STATED = 0.25, 0.3
+# Where errors are correlated and far below what is stated, as a network's, the noise is not known, and smears
+# separate a rotation from a sideways translation badly. Then a hand-held camera is assumed: its rotation is
+# this share of the one that explains the smears alone, to within a share of the smears' length over the
+# focal length. On RedKitchen the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to
+# 0.045; on rendered photographs, most of which translate rather than rotate, rho rose from 0.040 to 0.045.
+CORRELATED, STATED = 0.25, 0.3
 EXACT = 0.022  # errors below this share of the length are not those of a network (the tenth percentile there)
-TURN_SHARE, TURN_SPREAD = 0.75, 0.05
-TURN_STEPS, AXES = 12, 13  # of reweighting, from so many axes
-TURN_ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
+ROTATION_SHARE, ROTATION_SPREAD = 0.75, 0.05
+ROTATION_STEPS, AXES = 12, 13  # of reweighting, from so many axes
+ROTATION_ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
 DIRECTIONS = 80  # half a sphere in steps of about 9 degrees; basins of exact scenes reach as far
 SMEARS = 250  # of which the rotations are found, if there are more: every n-th, so up to twice as many
 RINGS_DEG = (5.0, 2.5, 1.2, 0.6)  # about the best of the grid, and then of each ring
@@ -34,42 +35,33 @@ STEPS = 3  # of reweighting
 LEAST = 1e-3  # share of its length to which a smear is believed at best
 
 
-def turn_alone(problem: SmearProblem) -> Array:
-    """Rotation vector (3,) that explains most smears without translation, robustly; up to sign."""
+def rotation_alone(problem: SmearProblem) -> Array:
+    """Return the rotation vector (3,) that explains most smears without translation; up to sign."""
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
-    d = part.ends[:, 1] - part.ends[:, 0]
-    flow = turn_flow(part.ends.mean(axis=1)).transpose(2, 0, 1)  # (n, 2, 3)
-    squared = np.maximum((d**2).sum(axis=1), TINY)
-    found = [_turn_from(axis, flow, d, squared) for axis in half_sphere(AXES)]
-    return min(found, key=lambda pair: pair[0])[1]
+    d = (part.ends[:, 1] - part.ends[:, 0]).T  # (2, N)
+    length = np.maximum(np.linalg.norm(d, axis=0), TINY)
+    rows = np.swapaxes(rotation_flow(part.ends.mean(axis=1)) / length, 0, 1)  # (3, 2, N)
+    starts = half_sphere(AXES)
+    every = np.broadcast_to(rows, (AXES, *rows.shape)), np.broadcast_to(d / length, (AXES, *d.shape))
+    rotations, missed = reweighted_motion(
+        *every, steps=ROTATION_STEPS, scale=lambda _: ROTATION_ERROR, start=starts, ordered=False
+    )
+    return np.asarray(rotations[int(np.argmin((missed**2 / (missed**2 + ROTATION_ERROR**2)).sum(axis=1)))])
 
 
-def _turn_from(turn: Array, flow: Array, d: Array, squared: Array) -> tuple[float, Array]:
-    """Robust cost and rotation reached from an axis: orders and weights in turn with least squares."""
-    weight, miss = 1 / squared, np.zeros(len(d))
-    for _ in range(TURN_STEPS):
-        sign = np.where(((flow @ turn) * d).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-        normal = np.einsum("n,nij,nik->jk", weight, flow, flow, optimize=True)
-        right = np.einsum("n,nij,ni->j", weight, flow, sign * d, optimize=True)
-        turn = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], float)
-        miss = ((flow @ turn - sign * d) ** 2).sum(axis=1) / squared
-        weight = 1 / squared / (1 + miss / TURN_ERROR**2)
-    return float((miss / (miss + TURN_ERROR**2)).sum()), turn
-
-
-def turning_prior(problem: SmearProblem) -> CameraPrior:
-    """Prior of the rotation: little, or that of a hand-held camera where the noise is not known."""
+def rotation_prior(problem: SmearProblem) -> CameraPrior:
+    """Return the prior of the rotation: small, or a hand-held camera's where the noise is not known."""
     exact = float(np.median(problem.sigma_px / np.maximum(problem.length_px, TINY))) < EXACT
-    if problem.data_weight >= ALIKE or problem.scale >= STATED or exact:
+    if problem.data_weight >= CORRELATED or problem.scale >= STATED or exact:
         return problem.prior
     length = float(np.median(problem.length_px)) / problem.unit_px
-    x, y, z = (TURN_SHARE * turn_alone(problem)).tolist()
-    spread = TURN_SPREAD * length
+    x, y, z = (ROTATION_SHARE * rotation_alone(problem)).tolist()
+    spread = ROTATION_SPREAD * length
     return CameraPrior(rotation=(spread, spread, 3 * spread), log_focal=0.0, principal=0.0, centre=(x, y, z))
 
 
 def translation_search(ends: Array) -> tuple[Array, Array]:
-    """Give the pose under which smears miss their lines least: of a grid, then of ever smaller rings.
+    """Return the pose under which smears miss their lines least: of a grid, then of ever smaller rings.
 
     Parameters
     ----------
@@ -78,26 +70,26 @@ def translation_search(ends: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    turn, t : ndarray of shape (3,)
+    rotation, t : ndarray of shape (3,)
         Rotation vector, to first order, and unit translation; both reversed is the other flip of time.
     """
     ends = ends[:: max(1, len(ends) // SMEARS)]
-    turn, t = _best(half_sphere(DIRECTIONS), ends)
+    rotation, t = _best(half_sphere(DIRECTIONS), ends)
     for radius in np.tan(np.radians(RINGS_DEG)):
         ring = t + radius * RING @ plane_basis(t)
-        turn, t = _best(np.vstack([t, ring / np.linalg.norm(ring, axis=1, keepdims=True)]), ends)
-    return turn, t
+        rotation, t = _best(np.vstack([t, ring / np.linalg.norm(ring, axis=1, keepdims=True)]), ends)
+    return rotation, t
 
 
 def _best(translations: Array, ends: Array) -> tuple[Array, Array]:
-    """Rotation vector and translation that smears miss least."""
-    turns, misses = turns_given(translations, ends)
+    """Return the rotation vector and translation that smears miss least."""
+    rotations, misses = rotations_given(translations, ends)
     best = int(np.argmin(misses))
-    return turns[best], translations[best]
+    return rotations[best], translations[best]
 
 
-def turns_given(translations: Array, ends: Array) -> tuple[Array, Array]:
-    """Find the rotation that goes with each of G translations, by iteratively reweighted least squares.
+def rotations_given(translations: Array, ends: Array) -> tuple[Array, Array]:
+    """Return the rotation that goes with each of G translations, by iteratively reweighted least squares.
 
     Parameters
     ----------
@@ -107,7 +99,7 @@ def turns_given(translations: Array, ends: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    turns : ndarray of shape (G, 3)
+    rotations : ndarray of shape (G, 3)
         Rotation vectors.
     misses : ndarray of shape (G,)
         Mean logarithm of the squared distance of the smears' ends from their lines, over their lengths: the
@@ -116,25 +108,22 @@ def turns_given(translations: Array, ends: Array) -> tuple[Array, Array]:
     middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.maximum(np.hypot(*displacement.T), TINY)
     along, across = unit_lines(translations, middle)  # (G, 2, N)
-    flow = turn_flow(middle) / length
+    flow = rotation_flow(middle) / length
     rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
     unit = displacement.T / length
     outwards = np.where((along * unit).sum(axis=1) >= 0, 1.0, -1.0)
     wanted = outwards * (across * unit).sum(axis=1)  # (G, N)
-    weight = np.ones_like(wanted)
-    for _ in range(STEPS):
-        weighted = rows * weight[:, None]
-        normal = weighted @ rows.transpose(0, 2, 1)
-        normal += np.eye(3) * (1e-9 * np.trace(normal, axis1=1, axis2=2) + TINY)[:, None, None]
-        turns = np.linalg.solve(normal, weighted @ wanted[:, :, None])[:, :, 0]
-        missed = (turns[:, None] @ rows)[:, 0] - wanted
-        spread = 1.4826 * np.median(np.abs(missed), axis=1, keepdims=True) + TINY
-        weight = 1 / (1 + (missed / spread) ** 2)
-    return turns, np.log(missed**2 + LEAST**2).mean(axis=1)
+    rotations, missed = reweighted_motion(rows[:, :, None], wanted[:, None], steps=STEPS, scale=_deviation)
+    return rotations, np.log(missed**2 + LEAST**2).mean(axis=1)
+
+
+def _deviation(missed: Array) -> Array:
+    """Return the robust standard deviation (G, 1) of residuals (G, N)."""
+    return np.asarray(1.4826 * np.median(missed, axis=1, keepdims=True) + 1e-9)
 
 
 def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
-    """Give unit vectors (G, 2, N) along epipolar lines and across them.
+    """Return unit vectors (G, 2, N) along epipolar lines and across them.
 
     Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
     """

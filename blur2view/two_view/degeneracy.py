@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.homography import PlaneH
+from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
@@ -32,13 +33,13 @@ from blur2view.two_view.multiple_motions import (
 )
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
-from blur2view.two_view.planarity import WHITE, gain_needed, judged, planar_ends, whiteness, without_parallax
+from blur2view.two_view.planarity import WHITE, gain_needed, judged, whiteness, without_parallax
 from blur2view.two_view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
 NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; network-like ones have 0.25
 STATED = 0.3  # errors over standard deviations from which these are believed; 0.10 to 0.25 on RedKitchen
-PROVEN = 30.0  # gain that proves parallax among errors that are alike, smears counted as independent
+PROVEN = 30.0  # gain that proves parallax among correlated errors, smears counted as independent
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
 ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
@@ -55,7 +56,7 @@ def assess(
     rng: np.random.Generator,
     doubt: bool = False,
 ) -> Verdict:
-    """Say what the smears show, given every family of F that was fitted.
+    """Return what the smears show, given every model of F that was fitted.
 
     Parameters
     ----------
@@ -73,8 +74,8 @@ def assess(
         sentence = "no motion, the smears are no longer than their errors"
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = rng.permutation(len(matches))[:SAMPLE]
-    part = planar_ends(problem, sample)
-    plane = find_plane(part, cutoff, problem.camera_known, rng)
+    part = problem.subset(sample).weighted
+    plane = find_plane(part, cutoff, problem.has_camera, rng)
     if plane is None and not doubt:
         return Verdict(structure=Structure.PARALLAX, sentence="no homography fits", fit=fit)
     if plane is not None and whiteness(part, plane.generator(), cutoff) >= WHITE:
@@ -95,7 +96,7 @@ def assess(
     verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
     if verdict.structure is Structure.PARALLAX:
         return verdict
-    simplest = [f for f in fits if f.name == "translation"]
+    simplest = [f for f in fits if f.model is MotionModel.TRANSLATION]
     for family in (fit, *simplest):
         if independent_share(problem, family.point.matrix(), backward, cutoff) >= NEARLY_WHITE:
             return among_independent(problem, fit, family, plane)
@@ -104,7 +105,7 @@ def assess(
 
 
 def within_errors(matches: SmearMatches) -> bool:
-    """Whether the shorter smears are as short as errors alone make them, up to half of the smears astray.
+    """Return whether the shorter smears are as short as errors alone make them, up to half astray.
 
     Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
     distributed exponentially with mean 1.
@@ -114,7 +115,7 @@ def within_errors(matches: SmearMatches) -> bool:
 
 
 def collinear(matches: SmearMatches) -> str | None:
-    """Reason if the midpoints lie along one line, which leaves F and H undetermined, or None."""
+    """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
     middle = matches.midpoint - matches.midpoint.mean(axis=0)
     long, short = np.linalg.svd(middle, compute_uv=False) if len(middle) > 1 else (0.0, 0.0)
     if short > LEAST_WIDTH * long:
@@ -125,8 +126,8 @@ def collinear(matches: SmearMatches) -> str | None:
 
 
 def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:
-    """Where ends[:, 1] is the open end under a homography, (N,)."""
-    ordered = planar_ends(problem).ordered(plane.generator())
+    """Return where ends[:, 1] is the open end under a homography, (N,)."""
+    ordered = transfer_orders(plane.generator(), problem.weighted)
     return np.abs(ordered.backward) < np.abs(ordered.forward)
 
 
@@ -138,7 +139,7 @@ def motions_of(
     cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
-    """Give two motions that explain much more than one, or one F that does; None if neither does."""
+    """Return two motions that explain much more than one, or one F that does; None if neither does."""
     F = fit.point.matrix()
     if not suspicious(problem, F, stated_px, backward, cutoff):
         return None
@@ -150,40 +151,42 @@ def motions_of(
 
 
 def several(motions: TwoMotions, evidence: Evidence) -> bool:
-    """Whether two motions are more than an object, than one F explains, and than one homography does."""
+    """Return whether two motions are more than an object, than one F explains, and than one homography."""
     together = motions.first + motions.second
     one_homography = evidence.on_plane > MOSTLY * together
     return motions.balance >= LEAST_BALANCE and motions.single < ENOUGH and not one_homography
 
 
 def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
-    """Name several motions; F is fitted to the smears around which the first fits better."""
+    """Return the verdict of several motions; F is fitted to the smears around which the first fits better."""
     sentence = (
         f"{motions.first:.0%} and {motions.second:.0%} of {len(problem.ends)} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
     )
     own = problem.subset(followers(problem, motions, cutoff))
-    name, points = richer_starts(own, [motions.F[0]])
-    fit = fit_best(name, points, replace(own, independent=float(len(own.ends))), cutoff)
+    model, points = richer_starts(own, [motions.F[0]])
+    fit = fit_best(model, points, replace(own, independent=float(len(own.ends))), cutoff)
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
-    """Give the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
-    name, points = richer_starts(problem, [F])
-    other = fit_best(name, points, problem, cutoff)
+    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
+    model, points = richer_starts(problem, [F])
+    other = fit_best(model, points, problem, cutoff)
     return other if other.score < fit.score else fit
 
 
 def tolerant_evidence(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
 ) -> Evidence:
-    """Evidence for parallax where lengths may err by more than directions, as sigma admits."""
-    found = deviations(plane.generator(), fit.point.matrix(), planar_ends(problem, sample), problem.unit_px)
-    return parallax_evidence(found, 0.5**0.5 * matches.sigma_px[sample])
+    """Return the evidence for parallax where lengths may err by more than directions, as sigma admits."""
+    against = deviations(
+        plane.generator(), fit.point.matrix(), problem.subset(sample).weighted, problem.unit_px
+    )
+    return parallax_evidence(against, 0.5**0.5 * matches.sigma_px[sample])
 
 
 def among_independent(problem: SmearProblem, fit: Fit, white: Fit, plane: PlaneH) -> Verdict:
-    """Judge parallax by a family of F that leaves independent errors: then every smear counts."""
-    found = deviations(plane.generator(), white.point.matrix(), planar_ends(problem), problem.unit_px)
-    return judged(parallax_evidence(found).gain, gain_needed(len(problem.ends)), fit, plane)
+    """Return the verdict by a model of F that leaves independent errors: then every smear counts."""
+    against = deviations(plane.generator(), white.point.matrix(), problem.weighted, problem.unit_px)
+    return judged(parallax_evidence(against).gain, gain_needed(len(problem.ends)), fit, plane)

@@ -10,8 +10,8 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.robust.homography import pixel_homography
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
@@ -21,7 +21,6 @@ from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess, collinear
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
@@ -45,7 +44,7 @@ def estimate_two_view(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
 ) -> TwoViewGeometry:
-    """Estimate F from unordered smears, or say why none can be trusted.
+    """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def estimate_two_view(
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
         (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
-        there is parallax, with H alone where rotation and plane cannot be told apart; MULTIPLE with the F of
+        there is parallax, with H alone where rotation or plane is open; MULTIPLE with the F of
         the motion that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
     """
@@ -75,11 +74,11 @@ def estimate_two_view(
     matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    return with_pose(geometry, matches, problem, fits, options) if problem.calibrated else geometry
+    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
-    """Give the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
+    """Return the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
 
     Raises
     ------
@@ -100,15 +99,15 @@ def with_pose(
     fits: list[Fit],
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
-    """Add E, the pose and its covariance to what was found with known intrinsics."""
+    """Return a geometry of known intrinsics with E, the pose and its covariance."""
     if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
         return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
-    found = {fit.name: fit.point for fit in fits}
-    start, simple = found.get("camera"), found["translation"]
+    points = {fit.model: fit.point for fit in fits}
+    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
     if geometry.F is None or geometry.config is Configuration.MULTIPLE:
         return geometry
     if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(found)}")
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
     refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
     fit = fit_calibrated(problem, start, simple, refinement)
     oriented = fit.oriented()
@@ -123,14 +122,14 @@ def with_pose(
         covariance=fit.covariance(),
         reason=f"{geometry.reason}; E and the pose were then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
-        model="calibrated",
+        model=MotionModel.CALIBRATED,
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
         swapped=oriented.swapped,
     )
 
 
 def rotation_of(H: Array, T: Array) -> RigidTransform:
-    """Give the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
+    """Return the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
     normalised = T @ H @ np.linalg.inv(T)
     U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
     return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
@@ -144,13 +143,13 @@ def judge(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> TwoViewGeometry:
-    """Choose the cheapest family, test it against chance, and against no parallax and several motions."""
+    """Return the cheapest model, tested against chance, no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
-    costs = {fit.name: fit.score for fit in fits}
+    costs = {fit.model: fit.score for fit in fits}
     if verdict.structure is not Structure.SEVERAL:  # whose fit is of some smears only
-        costs[verdict.fit.name] = verdict.fit.score
+        costs[verdict.fit.model] = verdict.fit.score
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
@@ -159,7 +158,7 @@ def judge(
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
-        ordered = planar_ends(problem).ordered(verdict.A)
+        ordered = transfer_orders(verdict.A, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
         swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
         reason = f"{verdict.structure}: {verdict.sentence}"
@@ -179,13 +178,13 @@ def judge(
     )
 
 
-def chosen(verdict: Verdict, scores: tuple[tuple[str, float], ...]) -> str:
-    """Say which family F is from, with the others' costs above its own."""
+def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
+    """Return the clause that names the model of F, with the others' costs above its own."""
     if verdict.structure is Structure.SEVERAL:
         return "F is that of the first"
     own = verdict.fit
-    others = ", ".join(f"{name} {cost - own.score:+.1f}" for name, cost in scores if name != own.name)
-    return f"F is of the {own.name} family (penalised cost of the others: {others})"
+    others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
+    return f"F is of the {own.model} family (penalised cost of the others: {others})"
 
 
 def without_F(
@@ -193,9 +192,9 @@ def without_F(
     config: Configuration,
     reason: str,
     iterations: int = 0,
-    scores: tuple[tuple[str, float], ...] = (),
+    scores: tuple[tuple[MotionModel, float], ...] = (),
 ) -> TwoViewGeometry:
-    """Give the answer that there is no F, with its reason."""
+    """Return the geometry without F, with its reason."""
     none = np.zeros(len(matches), bool)
     return TwoViewGeometry(
         F=None,

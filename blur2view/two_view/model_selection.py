@@ -8,9 +8,11 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
+from blur2view.robust.independence import independent_count
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
-from blur2view.robust.problem import SmearProblem, independent_count
+from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacResult
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
@@ -21,32 +23,36 @@ DISTINCT, STARTS = 0.05, 3  # starts differ by this in an entry of the unit-norm
 ROUGH_TOLERANCE = 3e-4
 SCALE_STEPS = 8  # of expectation-maximisation
 PAIRS = 200  # pairs of smears tried for the two-parameter F's start
-PARAMETERS = {"translation": 2, "camera": 5, "general": 7}
+PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GENERAL: 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
 ODDS_AGAINST_GENERAL = 1e12
-# A camera that does not turn is rare too: at even odds the two-parameter F won a third of the frames of
+# A camera that does not rotate is rare too: at even odds the two-parameter F won a third of the frames of
 # RedKitchen, at a median rho of 0.066 where the camera's had 0.057.
 ODDS_AGAINST_TRANSLATION = 1e3
+ODDS_AGAINST = {
+    MotionModel.GENERAL: ODDS_AGAINST_GENERAL,
+    MotionModel.TRANSLATION: ODDS_AGAINST_TRANSLATION,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fitted family: its name, its point, its penalised cost.
+    """A fitted model: the point of its family, and its penalised cost.
 
     The score is twice a negative log-posterior plus Akaike's penalty, see :func:`fit_best`.
     """
 
-    name: str
+    model: MotionModel
     point: Manifold
     score: float
 
 
 def fit_families(
-    estimator: SmearEstimator, found: RansacResult, rng: np.random.Generator
+    estimator: SmearEstimator, searched: RansacResult, rng: np.random.Generator
 ) -> tuple[SmearProblem, list[Fit]]:
-    """Fit every family from the search's result, on standard deviations rescaled to what is met.
+    """Return every model fitted from the search's result, on standard deviations rescaled to the residuals.
 
     Returns
     -------
@@ -56,32 +62,35 @@ def fit_families(
         The two-parameter F always; the camera where one may be assumed; the general F.
     """
     cutoff, simple = estimator.cutoff, fit_translation(estimator, rng)
-    start = simple.matrix() if found.model is None else found.model
+    start = simple.matrix() if searched.model is None else searched.model
     rough = thinned(estimator.problem)
-    rough = calibrated(rough, start, cutoff)  # the scale of the noise, as the search's F has it
-    name, points = richer_starts(rough, distinct([start, simple.matrix(), *found.contenders]))
-    point = fit_best(name, points, rough, cutoff, ROUGH_STEPS).point
-    problem = calibrated(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
-    fits = [fit_best("translation", [simple], problem, cutoff), fit_best(name, [point], problem, cutoff)]
-    if name != "general":
+    rough = with_measured_noise(rough, start, cutoff)  # the scale of the noise, as the search's F has it
+    model, points = richer_starts(rough, distinct([start, simple.matrix(), *searched.contenders]))
+    point = fit_best(model, points, rough, cutoff, ROUGH_STEPS).point
+    problem = with_measured_noise(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
+    fits = [
+        fit_best(MotionModel.TRANSLATION, [simple], problem, cutoff),
+        fit_best(model, [point], problem, cutoff),
+    ]
+    if model is not MotionModel.GENERAL:
         last = GeneralF.from_matrix(fits[1].point.matrix())
-        fits.append(fit_best("general", [last], problem, cutoff, GENERAL_STEPS))
+        fits.append(fit_best(MotionModel.GENERAL, [last], problem, cutoff, GENERAL_STEPS))
     return problem, fits
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
-    """Fit the two-parameter F robustly, on the standard deviations as given."""
+    """Return the two-parameter F, fitted robustly on the standard deviations as given."""
     options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=ROUGH_TOLERANCE)
     return refine(translation_start(estimator, PAIRS, rng), thinned(estimator.problem).weighted, options)[0]
 
 
 def thinned(problem: SmearProblem) -> SmearProblem:
-    """Leave ROUGH_COUNT smears or up to twice as many, evenly."""
+    """Return ROUGH_COUNT of the smears or up to twice as many, evenly."""
     return problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
 
 
 def distinct(matrices: list[Array]) -> list[Array]:
-    """Leave out matrices (3, 3) that nearly repeat an earlier one, up to scale and transposition."""
+    """Return matrices (3, 3) without near repetitions, up to scale and transposition."""
     kept: list[Array] = []
     for F in (unit_norm(matrix) for matrix in matrices):
         twins = (min(np.abs(F - G).max(), np.abs(F + G).max()) for G in (H for K in kept for H in (K, K.T)))
@@ -90,17 +99,17 @@ def distinct(matrices: list[Array]) -> list[Array]:
     return kept[:STARTS]
 
 
-def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[str, list[Manifold]]:
-    """Name the richest family that is plausible here, and give its points nearest to the matrices."""
-    if problem.camera_known:
-        return "camera", [camera_from_matrix(F, problem.prior) for F in matrices]
-    return "general", [GeneralF.from_matrix(F) for F in matrices]
+def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionModel, list[Manifold]]:
+    """Return the richest plausible model, and its points nearest to the matrices (3, 3)."""
+    if problem.has_camera:
+        return MotionModel.CAMERA, [camera_from_matrix(F, problem.prior) for F in matrices]
+    return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
 
 def fit_best(
-    name: str, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
+    model: MotionModel, starts: list[Manifold], problem: SmearProblem, cutoff: float, steps: int = FINAL_STEPS
 ) -> Fit:
-    """Refine from every start; the least cost wins. The score is Akaike's criterion.
+    """Return the cheapest refinement of the starts. The score is Akaike's criterion.
 
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
@@ -110,24 +119,24 @@ def fit_best(
         cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance
     )
     point, cost = min(
-        (refine(start, problem.weighted, options) for start in starts), key=lambda found: found[1]
+        (refine(start, problem.weighted, options) for start in starts), key=lambda pair: pair[1]
     )
-    odds = {"general": ODDS_AGAINST_GENERAL, "translation": ODDS_AGAINST_TRANSLATION}.get(name, 1.0)
-    score = cost + 2 * PARAMETERS[name] + 2 * float(np.log(odds)) * problem.camera_known
-    return Fit(name=name, point=point, score=score)
+    odds = ODDS_AGAINST.get(model, 1.0)
+    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.has_camera
+    return Fit(model=model, point=point, score=score)
 
 
-def calibrated(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
-    """Rescale the standard deviations to the residuals of F and count the independent smears."""
+def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
+    """Return the problem with standard deviations and independent smears as the residuals of F show them."""
     scaled = problem.rescaled(residual_scale(F, problem.weighted, cutoff))
     return replace(scaled, independent=independent_count(scaled, F, cutoff))
 
 
 def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
-    """Robust standard deviation of the residuals over the assumed one, in [0.1, 4].
+    """Return the robust standard deviation of the residuals over the assumed one, in [0.1, 4].
 
     Residuals of the better order below ``cutoff`` are a mixture of a half normal distribution and of a
-    uniform one, the outliers; expectation-maximisation tells them apart.
+    uniform one, the outliers; expectation-maximisation separates them.
     """
     residual = np.abs(matches.residuals(F).least)
     squared = residual[residual < cutoff] ** 2

@@ -1,8 +1,8 @@
 """Several motions: whether two F, each of its own smears, explain much more than one.
 
 With unknown orders one F is flexible: on two halves of an image that move differently it leaves one or two
-pixels of error, alike within each half. Where the errors of the best F are coherent and as large as the
-smears' own standard deviations say, two F are fitted at those: samples are drawn from compact
+pixels of error, correlated within each half. Where the errors of the best F are coherent and as large as the
+smears' own standard deviations state, two F are fitted at those: samples are drawn from compact
 parts of the image, which mostly hold one motion.
 """
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.robust.estimators import LocalEstimator
+from blur2view.robust.independence import BLOCKS, cells, independence
 from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
@@ -26,12 +27,11 @@ from blur2view.two_view.parallax import mixture
 
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
-BLOCKS = 5  # along the longer side, in which errors are compared
 INDEPENDENT = 0.45  # share of independent errors below which they are coherent
 SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
 WORST = 0.35  # share of the smears, those that a first F fits worst, in which a second is sought
-ALIKE = 0.25  # share of independent directions of outliers below which they are of another motion
+COHERENT = 0.25  # share of independent directions of outliers below which they are of another motion
 MANY = 0.2  # share of outliers from which their directions are looked at
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
@@ -58,43 +58,25 @@ class TwoMotions:
         return self.second / max(self.first + self.second, TINY)
 
 
-def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float:
-    """Share of independent values, from 1 / (values per block) to 1: how little neighbours agree.
-
-    Parameters
-    ----------
-    values : ndarray of shape (K, N)
-        K kinds of residuals of N smears, in standard deviations.
-    used : ndarray of bool, shape (N,)
-    middle : ndarray of shape (N, 2)
-        Midpoints. Within blocks of a fifth of their extent residuals are summed: the sum of m residuals of
-        variance v has variance m v if they are independent, m^2 v if they agree.
-    """
-    cell = _cells(middle, BLOCKS)
-    kept = np.where(used, values, 0.0)
-    sums = np.stack([np.bincount(cell, weights=row) for row in kept])
-    return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
-
-
 def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
-    """Residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
+    """Return residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
     ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
-    where they hardly differ, leave errors that are alike among neighbours for that alone.
+    where they hardly differ, leave errors that neighbours share for that alone.
     """
     both = problem.weighted.residuals(F)
     options = np.stack(
         [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
     )
-    cell = _cells(problem.ends.mean(axis=1), BLOCKS)
+    cell = cells(problem.ends.mean(axis=1), BLOCKS)
     cost = [np.bincount(cell, weights=np.minimum(option**2, 9.0))[cell] for option in options]
     errors: Array = np.where(cost[0] <= cost[1], *options)
     return errors
 
 
 def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float) -> float:
-    """Share of independent errors that F leaves, outliers left out; see `independence`."""
+    """Return the share of independent errors that F leaves, outliers left out; see `independence`."""
     residual = errors_by_order(problem, F, backward)
     return independence(residual[None], np.abs(residual) < cutoff, problem.ends.mean(axis=1))
 
@@ -102,7 +84,7 @@ def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool
 def suspicious(
     problem: SmearProblem, F: Array, stated_px: Array, backward: NDArray[np.bool_], cutoff: float
 ) -> bool:
-    """Whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
+    """Return whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
     scale = float(np.median(problem.sigma_px / stated_px))
     return scale >= SUSPECT_SCALE and leaves_structure(problem, F, backward, cutoff)
 
@@ -110,7 +92,7 @@ def suspicious(
 def leaves_structure(
     problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = INDEPENDENT
 ) -> bool:
-    """Whether neighbours share the errors that F leaves, or the directions of its many outliers.
+    """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
@@ -119,7 +101,7 @@ def leaves_structure(
     far = np.abs(problem.weighted.residuals(F).least) >= cutoff
     angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < ALIKE)
+    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < COHERENT)
 
 
 def find_two_motions(
@@ -130,7 +112,7 @@ def find_two_motions(
     cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
-    """Search two F at the stated standard deviations (N,); F is the best single one.
+    """Return two F at the stated standard deviations (N,); F is the best single one.
 
     ``backward`` (N,) are the orders of the best homography, see `errors_by_order`.
 
@@ -158,47 +140,38 @@ def find_two_motions(
         mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
         shared = (mine, one), (~mine, other)
         one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shared)
-    (first, second), found = explained(stated, [one, other])
+    (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
-    gain = 2 * (found - max(likelihood, reached)) * own
+    gain = 2 * (reached_by_two - max(likelihood, reached)) * own
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
     return TwoMotions(F=pair, first=first, second=second, single=float(max(single[0], alone[0])), gain=gain)
 
 
 def followers(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> NDArray[np.int_]:
-    """Find the smears around which the first of two motions fits better than the second: indices."""
+    """Return the smears around which the first of two motions fits better than the second: indices."""
     one, other = (_squared(problem, F) for F in motions.F)
     return np.flatnonzero(_by_place(problem, one, other, cutoff))
 
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
-    """Smears of the cells that an F fits worst, a share of WORST of them; squared residuals (N,)."""
-    cell = _cells(problem.ends.mean(axis=1), PLACES)
+    """Return the smears of the cells that an F fits worst, a share WORST; squared residuals (N,)."""
+    cell = cells(problem.ends.mean(axis=1), PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, cutoff**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST * len(cell)), 30)]
 
 
 def _by_place(problem: SmearProblem, one: Array, other: Array, cutoff: float) -> NDArray[np.bool_]:
-    """Whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
+    """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, cutoff**2) - np.minimum(one, cutoff**2)
-    cell = _cells(problem.ends.mean(axis=1), PLACES)
+    cell = cells(problem.ends.mean(axis=1), PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 
-def _cells(middle: Array, count: int) -> NDArray[np.int_]:
-    """Index (N,) of the square cell of every point, ``count`` along the longer side of their extent."""
-    side = np.ptp(middle, axis=0).max() / count + TINY
-    cells: NDArray[np.int_] = np.floor((middle - middle.min(axis=0)) / side).astype(int) @ np.array(
-        [1, count + 1]
-    )
-    return cells
-
-
 def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]:
-    """Shares (M,) of the smears that follow each of M models F (3, 3), and the log-likelihood.
+    """Return shares (M,) of the smears that follow each of M models F (3, 3), and the log-likelihood.
 
     A mixture's weights: half normal residuals of the better order, in standard deviations, and for the rest,
     which follow none, what smears of random direction give: near zero an even density of
@@ -218,7 +191,7 @@ def _search(problem: SmearProblem, cutoff: float, rng: np.random.Generator) -> A
 
 
 def _refit(problem: SmearProblem, F: Array, cutoff: float) -> Array:
-    """Refine F (3, 3) on the seven-parameter manifold, each smear in its better order."""
+    """Return F (3, 3) refined on the seven-parameter manifold, each smear in its better order."""
     if len(problem.ends) < 8:
         return F
     options = RefineOptions(max_iterations=6, cutoff=cutoff, decided=True)
@@ -226,6 +199,6 @@ def _refit(problem: SmearProblem, F: Array, cutoff: float) -> Array:
 
 
 def _squared(problem: SmearProblem, F: Array) -> Array:
-    """Squared residuals (N,) of the better order, in standard deviations."""
+    """Return squared residuals (N,) of the better order, in standard deviations."""
     squared: Array = problem.weighted.residuals(F).least ** 2
     return squared

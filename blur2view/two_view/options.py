@@ -17,8 +17,8 @@ class EstimatorOptions:
     pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
-    on ``stop_inlier_share``; ``components`` whether neighbouring smears tell each other's order;
-    ``confidence`` 0.99 is enough: a sample gives many starts.
+    on ``stop_inlier_share``; ``components`` whether neighbouring smears decide each other's order;
+    ``confidence`` 0.99 is enough: a sample yields many starts.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``min_sure_share`` of the image in which
     blur has a direction; ``max_still_share`` of the measurable image; ``min_coverage`` the least share of the
     image's square blocks with matches, ``coverage_blocks`` of which lie along its longer side;
@@ -65,7 +65,7 @@ class EstimatorOptions:
         self.search()
 
     def search(self) -> RansacOptions:
-        """Options of the robust loop."""
+        """Return the options of the robust loop."""
         return RansacOptions(
             max_iterations=self.max_iterations, confidence=self.confidence, stop_share=self.stop_inlier_share
         )

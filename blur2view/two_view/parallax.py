@@ -17,9 +17,10 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import signed_sampson
-from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography import transfer_residuals
+from blur2view.robust.residuals import WeightedEnds
 
-SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations: nobody vouches for sigma
+SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations, which may be misjudged
 FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
 LARGEST = 1.4  # scale at which a smear off the homography may still count as on its epipolar line
 WIDTHS = (1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations
@@ -55,22 +56,22 @@ class Deviations:
         return float(np.minimum(squared.min(axis=0), 25.0).sum())
 
 
-def deviations(A: Array, F: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
-    """Deviations from the homography of generator A and from F (3, 3), normalised coordinates.
+def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
+    """Return deviations from the homography of generator A and from F (3, 3), normalised coordinates.
 
-    Of F and its transpose, which fit alike, the one is taken whose orders agree better with A's.
+    Of F and its transpose, which fit equally, the one is taken whose orders agree better with A's.
     """
-    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda found: found.disagreement)
+    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda against: against.disagreement)
 
 
-def _against(F: Array, A: Array, matches: PlanarEnds, unit_px: float) -> Deviations:
+def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
     middle = homogeneous(matches.ends.mean(axis=1))
     one, other = matches.ends[:, 0], matches.ends[:, 1]
     normal, _ = _unit((middle @ F.T)[:, :2])
     line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
     moved = middle @ A.T
     heading, speed = _unit(moved[:, :2] - middle[:, :2] * moved[:, 2:])
-    deviation = np.moveaxis(matches.residuals(A), 1, 2) * unit_px  # (2, N, 2)
+    deviation = np.moveaxis(transfer_residuals(A, matches), 1, 2) * unit_px  # (2, N, 2)
     return Deviations(
         along=(deviation * line).sum(-1),
         across=(deviation * normal).sum(-1),
@@ -84,14 +85,14 @@ def _against(F: Array, A: Array, matches: PlanarEnds, unit_px: float) -> Deviati
 
 
 def _unit(vectors: Array) -> tuple[Array, Array]:
-    """Give unit vectors (N, 2) and lengths (N,)."""
+    """Return unit vectors (N, 2) and lengths (N,)."""
     length = np.linalg.norm(vectors, axis=1)
     return vectors / np.maximum(length, TINY)[:, None], length
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What smears say of a homography: shares of them, and a gain in log-likelihood.
+    """Evidence of smears for a homography and for parallax: shares of them, a gain in log-likelihood.
 
     ``gain`` is twice the log-likelihood with parallax minus that without; ``on_plane`` the share of smears
     that the homography alone explains, ``parallax`` the share that F explains off it.
@@ -103,7 +104,7 @@ class Evidence:
 
 
 def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Evidence:
-    """Compare the homography alone with the homography and parallax.
+    """Return how the homography with parallax compares with the homography alone.
 
     Parameters
     ----------
@@ -134,14 +135,14 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
     on_plane = float(weights[: len(alone)].sum())
     start = np.insert(weights, len(alone), np.full(len(beside), 0.3 * on_plane / len(beside)))
     start[: len(alone)] *= 0.7
-    found, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
-    parallax = float(found[len(alone) : len(alone) + len(beside)].sum())
+    fitted, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
+    parallax = float(fitted[len(alone) : len(alone) + len(beside)].sum())
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
 
-def planar_log_likelihood(A: Array, matches: PlanarEnds, unit_px: float) -> float:
-    """Log-likelihood of smears under a homography alone, errors alike in all directions."""
-    deviation, sigma = matches.residuals(A) * unit_px, matches.sigma * unit_px
+def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> float:
+    """Return the log-likelihood of smears under a homography alone, errors equal in all directions."""
+    deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
     measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
     along, across = deviation[:, 0], deviation[:, 1]
     variances = [(scale * sigma) ** 2 for scale in SCALES]
@@ -150,14 +151,14 @@ def planar_log_likelihood(A: Array, matches: PlanarEnds, unit_px: float) -> floa
 
 
 def chance_densities(measured: Array) -> list[Array]:
-    """Densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
+    """Return densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
     radii = np.array(REACHES) * max(float(np.quantile(measured, 0.95)), TINY)
     floor = 1e-3 / (np.pi * radii[-1] ** 2)  # a smear longer than all discs must not have no density at all
     return [np.where(measured <= radius, 1 / (np.pi * radius**2), floor) for radius in radii]
 
 
 def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, cov: Array | float) -> Array:
-    """Density (N,) of deviations (2, N), both orders equally likely."""
+    """Return density (N,) of deviations (2, N), both orders equally likely."""
     determinant = var_along * var_across - cov * cov
     squared = (var_across * along**2 - 2 * cov * along * across + var_along * across**2) / determinant
     density: Array = (0.25 / np.pi) * np.exp(-0.5 * squared).sum(axis=0) / np.sqrt(determinant)
@@ -165,7 +166,7 @@ def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, 
 
 
 def mixture(density: Array, start: Array | None = None) -> tuple[Array, Array]:
-    """Weights (J,) of greatest likelihood for fixed components, density (N, J), and log-densities (N,)."""
+    """Return weights (J,) of greatest likelihood for components of density (N, J), and log-densities (N,)."""
     weights = np.full(density.shape[1], 1 / density.shape[1]) if start is None else start
     for _ in range(ROUNDS):
         weights = weights * ((1 / (density @ weights)) @ density) / len(density)

@@ -7,14 +7,20 @@ in them, unless some smears lie off the homography along epipolar lines (`parall
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.robust.homography import PlanarEnds, PlaneH, RotationH, refine_homography
+from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.robust.homography import (
+    PlaneH,
+    RotationH,
+    refine_homography,
+    transfer_orders,
+    transfer_residuals,
+)
+from blur2view.robust.independence import independence
 from blur2view.robust.problem import SmearProblem
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
-from blur2view.two_view.multiple_motions import independence
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence, planar_log_likelihood
 from blur2view.two_view.plane_parallax import plane_and_parallax
 from blur2view.two_view.verdict import Structure, Verdict
@@ -30,14 +36,9 @@ PLANE_PARAMETERS, ROTATION_PARAMETERS = 8, 3
 MEDIAN_SQUARED = 1.386  # median of the squared length of a standard normal pair
 
 
-def planar_ends(problem: SmearProblem, index: NDArray[np.int_] | slice = slice(None)) -> PlanarEnds:
-    """Smears of a problem as `homography` wants them."""
-    return PlanarEnds(ends=problem.ends[index], sigma=problem.sigma_px[index] / problem.unit_px)
-
-
-def whiteness(matches: PlanarEnds, A: Array, cutoff: float) -> float:
-    """Share of independent deviations from a homography (`independence`), outliers left out."""
-    forward, backward = matches.residuals(A) / matches.sigma  # (2, N) each
+def whiteness(matches: WeightedEnds, A: Array, cutoff: float) -> float:
+    """Return the share of independent deviations from a homography (`independence`), outliers left out."""
+    forward, backward = transfer_residuals(A, matches) / matches.sigma  # (2, N) each
     ahead = (forward**2).sum(axis=0) <= (backward**2).sum(axis=0)
     deviation = np.where(ahead, forward, backward)
     squared = (deviation**2).sum(axis=0)
@@ -48,8 +49,8 @@ def whiteness(matches: PlanarEnds, A: Array, cutoff: float) -> float:
 def without_parallax(
     problem: SmearProblem, fit: Fit, plane: PlaneH, cutoff: float, rng: np.random.Generator
 ) -> Verdict | None:
-    """Name a rotation or plane, or prove parallax beside one; None if a homography leaves too much."""
-    every = planar_ends(problem)
+    """Return a rotation, a plane, or proven parallax beside one; None if a homography leaves too much."""
+    every = problem.weighted
     plane, _ = refine_homography(plane, every, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff))
     A = plane.generator()
     if whiteness(every, A, cutoff) < WHITE:
@@ -65,12 +66,12 @@ def without_parallax(
         f"one homography explains {evidence.on_plane:.0%} of {len(problem.ends)} smears, "
         f"parallax gains {evidence.gain:.0f} ({needed:.0f} needed)"
     )
-    scores = (("plane", fit.score + evidence.gain - needed),)
+    scores = ((MotionModel.PLANE, fit.score + evidence.gain - needed),)
     return name_homography(problem, fit, plane, cutoff, figures, scores)
 
 
 def gain_needed(count: int) -> float:
-    """Gain from which parallax is proven among independent errors of ``count`` smears.
+    """Return the gain from which parallax is proven among independent errors of ``count`` smears.
 
     Of 100 synthetic rotations and 100 planes three gain 30 to 39 and none more; of 60 general scenes and 60
     pure translations one gains 127, all others 300 and more.
@@ -81,16 +82,16 @@ def gain_needed(count: int) -> float:
 def recovered(
     problem: SmearProblem, fit: Fit, evidence: Evidence, A: Array, cutoff: float, rng: np.random.Generator
 ) -> tuple[Fit, Evidence]:
-    """Give the F that the plane and the smears off it say, with its evidence, where it is clearly better."""
-    every = planar_ends(problem)
-    off_plane = np.flatnonzero(every.ordered(A).least ** 2 >= cutoff**2)
+    """Return F from the plane and the smears off it, with its evidence, where it is clearly better."""
+    every = problem.weighted
+    off_plane = np.flatnonzero(transfer_orders(A, every).least ** 2 >= cutoff**2)
     F = plane_and_parallax(A, problem, off_plane, cutoff, rng)
     if F is None:
         return fit, evidence
-    name, points = richer_starts(problem, [F])
-    other = fit_best(name, points, problem, cutoff)
-    found = parallax_evidence(deviations(A, other.point.matrix(), every, problem.unit_px))
-    return (other, found) if found.gain > evidence.gain + CLEARLY else (fit, evidence)
+    model, points = richer_starts(problem, [F])
+    other = fit_best(model, points, problem, cutoff)
+    new = parallax_evidence(deviations(A, other.point.matrix(), every, problem.unit_px))
+    return (other, new) if new.gain > evidence.gain + CLEARLY else (fit, evidence)
 
 
 def name_homography(
@@ -99,14 +100,14 @@ def name_homography(
     plane: PlaneH,
     cutoff: float,
     figures: str,
-    scores: tuple[tuple[str, float], ...],
+    scores: tuple[tuple[MotionModel, float], ...],
 ) -> Verdict:
-    """Tell a rotation from a plane: Schwarz's criterion for K R K^-1 against any homography."""
+    """Return whether it is a rotation or a plane: Schwarz's criterion for K R K^-1 against any homography."""
     either = Structure.ROTATION_OR_PLANE
-    if not problem.camera_known:
-        figures += "; without an image size a rotation cannot be told from a plane"
+    if not problem.has_camera:
+        figures += "; without an image size a rotation cannot be distinguished from a plane"
         return Verdict(structure=either, sentence=figures, fit=fit, A=plane.generator(), scores=scores)
-    every, options = planar_ends(problem), RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff)
+    every, options = problem.weighted, RefineOptions(max_iterations=REFINEMENT, cutoff=cutoff)
     rotation, _ = refine_homography(
         RotationH.from_generator(plane.generator(), problem.prior), every, options
     )
@@ -121,13 +122,13 @@ def name_homography(
         sentence=f"{figures}; a plane gains {gain:.0f} over a rotation ({needed:.0f} needed)",
         fit=fit,
         A=(rotation if structure is Structure.ROTATION else plane).generator(),
-        scores=(*scores, ("rotation", scores[0][1] + gain - needed)),
+        scores=(*scores, (MotionModel.ROTATION, scores[0][1] + gain - needed)),
     )
 
 
 def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
-    """Parallax is proven, or remains open."""
-    scores = (("plane", fit.score + gain - needed),)
+    """Return that parallax is proven, or remains open."""
+    scores = ((MotionModel.PLANE, fit.score + gain - needed),)
     figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
         return Verdict(structure=Structure.PARALLAX, sentence=f"parallax {figures}", fit=fit, scores=scores)

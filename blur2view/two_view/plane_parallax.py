@@ -27,7 +27,7 @@ SCORED = 500  # smears that judge them
 
 
 def parallax_lines(A: Array, ends: Array) -> Array:
-    """Lines (N, 2, 3) of parallax at mid exposure, for the orders ends[:, 0] and ends[:, 1] first."""
+    """Return lines (N, 2, 3) of parallax at mid exposure, for the orders ends[:, 0] and ends[:, 1] first."""
     one, other = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
     open_side, close_side = (IDENTITY + 0.5 * A).T, (IDENTITY - 0.5 * A).T
     orders = [np.cross(x @ open_side, y @ close_side) for x, y in ((one, other), (other, one))]
@@ -35,7 +35,7 @@ def parallax_lines(A: Array, ends: Array) -> Array:
 
 
 def fundamentals_through(A: Array, epipoles: Array) -> Array:
-    """F (M, 3, 3) compatible with the homography of generator A, by the epipoles (M, 3) at mid exposure."""
+    """Return F (M, 3, 3) compatible with the homography of A, by the epipoles (M, 3) at mid exposure."""
     compatible: Array = (IDENTITY - 0.5 * A).T @ cross_matrix(epipoles) @ (IDENTITY + 0.5 * A)
     return compatible
 
@@ -43,7 +43,7 @@ def fundamentals_through(A: Array, epipoles: Array) -> Array:
 def plane_and_parallax(
     A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], cutoff: float, rng: np.random.Generator
 ) -> Array | None:
-    """Best F that is compatible with a homography and fixed by two smears off it.
+    """Return the best F that is compatible with a homography and fixed by two smears off it.
 
     Parameters
     ----------

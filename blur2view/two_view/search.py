@@ -23,19 +23,19 @@ def search_and_fit(
     rng: np.random.Generator,
     camera: Camera | None = None,
 ) -> tuple[SmearProblem, list[Fit], int]:
-    """Robust search, then every family fitted: (problem with rescaled sigmas, fits, samples drawn).
+    """Return the problem with rescaled sigmas, every model fitted after a robust search, samples drawn.
 
     With a camera the ends are its undistorted pixels.
     """
     estimator = build_estimator(matches, options, camera)
-    found = ransac(estimator, options.search(), rng)
-    return *fit_families(estimator, found, rng), found.iterations
+    searched = ransac(estimator, options.search(), rng)
+    return *fit_families(estimator, searched, rng), searched.iterations
 
 
 def build_estimator(
     matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
 ) -> SmearEstimator:
-    """Prepare the robust search: normalised smears, standard deviations, sign components."""
+    """Return the robust search's problem: normalised smears, standard deviations, sign components."""
     problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size, camera)
     components = sign_components(matches) if options.components else no_components(len(matches))
     return SmearEstimator(
@@ -47,7 +47,7 @@ def build_estimator(
 
 
 def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
-    """Give the standard deviation (N,) of every Sampson distance, pixels.
+    """Return the standard deviation (N,) of every Sampson distance, pixels.
 
     An end-point error of standard deviation sigma (both coordinates together) moves the Sampson distance by
     sigma / 2; no smear is believed better than ``relative_sigma`` of its length.
@@ -59,7 +59,7 @@ def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
 def two_parameter_fundamental(
     matches: SmearMatches, options: EstimatorOptions | None = None, rng: np.random.Generator | None = None
 ) -> Array | None:
-    """Fit the two-parameter F (3, 3), all smears meeting in one point, robustly: the plainest baseline.
+    """Return the two-parameter F (3, 3), all smears meeting in one point, fitted robustly: a baseline.
 
     None where there are fewer than ``options.min_matches`` matches.
     """

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from blur2view.arrays import Array
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.two_view.model_selection import Fit
 
 
@@ -23,29 +24,27 @@ class Structure(StrEnum):
     NOTHING = "nothing"
 
 
-WITHOUT_F = {
-    Structure.NOTHING,
-    Structure.STILL,
-    Structure.ROTATION,
-    Structure.PLANE,
-    Structure.ROTATION_OR_PLANE,
+HOMOGRAPHIES = {
+    Structure.ROTATION: MotionModel.ROTATION,
+    Structure.PLANE: MotionModel.PLANE,
+    Structure.ROTATION_OR_PLANE: MotionModel.ROTATION_OR_PLANE,
 }
+WITHOUT_F = {Structure.NOTHING, Structure.STILL, *HOMOGRAPHIES}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """What the smears show, why, and the models that say so.
+    """What the smears show, why, and the models behind it.
 
     ``fit`` is the F (of normalised coordinates) to report where there is one, ``A`` the generator of the
-    homography; ``scores`` names and penalised costs of the homographies, comparable to those of the
-    families of F.
+    homography; ``scores`` the penalised costs of the homographies, comparable to those of the models of F.
     """
 
     structure: Structure
     sentence: str
     fit: Fit
     A: Array | None = None
-    scores: tuple[tuple[str, float], ...] = ()
+    scores: tuple[tuple[MotionModel, float], ...] = ()
 
     @property
     def F(self) -> Array | None:
@@ -55,8 +54,8 @@ class Verdict:
         return self.fit.point.matrix()
 
     @property
-    def model(self) -> str:
-        """Name of the family that F is from, or of the homography."""
+    def model(self) -> MotionModel:
+        """Model of F or, without F, of the homography."""
         if self.structure in WITHOUT_F:
-            return str(self.structure)
-        return self.fit.name
+            return HOMOGRAPHIES.get(self.structure, MotionModel.NONE)
+        return self.fit.model

@@ -6,7 +6,7 @@ import pytest
 from blur2view.geometry.epipolar import apply_similarity
 from blur2view.geometry.rotation import half_sphere
 from blur2view.metrics import rho
-from blur2view.robust.minimal_solvers import meeting_points, turning_hypotheses
+from blur2view.robust.minimal_solvers import meeting_points, small_rotation_hypotheses
 from blur2view.robust.ransac import weighted_samples
 from tests.support.scenes import make_scene
 
@@ -30,7 +30,7 @@ def test_three_smears_and_the_true_direction_give_nearly_the_true_F() -> None:
         ).reshape(-1, 2, 2)
         direction = scene.t[None] / np.linalg.norm(scene.t)
         samples = normalised[rng.integers(0, 200, (20, 3))]
-        F = turning_hypotheses(samples, direction, np.full(3, 0.2))
+        F = small_rotation_hypotheses(samples, direction, np.full(3, 0.2))
         assert np.abs(np.linalg.det(F)).max() < 1e-12
         assert np.median(rho(F, normalised), axis=1).min() < 0.02
 
@@ -41,7 +41,7 @@ def test_rotations_beyond_the_limit_are_dropped() -> None:
         10, 3, 2, 2
     )
     everything, some = (
-        len(turning_hypotheses(samples, half_sphere(20), np.full(3, limit))) for limit in (1e6, 0.05)
+        len(small_rotation_hypotheses(samples, half_sphere(20), np.full(3, limit))) for limit in (1e6, 0.05)
     )
     assert everything == 10 * 20 * 4
     assert 0 < some < everything
@@ -49,7 +49,7 @@ def test_rotations_beyond_the_limit_are_dropped() -> None:
 
 def test_dependent_smears_give_no_hypothesis() -> None:
     same = np.broadcast_to(np.array([[0.1, 0.1], [0.12, 0.1]]), (1, 3, 2, 2))
-    assert len(turning_hypotheses(same, half_sphere(10), np.ones(3))) == 0
+    assert len(small_rotation_hypotheses(same, half_sphere(10), np.ones(3))) == 0
 
 
 def test_smears_of_a_translation_meet_in_its_epipole() -> None:

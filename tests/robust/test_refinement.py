@@ -17,7 +17,7 @@ from blur2view.robust.parametrization import (
 )
 from blur2view.robust.problem import assumed_camera
 from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, company_log_odds
+from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, component_log_odds
 from blur2view.smears.sign_components import SignComponents
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
@@ -148,18 +148,18 @@ def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
         RefineOptions(**wrong)  # type: ignore[arg-type]
 
 
-def test_company_decides_what_a_smear_alone_cannot() -> None:
+def test_its_component_decides_what_a_smear_alone_cannot() -> None:
     components = SignComponents(label=np.zeros(5, int), sign=np.array([1.0, 1, -1, 1, 1]))
     clear = np.array([0.0, 0.0, 9.0, 0.0, 1.0])
     residuals = OrderedResiduals(forward=clear, backward=np.array([9.0, 9.0, 0.0, 9.0, 1.0]))
-    odds = company_log_odds(components, residuals)
+    odds = component_log_odds(components, residuals)
     assert odds[4] > 3  # undecided itself; four others say forward, one of them turned round
     assert odds[2] < -3
     single = SignComponents(label=np.arange(5), sign=np.ones(5))
-    assert np.allclose(company_log_odds(single, residuals), 0)
+    assert np.allclose(component_log_odds(single, residuals), 0)
 
 
 def test_a_component_that_contradicts_itself_has_no_say() -> None:
     components = SignComponents(label=np.zeros(4, int), sign=np.array([1.0, -1, 1, -1]))
     residuals = OrderedResiduals(forward=np.zeros(4), backward=np.full(4, 9.0))
-    assert np.allclose(company_log_odds(components, residuals), 0)
+    assert np.allclose(component_log_odds(components, residuals), 0)

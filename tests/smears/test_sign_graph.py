@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.smears.sign_graph import Edges, balanced, double_cover, near_pairs, support
+from blur2view.smears.sign_graph import Edges, consistent_signs, double_cover, near_pairs, support
 
 
 def field(seed: int, count: int = 400) -> tuple[Array, Array]:
@@ -76,14 +76,14 @@ def test_balanced_recovers_the_signs_of_a_consistent_graph(seed: int) -> None:
     i, j = rng.integers(0, 60, (2, 80))
     i, j = np.minimum(i, j)[i != j], np.maximum(i, j)[i != j]
     edges = Edges(i=i, j=j, sign=truth[i] * truth[j], difference=np.zeros(len(i)))
-    label, sign = balanced([edges], 60)
+    label, sign = consistent_signs([edges], 60)
     assert (label[i] == label[j]).all()
     assert (np.abs(np.bincount(label, weights=sign * truth)) == np.bincount(label)).all()
 
 
 def test_a_contradiction_falls_to_the_next_rung_alone() -> None:
     bad = (0, 1, 1.0), (1, 2, -1.0), (0, 2, 1.0)
-    label, sign = balanced([edges_of(*bad, (3, 4, -1)), edges_of((0, 1, 1), (3, 4, -1))], 5)
+    label, sign = consistent_signs([edges_of(*bad, (3, 4, -1)), edges_of((0, 1, 1), (3, 4, -1))], 5)
     assert label[0] == label[1] != label[2]
     assert label[3] == label[4] and sign[3] == -sign[4]
-    assert len(np.unique(balanced([edges_of(*bad)], 3)[0])) == 3
+    assert len(np.unique(consistent_signs([edges_of(*bad)], 3)[0])) == 3

@@ -12,7 +12,7 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.field import SmearField
@@ -24,6 +24,7 @@ from blur2view.visualization.report_pack import Packed
 WIDTH, HEIGHT = 640, 360
 DOTS = ((401, 201), (417, 209))  # the white pixels of the photograph, the first a node of the grid
 MOVING_BOX = (100, 60, 200, 160)  # left, top, right, bottom of what moves
+SCORES = (MotionModel.CAMERA, 812.4), (MotionModel.PLANE, 830.0), (MotionModel.GENERAL, 871.5)
 
 
 def turning_F(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float64]:
@@ -89,8 +90,8 @@ def some_geometry(
         reason="the figures <that> decided & more",
         inlier_mask=errors < np.median(errors),
         swapped=none if F is None else swapped_order(F, used.ends),
-        model="none" if F is None else "camera",
-        scores=() if F is None else (("camera", 812.4), ("plane", 830.0), ("general", 871.5)),
+        model=MotionModel.NONE if F is None else MotionModel.CAMERA,
+        scores=() if F is None else SCORES,
     )
 
 

@@ -12,8 +12,8 @@ from blur2view.geometry.rotation import rotation_vector
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import build_problem
 from blur2view.robust.residuals import RefineOptions
-from blur2view.two_view.calibrated import POSE, CalibratedFit, autocorrelation, fit_calibrated
-from blur2view.two_view.calibrated_start import STATED, TURN_SHARE, turn_alone, turning_prior
+from blur2view.two_view.calibrated import POSE, CalibratedFit, fit_calibrated
+from blur2view.two_view.calibrated_start import ROTATION_SHARE, STATED, rotation_alone, rotation_prior
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 
@@ -35,19 +35,21 @@ def fit_of(seed: int, *, noise_px: float = 0.0, direction_deg: float = 0.0) -> C
 
 def test_gradient_is_that_of_half_the_cost() -> None:
     fit = fit_of(0, noise_px=1.0)
-    away = fit.moved(np.array([0.01, -0.02, 1e-3, 2e-3, -1e-3]))
-    spans = 1e-2 / np.sqrt(np.diag(away.normal))
+    away = fit.moved(np.array([0.01, -0.02, 1e-3, 2e-3, -1e-3])).reordered()
+    normal, gradient = away.normal_equations()
+    spans = 1e-2 / np.sqrt(np.diag(normal))
     numeric = [
-        (away.cost_at(away.moved(s * e).point) - away.cost_at(away.moved(-s * e).point)) / (4 * s)
+        (away.moved(s * e).cost - away.moved(-s * e).cost) / (4 * s)
         for s, e in zip(spans, np.eye(POSE), strict=True)
     ]
-    np.testing.assert_allclose(numeric * spans, away.gradient * spans, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(numeric * spans, gradient * spans, rtol=1e-3, atol=1e-5)
 
 
 def test_the_pose_rests() -> None:
     fit = fit_of(1, noise_px=1.0)
-    step = np.linalg.solve(fit.normal, fit.gradient)
-    assert np.sqrt(step @ fit.normal @ step) < 0.1  # standard deviations
+    normal, gradient = fit.normal_equations()
+    step = np.linalg.solve(normal, gradient)
+    assert np.sqrt(step @ normal @ step) < 0.1  # standard deviations
     assert 0.85 < fit.noise.scale < 1.1 and fit.noise.outlier_odds < 0.05
 
 
@@ -63,7 +65,7 @@ def test_a_pure_rotation_is_found_without_orders() -> None:
         scene = make_scene(np.random.default_rng(seed), length_px=15, rotation_share=np.inf)
         camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
         problem = build_problem(scene.ends, np.ones(len(scene.ends)), IMAGE_SIZE, camera)
-        turn, true = turn_alone(problem), rotation_vector(scene.R)
+        turn, true = rotation_alone(problem), rotation_vector(scene.R)
         turn = turn * np.sign(turn @ true)
         assert np.linalg.norm(turn - true) < 0.01 * np.linalg.norm(true)
 
@@ -72,18 +74,18 @@ def test_a_pure_rotation_is_found_without_orders() -> None:
 def test_a_hand_is_assumed_only_where_the_noise_is_not_known(independent: float, scale: float) -> None:
     problem = fit_of(3, noise_px=1.0).problem
     known = replace(problem, independent=independent * len(problem.ends), scale=scale)
-    assert turning_prior(known).centre == (0.0, 0.0, 0.0)
+    assert rotation_prior(known).centre == (0.0, 0.0, 0.0)
     unknown = replace(problem, independent=0.03 * len(problem.ends), scale=0.5 * STATED)
-    np.testing.assert_allclose(turning_prior(unknown).centre, TURN_SHARE * turn_alone(unknown))
+    np.testing.assert_allclose(rotation_prior(unknown).centre, ROTATION_SHARE * rotation_alone(unknown))
 
 
 def test_smears_that_err_alike_widen_the_covariance() -> None:
     white, alike = fit_of(4, noise_px=1.0), fit_of(4, direction_deg=4.0)
-    near, half = autocorrelation(alike)
+    near, half = alike.autocorrelation()
     assert near > 0.5
     assert 30 < half * alike.problem.unit_px < 100  # of noise correlated over 40 px
-    assert autocorrelation(white)[0] < 0.2
-    assert white.alike == 1 and alike.alike > 30
-    bare = replace(alike, options=replace(alike.options, data_weight=1.0))
+    assert white.autocorrelation()[0] < 0.2
+    assert white.cluster_size == 1 and alike.cluster_size > 30
+    bare = replace(alike, state=replace(alike.state, options=replace(alike.options, data_weight=1.0)))
     wider = alike.covariance().rotation_sigma_deg / bare.covariance().rotation_sigma_deg
     assert wider.min() > 2

@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.degeneracy import collinear, within_errors
@@ -70,7 +70,7 @@ def test_parallax_gives_F_and_no_H() -> None:
         assert geometry.F is not None and geometry.H is None
         assert np.median(rho(geometry.F, scene.true_ends)) < 0.03
         assert "parallax gains" in geometry.reason
-        assert dict(geometry.scores)["plane"] > dict(geometry.scores)[geometry.model]
+        assert dict(geometry.scores)[MotionModel.PLANE] > dict(geometry.scores)[geometry.model]
 
 
 def test_still_camera_is_no_motion_whatever_its_noise() -> None:

@@ -10,15 +10,8 @@ from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
 from blur2view.two_view.model_selection import Fit
-from blur2view.two_view.multiple_motions import (
-    TwoMotions,
-    explained,
-    independence,
-    leaves_structure,
-    suspicious,
-)
+from blur2view.two_view.multiple_motions import TwoMotions, explained, leaves_structure, suspicious
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.search import search_and_fit
 from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 
@@ -27,7 +20,7 @@ def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np
     """Problem and best fit of a scene, stated standard deviations, orders of the best homography."""
     rng = np.random.default_rng(0)
     problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
-    plane = find_plane(planar_ends(problem), 3.0, True, rng)
+    plane = find_plane(problem.weighted, 3.0, True, rng)
     assert plane is not None
     best = min(fits, key=lambda fit: fit.score)
     return problem, best, 0.5 * scene.matches.sigma_px, swapped_by(problem, plane)
@@ -36,25 +29,6 @@ def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np
 def two(kind: Kind, seed: int) -> TwoMotions | None:
     problem, fit, stated_px, backward = fitted(draw_scene(kind, seed))
     return motions_of(problem, fit, stated_px, backward, 3.0, np.random.default_rng(0))
-
-
-def test_white_noise_is_independent_and_a_smooth_field_is_not() -> None:
-    rng = np.random.default_rng(0)
-    middle, every = rng.uniform(0, 400, (2000, 2)), np.ones(2000, bool)
-    white = rng.normal(size=(2, 2000))
-    smooth = np.stack([np.sin(middle[:, 0] / 60), np.cos(middle[:, 1] / 60)])
-    assert independence(white, every, middle) > 0.7
-    assert independence(smooth, every, middle) < 0.05
-    assert independence(smooth + 3 * white, every, middle) > independence(smooth, every, middle)
-    assert independence(np.zeros((1, 2000)), every, middle) == 1
-
-
-def test_values_that_are_not_used_do_not_count() -> None:
-    rng = np.random.default_rng(1)
-    middle, values = rng.uniform(0, 400, (1000, 2)), rng.normal(size=(1, 1000))
-    used = rng.random(1000) < 0.7
-    wild = np.where(used, values, 100.0)
-    assert independence(wild, used, middle) == independence(values, used, middle)
 
 
 @pytest.mark.slow

@@ -5,7 +5,8 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
-from blur2view.robust.homography import PlanarEnds, cayley
+from blur2view.robust.homography import cayley
+from blur2view.robust.residuals import WeightedEnds
 from blur2view.two_view.parallax import (
     Deviations,
     chance_densities,
@@ -21,7 +22,7 @@ NOISE = 0.6 / UNIT_PX
 
 def beside_a_plane(
     seed: int, off: float, count: int = 600, length_error: float = 0.0
-) -> tuple[Array, Array, PlanarEnds]:
+) -> tuple[Array, Array, WeightedEnds]:
     """Give A, F and noisy smears of a plane, a share of them moved along their epipolar lines."""
     rng = np.random.default_rng(seed)
     A = 0.02 * rng.normal(size=(3, 3))
@@ -36,7 +37,7 @@ def beside_a_plane(
     ends = np.stack([x, y], axis=1) + NOISE * rng.normal(size=(count, 2, 2))
     ends[::2] = ends[::2, ::-1]
     F = cross_matrix(epipole) @ cayley(A)
-    return A, F, PlanarEnds(ends=ends, sigma=np.full(count, NOISE))
+    return A, F, WeightedEnds(ends=ends, sigma=np.full(count, NOISE))
 
 
 def found(seed: int, off: float) -> Deviations:
@@ -98,7 +99,7 @@ def test_distances_from_the_lines_are_those_of_F_not_of_the_homography() -> None
 
 def test_order_transpose_and_time_do_not_matter() -> None:
     A, F, matches = beside_a_plane(4, 0.3)
-    turned = PlanarEnds(ends=matches.ends[:, ::-1], sigma=matches.sigma)
+    turned = WeightedEnds(ends=matches.ends[:, ::-1], sigma=matches.sigma)
     gains = [
         parallax_evidence(deviations(*models, smears, UNIT_PX)).gain
         for models in ((A, F), (A, F.T), (-A, F))
@@ -110,10 +111,10 @@ def test_order_transpose_and_time_do_not_matter() -> None:
 def test_standard_deviations_may_be_off_by_a_factor() -> None:
     A, F, matches = beside_a_plane(5, 0.3)
     for factor in (0.5, 2.0):
-        wrong = PlanarEnds(ends=matches.ends, sigma=factor * matches.sigma)
+        wrong = WeightedEnds(ends=matches.ends, sigma=factor * matches.sigma)
         assert parallax_evidence(deviations(A, F, wrong, UNIT_PX)).gain > 250
         none = beside_a_plane(5, 0.0)[2]
-        none = PlanarEnds(ends=none.ends, sigma=factor * none.sigma)
+        none = WeightedEnds(ends=none.ends, sigma=factor * none.sigma)
         assert parallax_evidence(deviations(A, F, none, UNIT_PX)).gain < 25
 
 
@@ -150,6 +151,6 @@ def test_chance_densities_are_densities_over_discs() -> None:
 def test_smears_without_length_break_nothing(length: float) -> None:
     ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
     ends[:, 1, 0] += length
-    matches = PlanarEnds(ends=ends, sigma=np.full(50, NOISE))
+    matches = WeightedEnds(ends=ends, sigma=np.full(50, NOISE))
     evidence = parallax_evidence(deviations(np.zeros((3, 3)), np.eye(3), matches, UNIT_PX))
     assert np.isfinite(evidence.gain)

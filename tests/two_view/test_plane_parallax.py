@@ -8,13 +8,12 @@ from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
 from blur2view.geometry.sampson import BatchSampson, sampson
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.metrics import epipole_angle_deg
-from blur2view.robust.homography import cayley
+from blur2view.robust.homography import cayley, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.minimal_solvers import solve_seven_smears
 from blur2view.robust.problem import build_problem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.planarity import planar_ends
 from blur2view.two_view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
 from tools.datasets.degenerate_scenes import tilted_plane
 from tools.datasets.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
@@ -113,9 +112,9 @@ def test_F_beside_a_dominant_plane_is_recovered_where_plain_samples_fail() -> No
         matches, K, F = dominant_plane(seed, 0.3, 0.1)
         rng = np.random.default_rng(0)
         problem = build_problem(matches.ends, np.full(len(matches), 0.4), IMAGE_SIZE)
-        plane = find_plane(planar_ends(problem), 3.0, True, rng)
+        plane = find_plane(problem.weighted, 3.0, True, rng)
         assert plane is not None
-        off_plane = np.flatnonzero(planar_ends(problem).ordered(plane.generator()).least ** 2 > 9)
+        off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 > 9)
         assert 0.1 < len(off_plane) / len(matches) < 0.35
         found = plane_and_parallax(plane.generator(), problem, off_plane, 3.0, rng)
         geometry = estimate_two_view(matches)

@@ -7,9 +7,9 @@ import pytest
 
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import Array
-from blur2view.geometry.rotation import rotation_vector, turn_flow
+from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.metrics import translation_direction_error_deg
-from blur2view.two_view.calibrated_start import translation_search, turns_given, unit_lines
+from blur2view.two_view.calibrated_start import rotations_given, translation_search, unit_lines
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene, with_outliers
 
 
@@ -33,17 +33,17 @@ def test_exact_smears_are_found_as_nearly_as_a_fit_needs(seed: int) -> None:
 def test_the_true_translation_gives_the_true_rotation_though_a_third_are_outliers() -> None:
     rng = np.random.default_rng(1)
     scene = with_outliers(make_scene(rng), rng, 0.33)
-    turns, _ = turns_given(scene.t[None] / np.linalg.norm(scene.t), rays_of(scene))
+    turns, _ = rotations_given(scene.t[None] / np.linalg.norm(scene.t), rays_of(scene))
     assert flips(turns[0], rotation_vector(scene.R)) < 0.3
 
 
 def test_order_of_the_ends_and_sign_of_the_translation_do_not_matter() -> None:
     scene = make_scene(np.random.default_rng(2))
     t, rays = scene.t / np.linalg.norm(scene.t), rays_of(scene)
-    turns, misses = turns_given(np.stack([t, -t]), rays)
+    turns, misses = rotations_given(np.stack([t, -t]), rays)
     np.testing.assert_allclose(turns[0], -turns[1], atol=1e-12)
     assert misses[0] == pytest.approx(misses[1])
-    np.testing.assert_allclose(turns_given(t[None], rays[:, ::-1])[0][0], turns[0], atol=1e-12)
+    np.testing.assert_allclose(rotations_given(t[None], rays[:, ::-1])[0][0], turns[0], atol=1e-12)
 
 
 def test_flow_of_a_rotation_is_the_motion_of_its_points() -> None:
@@ -52,7 +52,7 @@ def test_flow_of_a_rotation_is_the_motion_of_its_points() -> None:
     seen = np.column_stack([points, np.ones(20)])
     moved = seen + np.cross(turn, seen)
     exact = moved[:, :2] / moved[:, 2:] - points
-    np.testing.assert_allclose(np.einsum("ikn,k->ni", turn_flow(points), turn), exact, atol=1e-11)
+    np.testing.assert_allclose(np.einsum("ikn,k->ni", rotation_flow(points), turn), exact, atol=1e-11)
 
 
 @pytest.mark.parametrize("t_z", [0.5, -0.5])

@@ -23,7 +23,7 @@ from blur2view.geometry.epipolar import (
     unit_norm,
 )
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
@@ -133,7 +133,7 @@ def paper_two_view(
         inlier_mask=inlier_mask,
         swapped=swapped_order(F, matches.ends),
         iterations=iterations,
-        model="paper",
+        model=MotionModel.GENERAL,
     )
 
 

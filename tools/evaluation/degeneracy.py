@@ -27,11 +27,12 @@ import numpy as np
 import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
-from blur2view.geometry.pose import nearest_motion
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.pose import essential_motions
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.metrics import rho
-from blur2view.robust.homography import PlanarEnds
+from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
+from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -86,9 +87,9 @@ class Named:
 def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
     """Whether F has a significant rotation, by the rules above."""
     costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
-    if costs["translation"] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
+    if costs[MotionModel.TRANSLATION] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
         return False
-    R, _ = nearest_motion(K.T @ F @ K)
+    (R, _), _ = essential_motions(K.T @ F @ K)
     turned = homogeneous(points) @ (K @ R @ np.linalg.inv(K)).T
     smears = np.linalg.norm(turned[:, :2] / turned[:, 2:] - points, axis=1)
     return bool(np.median(smears) > INSIGNIFICANT * np.median(scene.matches.length_px))
@@ -158,10 +159,10 @@ def true_structure(scene: TestScene) -> str:
     T = np.linalg.inv(scene.K)
     ends = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    matches = PlanarEnds(ends=ends, sigma=0.02 * length + 1e-4)
+    matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
     plane = find_plane(matches, 3.0, True, rng)
     assert plane is not None
-    deviation = 2**0.5 * np.abs(matches.ordered(plane.generator()).least) * matches.sigma
+    deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
     off = float(np.median(deviation / length))
     return next(name for name, bound in STRUCTURES.items() if off < bound)
 

@@ -8,7 +8,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel
 from blur2view.smears.matches import SmearMatches
 from tests.support.scenes import IMAGE_SIZE, make_scene, with_outliers
 from tools.estimators.paper import (
@@ -128,7 +128,7 @@ def test_same_seed_same_bytes() -> None:
 def test_its_answer_has_the_form_of_ours() -> None:
     scene = make_scene(np.random.default_rng(7), count=300)
     geometry = paper_two_view(matches_of(scene.ends), PaperOptions(max_iterations=20))
-    assert (geometry.config, geometry.model) == (Configuration.UNCALIBRATED, "paper")
+    assert (geometry.config, geometry.model) == (Configuration.UNCALIBRATED, MotionModel.GENERAL)
     assert geometry.iterations <= 20
     assert geometry.F is not None
     assert (geometry.inlier_mask == (serrmin(geometry.F, scene.ends) < 3)).all()

@@ -7,9 +7,10 @@ import pytest
 
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.robust.homography import PlanarEnds
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
+from blur2view.robust.residuals import WeightedEnds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
 from tools.evaluation.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
 
@@ -35,10 +36,10 @@ def test_true_smears_follow_the_true_F(kind: Kind) -> None:
 @pytest.mark.parametrize("kind", ["pure rotation", "plane", "general"])
 def test_only_rotations_and_planes_are_one_homography(kind: Kind) -> None:
     scene = draw_scene(kind, 1)
-    matches = PlanarEnds(ends=scene.true_ends / 768, sigma=np.full(len(scene.true_ends), 0.1 / 768))
+    matches = WeightedEnds(ends=scene.true_ends / 768, sigma=np.full(len(scene.true_ends), 0.1 / 768))
     plane = find_plane(matches, 3.0, True, np.random.default_rng(0))
     assert plane is not None
-    inside = np.mean(np.abs(matches.ordered(plane.generator()).least) < 3)
+    inside = np.mean(np.abs(transfer_orders(plane.generator(), matches).least) < 3)
     assert inside > 0.99 if kind != "general" else inside < 0.9
 
 
@@ -79,9 +80,9 @@ def test_outcomes_name_configurations() -> None:
     either = replace(geometry, config=Configuration.PLANAR_OR_PANORAMIC)
     assert outcome(either, scene) == "rotation or plane"
     assert outcome(replace(either, F=np.eye(3)), scene) == "open"
-    costs = (("camera", 0.0), ("translation", 1.0))
-    found = replace(geometry, F=np.eye(3), config=Configuration.UNCALIBRATED, model="camera", scores=costs)
-    assert outcome(found, scene) == "translation"
+    costs = ((MotionModel.CAMERA, 0.0), (MotionModel.TRANSLATION, 1.0))
+    uncalibrated = replace(either, F=np.eye(3), config=Configuration.UNCALIBRATED)
+    assert outcome(replace(uncalibrated, model=MotionModel.CAMERA, scores=costs), scene) == "translation"
 
 
 def test_table_counts_what_is_right() -> None:

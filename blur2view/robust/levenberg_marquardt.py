@@ -1,0 +1,95 @@
+"""Levenberg-Marquardt on reweighted least squares: one loop, which knows no geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from blur2view.arrays import Array
+
+# Damping, relative to the diagonal of the normal equations: a tenth after a step that succeeds, ten times
+# after one that fails.
+FIRST, LEAST, GREATEST = 1e-3, 1e-9, 1e6
+
+
+class Reweighted(Protocol):
+    """A point of a least-squares problem whose weights depend on the point."""
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares at the weights in force; not negative but for a constant of the weights."""
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,), as of `normal_equations`."""
+
+    def moved(self, delta: Array) -> Self:
+        """Return the point moved by delta (k,) along its tangents, its weights as they are."""
+
+    def reweighted(self) -> Self:
+        """Return the same point with the weights that belong to it."""
+
+
+P = TypeVar("P", bound=Reweighted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Generic[P]):
+    """A step that did not raise the cost.
+
+    ``point`` is what was reached, reweighted; ``cost`` its cost at the weights of the point before and
+    ``decrease`` how far that lies below the cost there; ``sigmas`` the length of the step in standard
+    deviations of the parameters.
+    """
+
+    point: P
+    cost: float
+    decrease: float
+    sigmas: float
+
+
+def levenberg_marquardt(start: P, max_iterations: int) -> Iterator[Step[P]]:
+    """Yield steps, each of the least damping tried that does not raise the cost.
+
+    Ends after ``max_iterations`` steps or where no step succeeds; stop earlier by leaving the iteration.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., appendix A6.2; the scaled damping is Marquardt's.
+    """
+    point, damping = start, FIRST
+    for _ in range(max_iterations):
+        normal, gradient = point.normal_equations()
+        while damping < GREATEST:
+            damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
+            delta = np.asarray(np.linalg.solve(damped, -gradient), float)
+            trial = point.moved(delta)
+            if trial.cost <= point.cost:
+                break
+            damping *= 10
+        else:
+            return
+        damping = max(damping / 10, LEAST)
+        cost, decrease, point = trial.cost, point.cost - trial.cost, trial.reweighted()
+        sigmas = float(np.sqrt(max(delta @ normal @ delta, 0.0)))
+        yield Step(point=point, cost=cost, decrease=decrease, sigmas=sigmas)
+
+
+def normal_equations(
+    jacobian: Array, residual: Array, weight: Array, prior: Array, prior_jacobian: Array
+) -> tuple[Array, Array]:
+    """Return J^T W J (k, k) and J^T W r (k,) of weighted data and of a prior of unit weight.
+
+    Parameters
+    ----------
+    jacobian : ndarray of shape (k, n)
+        Transposed: one row per parameter.
+    residual, weight : ndarray of shape (n,)
+    prior : ndarray of shape (m,)
+    prior_jacobian : ndarray of shape (m, k)
+    """
+    weighted = jacobian * weight
+    normal = prior_jacobian.T @ prior_jacobian + weighted @ jacobian.T
+    return normal, prior_jacobian.T @ prior + weighted @ residual
