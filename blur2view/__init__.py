@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from blur2view.geometry.pose import PoseCovariance, RigidTransform
     from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
     from blur2view.networks.model_file import ModelInfo
-    from blur2view.networks.pyramid import PyramidOptions
+    from blur2view.networks.octaves import PyramidOptions
     from blur2view.networks.smear_network import SmearNetwork, predict
     from blur2view.networks.tiles import TileOptions
     from blur2view.pipeline import Estimate, Timings, estimate
@@ -112,7 +112,7 @@ _PUBLIC = {
     "geometry.pose": ("PoseCovariance", "RigidTransform"),
     "geometry.two_view_geometry": ("Configuration", "MotionModel", "TwoViewGeometry"),
     "networks.model_file": ("ModelInfo",),
-    "networks.pyramid": ("PyramidOptions",),
+    "networks.octaves": ("PyramidOptions",),
     "networks.smear_network": ("SmearNetwork", "predict"),
     "networks.tiles": ("TileOptions",),
     "pipeline": ("Estimate", "Timings", "estimate"),

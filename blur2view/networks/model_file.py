@@ -6,14 +6,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from blur2view.errors import ModelError
 
-FORMAT = "1"
-OUTPUTS = [("smear", "tensor(float)", 4, channels) for channels in (3, 4)]
-SHIPPED = {"default": "smear_fast.onnx", "fast": "smear_fast.onnx", "float": "smear.onnx"}
-REMEDY = "export one with tools/training/export_onnx.py or leave the model out to use the shipped one"
+_Nodes = list[tuple[str, str, int, int | None]]  # name, type, axes, channels where the file fixes them
+FORMATS: dict[str, tuple[_Nodes, list[_Nodes], str]] = {
+    "1": (
+        [("image", "tensor(float)", 4, 3)],
+        [[("smear", "tensor(float)", 4, channels)] for channels in (3, 4)],
+        "image (N, 3, H, W) and smear (N, 3 or 4, h, w)",
+    ),
+    "2": (
+        [("grey", "tensor(float)", 4, 1), ("coarser", "tensor(float)", 5, None)],
+        [[("logits", "tensor(float)", 5, None), ("features", "tensor(float)", 5, None)]],
+        "grey (1, 1, H, W), coarser (1, h, w, 32, C), logits (1, h, w, 32, B) and features (1, h, w, 32, C)",
+    ),
+}
+"""Inputs, outputs, both in words: of a network that gives smears, of one that reads likelihoods."""
+SHIPPED = {"default": "smear.onnx"}
+REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,32 +38,31 @@ class ModelInfo:
         Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
     multiple_of : int
         Height and width of the input must be multiples of this.
+    format : str
+        "1": the network gives a smear per cell; "2": it reads the likelihood of smears in one octave of a
+        photograph.
     channels : int
-        Of the output: the double angle's x and y, sigma in pixels and, if four, sigma of the direction in
+        Of the field: the double angle's x and y, sigma in pixels and, if four, sigma of the direction in
         radians.
-    longest_px : float or None
-        Length up to which smears are measured well; smaller copies of the image are looked at for longer
-        ones. None if the file does not say: then there are no smaller copies.
     license : str
         Licence of the weights.
     training : dict
-        How they were trained and what was measured, as written by ``tools/training/export_onnx.py``.
+        How they were trained and what was measured, as written by ``tools/training/export_reader.py``.
     """
 
     model_id: str
     stride: int
     multiple_of: int
+    format: str = "1"
     channels: int = 3
-    longest_px: float | None = None
     license: str = ""
     training: dict[str, Any] = field(default_factory=dict)
 
 
 def model_path(name: str | os.PathLike[str] | None) -> Path:
-    """Return the file of a network: a shipped one by its name, or the path itself.
+    """Return the file of a network: the shipped one for None or "default", or the path itself.
 
-    None means "default", which is "fast": 8-bit integers, as good as "float" and twice as fast. A file that
-    is called like one of these is named with its folder, ``./fast``.
+    A file of that name is named with its folder, ``./default``.
     """
     name = "default" if name is None else name
     if not isinstance(name, str) or name not in SHIPPED:
@@ -115,26 +124,26 @@ def read_info(path: Path, session: Any) -> ModelInfo:
     """Return the metadata of a network of our format; refuse any other."""
     try:
         metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-        signature = [
-            (node.name, node.type, len(node.shape), node.shape[1] if len(node.shape) > 1 else None)
-            for node in (*session.get_inputs(), *session.get_outputs())
-        ]
+        inputs, outputs = (
+            [(n.name, n.type, len(n.shape), _fixed(n.shape)) for n in nodes]
+            for nodes in (session.get_inputs(), session.get_outputs())
+        )
     except UnicodeDecodeError:
         raise ModelError(f"{path}: has damaged metadata (names that are no text); {REMEDY}") from None
-    if metadata.get("blur2view_format") != FORMAT:
-        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {REMEDY}")
-    image, *outputs = signature
-    if image != ("image", "tensor(float)", 4, 3) or outputs not in [[output] for output in OUTPUTS]:
-        raise ModelError(
-            f"{path}: has other inputs or outputs than image (N, 3, H, W), smear (N, 3 or 4, H, W); {REMEDY}"
-        )
+    kind = metadata.get("blur2view_format", "")
+    if kind not in FORMATS:
+        formats = " or ".join(FORMATS)
+        raise ModelError(f"{path}: is not a blur2view smear network of format {formats}; {REMEDY}")
+    expected_inputs, possible_outputs, words = FORMATS[kind]
+    if inputs != expected_inputs or outputs not in possible_outputs:
+        raise ModelError(f"{path}: has other inputs or outputs than {words}; {REMEDY}")
     try:
         info = ModelInfo(
             model_id=metadata["model_id"],
             stride=int(metadata["stride"]),
             multiple_of=int(metadata["multiple_of"]),
-            channels=int(outputs[0][3] or 0),
-            longest_px=float(metadata["longest_px"]) if "longest_px" in metadata else None,
+            format=kind,
+            channels=int(outputs[0][3] or 4),
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
@@ -142,6 +151,9 @@ def read_info(path: Path, session: Any) -> ModelInfo:
         raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
     if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
         raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
-    if info.longest_px is not None and not 0 < info.longest_px < np.inf:
-        raise ModelError(f"{path}: has damaged metadata (longest_px); {REMEDY}")
     return info
+
+
+def _fixed(shape: list[Any]) -> int | None:
+    """Return the size of the second axis, the channels, if the file fixes it."""
+    return shape[1] if len(shape) > 1 and isinstance(shape[1], int) else None

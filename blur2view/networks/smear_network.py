@@ -7,20 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.model_file import (
-    REMEDY,
-    model_path,
-    open_session,
-    read_info,
-    session_errors,
-    usable_cores,
-)
-from blur2view.networks.pyramid import PyramidOptions, blended, halved
+from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
+from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks.readers import LEAST_PX, reader_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
 from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
 
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
-# only dreams: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
+# guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
@@ -33,8 +27,7 @@ class SmearNetwork:
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/training/export_onnx.py``; the shipped one, in 8-bit integers, by
-        default; "float": the shipped one in floating point, in twice the time.
+        An ONNX file written by ``tools/training/export_reader.py``; the shipped one by default.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is
         reproducible for a given number of threads.
@@ -47,8 +40,9 @@ class SmearNetwork:
 
     def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
         self.path = model_path(path)
-        self._session = open_session(self.path, threads or usable_cores())
-        self.info = read_info(self.path, self._session)
+        session = open_session(self.path, threads or usable_cores())
+        self.info = read_info(self.path, session)
+        self._reader = reader_of(self.path, session, self.info)
 
     def predict(
         self,
@@ -65,7 +59,7 @@ class SmearNetwork:
         options : TileOptions, optional
             Tiling.
         pyramid : PyramidOptions, optional
-            Smaller copies of the image, for long smears and as another opinion on directions.
+            Smaller copies of the image, for long smears.
 
         Returns
         -------
@@ -81,59 +75,36 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         check_image(image)
-        grid = self._predict_levels(image, options or TileOptions(), pyramid or PyramidOptions(), 0)
+        grid = self._predict_grid(image, options or TileOptions(), pyramid or PyramidOptions())
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[_flat(image, self.info.stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
-        return _decode_grid(grid, self.info.stride, image.shape[:2])
+        stride = self._reader.stride
+        grid[_flat(image, stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
+        return _decode_grid(grid, stride, image.shape[:2])
 
-    def _predict_levels(
-        self, image: NDArray[np.float32], tiling: TileOptions, pyramid: PyramidOptions, level: int
+    def _predict_grid(
+        self, image: NDArray[np.float32], options: TileOptions, pyramid: PyramidOptions
     ) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the grid, (h, w, C), smaller copies blended in."""
-        grid, longest_px = self._predict_grid(image, tiling), self.info.longest_px
-        if longest_px is None or not pyramid.halves(level, image.shape, grid, longest_px):
-            return grid
-        coarse = self._predict_levels(halved(image), tiling, pyramid, level + 1)
-        return blended(grid, coarse, longest_px)
-
-    def _predict_grid(self, image: NDArray[np.float32], options: TileOptions) -> NDArray[np.float32]:
         """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""
         height, width = image.shape[:2]
-        step, stride = self.info.multiple_of, self.info.stride
+        stride = self._reader.stride
         tiling = options if height * width > options.max_pixels else None
-        rows, columns = (spans(side, step, tiling) for side in (height, width))
-        total = np.zeros(
-            (rows[-1].stop // stride, columns[-1].stop // stride, self.info.channels), np.float32
-        )
-        weight = np.zeros((*total.shape[:2], 1), np.float32)
+        piece = min(height, width, options.tile_px) if tiling else min(height, width)
+        levels = pyramid.count((piece, piece))
+        step = self._reader.multiple_of(levels)
+        rows, columns = (spans(max(side, LEAST_PX), step, tiling) for side in (height, width))
+        shape = rows[-1].stop // stride, columns[-1].stop // stride
+        total = np.zeros((*shape, self.info.channels), np.float32)
+        weight = np.zeros((*shape, 1), np.float32)
         for row, row_weight in ramps(rows, stride):
             for column, column_weight in ramps(columns, stride):
                 window = cells(row, stride), cells(column, stride)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[window] += self._run(reflected(image, row, column)) * tile_weight
+                total[window] += self._reader.read(reflected(image, row, column), levels) * tile_weight
                 weight[window] += tile_weight
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // stride), : -(-width // stride)]
-
-    def _run(self, tile: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Run the network on one tile, (H, W, 3) -> (H/stride, W/stride, C)."""
-        planes = np.ascontiguousarray(tile.transpose(2, 0, 1)[None])
-        try:
-            output: NDArray[np.float32] = self._session.run(["smear"], {"image": planes})[0]
-        except session_errors():
-            size = f"{tile.shape[1]}x{tile.shape[0]} pixels"
-            raise ModelError(f"{self.path}: cannot be run on {size}; {REMEDY}") from None
-        cells_of_tile = (side // self.info.stride for side in tile.shape[:2])
-        expected = (1, self.info.channels, *cells_of_tile)
-        if output.shape != expected:
-            raise ModelError(
-                f"{self.path}: gives shape {output.shape} where its stride promises {expected}; "
-                "export it again with tools/training/export_onnx.py"
-            )
-        grid: NDArray[np.float32] = output[0].transpose(1, 2, 0)
-        return grid
 
 
 def predict(

@@ -151,6 +151,9 @@ def segment(
     options, shape = options or SegmentOptions(), found.field.shape
     if image is not None and image.shape != (*shape, 3):
         raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
+    if image is not None and options.learned:
+        network = network or MotionNetwork()
+        found = network.with_local_smears(found, image)
     scored = motion_score(found)
     judged = _judge(found, scored, image, network, options)
     moving, seen = (
@@ -194,10 +197,9 @@ def _judge(
 ) -> _Judgement:
     """Decide what moves: by the motion segmentation network, or by scores alone."""
     shape = found.field.shape
-    if image is None or not options.learned or scored.still or not scored.reach.any():
+    if image is None or network is None or not options.learned or scored.still or not scored.reach.any():
         evidence = to_pixels_plainly(scored.score, shape)
         return _Judgement(cells=decide(scored, image, shape), evidence=evidence)
-    network = network or MotionNetwork()
     evidence = network.probability(found, image)
     cells = decide_by_network(scored, image, evidence)
     return _Judgement(cells=cells, evidence=evidence, model_id=network.info.model_id)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import open_session, session_errors, shipped_file, usable_cores
-from blur2view.networks.smear_network import check_image
+from blur2view.networks.smear_network import SmearNetwork, check_image
 from blur2view.networks.tiles import reflected
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.features import CHANNELS, motion_features
@@ -22,7 +22,7 @@ from blur2view.segmentation.score import motion_score
 from blur2view.smears.field import upsample_grid
 from blur2view.smears.matches import STRIDE
 
-SHIPPED = "motion.onnx"
+SHIPPED, SHIPPED_SMEARS = "motion.onnx", "local_smear.onnx"
 FORMAT = "motion-1"
 INPUTS, OUTPUTS = {"image": 3, "features": CHANNELS}, {"moving": 1}
 """Names and channels, all (N, C, H, W)."""
@@ -48,6 +48,10 @@ class MotionNetwork:
     ----------
     path : path-like, optional
         An ONNX file written by ``tools/training/export_motion.py``; the shipped one by default.
+    smears : SmearNetwork, optional
+        A network that gives smears in cells of 4 px, which masks are made of instead of the estimate's own:
+        those are read in windows of 96 px, which small movers do not fill. With the shipped network the
+        shipped one.
     threads : int, optional
         Threads of one inference; all cores this process may use by default.
 
@@ -57,10 +61,23 @@ class MotionNetwork:
         If the file is missing, not ONNX, or not a network of this format.
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        smears: SmearNetwork | None = None,
+        *,
+        threads: int | None = None,
+    ) -> None:
         self.path = shipped_file(SHIPPED) if path is None else Path(path)
+        if path is None and smears is None:
+            smears = SmearNetwork(shipped_file(SHIPPED_SMEARS), threads=threads)
+        self.smears = smears
         self._session = open_session(self.path, threads or usable_cores(), REMEDY)
         self.info = read_info(self.path, self._session)
+
+    def with_local_smears(self, found: Estimate, image: NDArray[np.float32]) -> Estimate:
+        """Return the estimate with the smears that masks are made of."""
+        return found if self.smears is None else replace(found, field=self.smears.predict(image))
 
     def probability(self, found: Estimate, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """Tell how probably every pixel moves by itself.

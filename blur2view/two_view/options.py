@@ -39,7 +39,7 @@ class EstimatorOptions:
     fit_error_px: float = 1.0
     min_matches: int = 30
     min_length_px: float = 1.0
-    min_sure_share: float = 0.04
+    min_sure_share: float = 0.02
     max_still_share: float = 0.6
     min_coverage: float = 0.08
     min_agreement: float = 0.2

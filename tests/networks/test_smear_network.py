@@ -170,12 +170,11 @@ def test_network_tells_what_it_is(tiny_model: Path) -> None:
     assert info.training == {"seed": 0}
 
 
-def test_shipped_networks_are_found_in_the_source_tree_and_others_by_their_path() -> None:
+def test_shipped_network_is_found_in_the_source_tree_and_others_by_their_path() -> None:
     models = Path(__file__).resolve().parents[2] / "models"
-    assert model_path(None) == model_path("default") == model_path("fast")
-    assert model_path("fast") == models / "smear_fast.onnx"
-    assert model_path("float") == models / "smear.onnx"
-    assert model_path("./fast") == model_path(Path("fast")) == Path("fast")
+    assert model_path(None) == model_path("default") == models / "smear.onnx"
+    assert model_path("./default") == model_path(Path("default")) == Path("default")
+    assert model_path("fast") == Path("fast")
 
 
 @pytest.mark.parametrize(
@@ -233,7 +232,9 @@ def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
         (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
         (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "damaged metadata"),
         (colour_code_network().SerializeToString().replace(b"smear", b"smea\xff"), "damaged metadata"),
-        (colour_code_network(blur2view_format="2").SerializeToString(), "format 1"),
+        (colour_code_network(blur2view_format="3").SerializeToString(), "of format 1 or 2"),
+        (colour_code_network(blur2view_format="").SerializeToString(), "of format 1 or 2"),
+        (colour_code_network(blur2view_format="2").SerializeToString(), r"than grey \(1, 1, H, W\)"),
         (identity_network(("x", "smear"), 3).SerializeToString(), "other inputs or outputs"),
         (identity_network(("image", "smear"), 1).SerializeToString(), "other inputs or outputs"),
         (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),

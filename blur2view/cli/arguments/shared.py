@@ -184,6 +184,5 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     add(
         "--model",
         metavar="ONNX",
-        help='the smear network: "fast", in 8-bit integers; "float", in floating point, as good and half as '
-        "fast; or a file of tools/training/export_onnx.py (default: fast)",
+        help="an ONNX file of tools/training/export_reader.py (default: the shipped network)",
     )

@@ -1,0 +1,73 @@
+"""A photograph's octaves: each half the size of the one before, joined on one axis of lengths."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.smears.likelihood import PER_OCTAVE
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PyramidOptions:
+    """Which smaller copies of a photograph are read beside it.
+
+    The network reads smears of 2 to 38 px; in a copy of half the size a smear of twice that length is within
+    its reach.
+
+    Parameters
+    ----------
+    levels : int
+        Sizes at most, the photograph's own included; 1 for no smaller copies.
+    smallest_px : int
+        Copies with a side below this are not made: a window of the network has 96 px.
+
+    Raises
+    ------
+    ValueError
+        Unless ``levels >= 1`` and ``smallest_px >= 1``.
+    """
+
+    levels: int = 4
+    smallest_px: int = 90
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.levels < 1 or self.smallest_px < 1:
+            raise ValueError(f"expected levels and smallest_px >= 1, got {self.levels}, {self.smallest_px}")
+
+    def count(self, shape: tuple[int, ...]) -> int:
+        """Return how many sizes of an image (H, W, ...) are read."""
+        fitting = int(np.log2(max(min(shape[:2]) / self.smallest_px, 1)))
+        return min(self.levels, 1 + fitting)
+
+
+def octaves(grey: Floats, count: int) -> list[Floats]:
+    """Return a picture (H, W) and its smaller copies, 2 x 2 pixels averaged, the smallest last."""
+    levels = [grey]
+    for _ in range(count - 1):
+        height, width = levels[-1].shape
+        half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, np.float32))
+    return levels
+
+
+def doubled(cells: Floats, shape: tuple[int, int]) -> Floats:
+    """Return cells (h, w, ...) of a smaller copy on the grid, of this shape, of the next larger one."""
+    return np.repeat(np.repeat(cells, 2, 0), 2, 1)[: shape[0], : shape[1]]
+
+
+def joined(fine: Floats, coarse: Floats) -> Floats:
+    """Return one octave's logits (h, w, 32, B) plus those of all smaller ones (h, w, 32, C), on one axis.
+
+    A length of the smaller copy is twice as long here, one octave up the axis; what is shorter or longer than
+    an octave can read has one logit for all such lengths.
+    """
+    bins = coarse.shape[-1] + PER_OCTAVE
+    own = np.minimum(np.arange(bins), fine.shape[-1] - 1)
+    smaller = np.maximum(np.arange(bins) - PER_OCTAVE, 0)
+    joint: Floats = fine[..., own] + coarse[..., smaller]
+    return joint

@@ -1,0 +1,111 @@
+"""Smears read off a likelihood over direction and length: the value, and what is known of it.
+
+A bin is a direction, of 32 over half a turn, and a length, of four an octave from 2 px on; before the lengths
+stands one bin for anything shorter, after them one for anything longer. The likelihood was fitted to the
+truth blurred by a Gaussian of 0.6 bins, so a smear is read between bins: as the mean about the highest peak,
+or over the whole where no peak stands out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+DIRECTIONS = 32
+"""Bins of direction over 180 degrees; bin k is the direction 180 k / 32 degrees from x towards y."""
+PER_OCTAVE = 4
+"""Bins of length an octave."""
+SHORTEST_PX = 2.0
+"""Length of bin 1."""
+STILL_PX = 0.4
+"""Length that stands for bin 0, anything shorter: most of it is no smear at all."""
+LABEL_SPREAD = 0.6
+"""Standard deviation, in bins, of what the likelihood was fitted to."""
+REACH = 2
+"""Bins on each side of the peak whose mean is the smear."""
+SURE = 0.6
+"""Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less."""
+LEAST_SIGMA_RAD, LEAST_SIGMA_PX = np.deg2rad(0.3), 0.15
+"""Deviations below which the bins cannot tell."""
+
+
+def lengths_px(bins: int) -> Floats:
+    """Return the lengths of the bins, (bins,), pixels."""
+    lengths = SHORTEST_PX * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
+    lengths[0] = STILL_PX
+    return lengths.astype(np.float32)
+
+
+def read_smears(log_likelihood: Floats, evidence: float = 1.0) -> Floats:
+    """Return the smears that a log likelihood tells, with their standard deviations.
+
+    Parameters
+    ----------
+    log_likelihood : ndarray of shape (h, w, 32, bins), float32
+        Per cell, up to a constant: directions by lengths.
+    evidence : float
+        Share of the logarithm that counts as evidence for the deviations: below one where its terms repeat
+        each other.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 4), float32
+        Double angle |d| (cos 2phi, sin 2phi), standard deviation of the end-point error |d - d*|, pixels, and
+        of the direction, radians: root mean squares over the whole likelihood, all its peaks, less what the
+        fit's own blur adds.
+    """
+    likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
+    likelihood /= likelihood.sum((-2, -1), keepdims=True)
+    direction, length = _smears(likelihood)
+    if evidence != 1:
+        likelihood = likelihood ** np.float32(evidence)
+        likelihood /= likelihood.sum((-2, -1), keepdims=True)
+    apart = np.pi / DIRECTIONS * np.arange(DIRECTIONS, dtype=np.float32) - direction[..., None]
+    apart = np.remainder(apart + np.pi / 2, np.pi) - np.pi / 2
+    bins = lengths_px(log_likelihood.shape[-1])
+    blur_rad, blur_log = LABEL_SPREAD * np.pi / DIRECTIONS, LABEL_SPREAD * np.log(2) / PER_OCTAVE
+    direction_variance = (likelihood.sum(-1) * apart**2).sum(-1) - blur_rad**2
+    # E|d - d*|^2 = E L*^2 + L^2 - 2 L E L* |cos(phi - phi*)|
+    along = ((likelihood @ bins) * np.abs(np.cos(apart))).sum(-1)
+    squared = likelihood.sum(-2) @ bins**2 + length**2 - 2 * length * along
+    squared -= length**2 * (blur_rad**2 + blur_log**2)
+    sigma_rad = np.sqrt(np.maximum(direction_variance, LEAST_SIGMA_RAD**2))
+    sigma_px = np.sqrt(np.maximum(squared, LEAST_SIGMA_PX**2))
+    return np.stack(
+        [length * np.cos(2 * direction), length * np.sin(2 * direction), sigma_px, sigma_rad], -1
+    ).astype(np.float32)
+
+
+def _smears(likelihood: Floats) -> tuple[Floats, Floats]:
+    """Return direction, radians, and length, pixels, (h, w)."""
+    direction, length, mass = _peak(likelihood)
+    bins = lengths_px(likelihood.shape[-1])
+    doubled = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS, dtype=np.float32)
+    weight = likelihood @ bins  # (h, w, 32): the mean double angle is of displacements, not of directions
+    mean = np.arctan2(weight @ np.sin(doubled), weight @ np.cos(doubled)) / 2
+    mean_length = np.exp(likelihood.sum(-2) @ np.log(bins))
+    sure = mass >= SURE
+    return np.where(sure, direction, mean), np.where(sure, length, mean_length)
+
+
+def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return direction (radians), length (px) of the mean about the highest peak, and its mass, (h, w)."""
+    bins = likelihood.shape[-1]
+    wide = sum(np.roll(likelihood, shift, -2) for shift in (-1, 0, 1))
+    wide = np.pad(wide, [(0, 0)] * 3 + [(1, 1)])
+    smooth = wide[..., :-2] + wide[..., 1:-1] + wide[..., 2:]  # of 3 x 3 bins: steadier than single ones
+    row, column = np.divmod(smooth.reshape(*smooth.shape[:2], -1).argmax(-1), bins)
+    steps = np.arange(-REACH, REACH + 1)
+    rows = (row[..., None, None] + steps[:, None]) % DIRECTIONS
+    columns = column[..., None, None] + steps
+    inside = (columns >= 0) & (columns < bins)
+    flat = likelihood.reshape(*likelihood.shape[:2], -1)
+    index = (rows * bins + np.clip(columns, 0, bins - 1)).reshape(*row.shape, -1)
+    near = np.take_along_axis(flat, index, -1).reshape(*row.shape, len(steps), len(steps)) * inside
+    mass = np.maximum(near.sum((-2, -1)), 1e-12)
+    direction = (row + (near.sum(-1) @ steps) / mass) * (np.pi / DIRECTIONS)
+    position = column + (near.sum(-2) @ steps) / mass
+    log_length = np.interp(position, np.arange(bins), np.log(lengths_px(bins)))
+    return direction.astype(np.float32), np.exp(log_length).astype(np.float32), mass

@@ -1,0 +1,70 @@
+"""Octaves of a photograph: how many, how they are made, and how what is read in them is joined."""
+
+import numpy as np
+import pytest
+
+from blur2view.networks.octaves import PyramidOptions, doubled, joined, octaves
+
+
+@pytest.mark.parametrize(
+    ("shape", "count"),
+    [((1, 1), 1), ((179, 900), 1), ((180, 180), 2), ((359, 4000), 2), ((480, 640, 3), 3), ((3000, 4000), 4)],
+)
+def test_count_follows_from_the_shorter_side(shape: tuple[int, ...], count: int) -> None:
+    assert PyramidOptions().count(shape) == count
+    assert PyramidOptions(levels=1).count(shape) == 1
+    assert PyramidOptions(levels=2).count(shape) == min(count, 2)
+
+
+@pytest.mark.parametrize("options", [{"levels": 0}, {"smallest_px": 0}])
+def test_options_that_cannot_work_are_refused(options: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="expected levels and smallest_px >= 1"):
+        PyramidOptions(**options)
+
+
+def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> None:
+    grey = np.random.default_rng(0).random((64, 96), dtype=np.float32)
+    levels = octaves(grey, 3)
+    assert [level.shape for level in levels] == [(64, 96), (32, 48), (16, 24)]
+    assert levels[0] is grey
+    for fine, coarse in zip(levels[:-1], levels[1:], strict=True):
+        blocks = fine.reshape(coarse.shape[0], 2, coarse.shape[1], 2)
+        np.testing.assert_allclose(coarse, blocks.mean((1, 3)), atol=1e-6)
+        assert coarse.dtype == np.float32
+
+
+def test_doubled_cells_lie_on_what_they_are_of() -> None:
+    cells = np.arange(6, dtype=np.float32).reshape(2, 3)
+    np.testing.assert_array_equal(doubled(cells, (4, 6))[1:3, 3:5], [[1, 2], [4, 5]])
+    odd = doubled(cells, (3, 5))
+    assert odd.shape == (3, 5)
+    np.testing.assert_array_equal(odd[2], [3, 3, 4, 4, 5])
+
+
+def test_length_of_the_smaller_octave_is_joined_with_its_double() -> None:
+    fine, coarse = np.zeros((1, 1, 32, 20), np.float32), np.zeros((1, 1, 32, 20), np.float32)
+    fine[0, 0, 3, 9] = 1  # 8 px
+    coarse[0, 0, 3, 5] = 1  # 4 px of the smaller picture
+    joint = joined(fine, coarse)
+    assert joint.shape == (1, 1, 32, 24)
+    assert joint[0, 0, 3, 9] == 2 and joint.sum() == 2
+
+
+def test_ends_of_an_octave_stand_for_all_beyond() -> None:
+    fine, coarse = np.zeros((1, 1, 32, 20), np.float32), np.zeros((1, 1, 32, 20), np.float32)
+    fine[..., -1] = 1  # anything longer
+    coarse[..., 0] = 10  # anything shorter
+    np.testing.assert_array_equal(joined(fine, coarse)[0, 0, 0], [10] * 5 + [0] * 14 + [1] * 5)
+
+
+@pytest.mark.parametrize("bins", [20, 24, 28])
+def test_torch_joins_alike(bins: int) -> None:
+    torch = pytest.importorskip("torch")
+    from tools.training import reader
+
+    rng = np.random.default_rng(0)
+    fine, coarse = (rng.normal(0, 1, (3, 5, 32, n)).astype(np.float32) for n in (20, bins))
+    expected = reader.joined(torch.from_numpy(fine), torch.from_numpy(coarse))
+    np.testing.assert_array_equal(joined(fine, coarse), expected.numpy())
+    above = torch.from_numpy(coarse[None])
+    np.testing.assert_array_equal(doubled(coarse, (5, 9)), reader.doubled(above, torch.Size((5, 9)))[0])

@@ -1,0 +1,99 @@
+"""Smears read off likelihoods: the truth that they were fitted to comes back, with a fitting uncertainty."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from blur2view.smears.likelihood import (
+    DIRECTIONS,
+    LABEL_SPREAD,
+    PER_OCTAVE,
+    SHORTEST_PX,
+    lengths_px,
+    read_smears,
+)
+
+Floats = NDArray[np.float32]
+
+BINS = 24
+
+
+def label(length: float, angle_deg: float, bins: int = BINS) -> Floats:
+    """Return the likelihood (32, bins) that one known smear is fitted with."""
+    centre = angle_deg * DIRECTIONS / 180
+    apart = (np.arange(DIRECTIONS) - centre + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2
+    across = np.arange(bins) - np.clip(1 + PER_OCTAVE * np.log2(length / SHORTEST_PX), 0, bins - 1)
+    parts = [np.exp(-x * x / (2 * LABEL_SPREAD**2)) for x in (apart, across)]
+    return np.asarray(np.outer(*(part / part.sum() for part in parts)), np.float32)
+
+
+def read(likelihood: Floats) -> tuple[float, float, float, float]:
+    """Return length, direction in degrees and both sigmas of one cell."""
+    x, y, sigma_px, sigma_rad = read_smears(np.log(likelihood + 1e-12)[None, None])[0, 0].tolist()
+    return float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)) / 2 % 180), sigma_px, sigma_rad
+
+
+def turn_deg(first: float, second: float) -> float:
+    """Return the angle between two directions without sign, degrees."""
+    return abs((first - second + 90) % 180 - 90)
+
+
+@pytest.mark.parametrize("angle_deg", [0, 0.4, 2.8, 17, 45, 90.5, 133.3, 176.5, 179.7])
+@pytest.mark.parametrize("length", [3, 4.3, 9, 15.1, 33, 60])
+def test_known_smear_comes_back(length: float, angle_deg: float) -> None:
+    found, direction, sigma_px, sigma_rad = read(label(length, angle_deg))
+    assert found == pytest.approx(length, rel=0.02)
+    assert turn_deg(direction, angle_deg) < 0.3
+    assert sigma_px < 0.05 * length + 0.2 and sigma_rad < np.deg2rad(1)
+
+
+def test_circular_shift_of_the_directions_turns_the_smear() -> None:
+    likelihood = 0.8 * label(12, 20) + 0.2 * label(5, 70)
+    length, direction, sigma_px, sigma_rad = read(likelihood)
+    for shift in (1, 9, 31):
+        turned = read(np.roll(likelihood, shift, 0))
+        assert turn_deg(turned[1], direction + shift * 180 / DIRECTIONS) < 0.01
+        np.testing.assert_allclose([turned[0], *turned[2:]], [length, sigma_px, sigma_rad], rtol=1e-3)
+
+
+def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
+    length, direction, sigma_px, sigma_rad = read(0.7 * label(20, 30) + 0.3 * label(8, 120))
+    assert length == pytest.approx(20, rel=0.03) and turn_deg(direction, 30) < 0.5
+    assert sigma_rad == pytest.approx(np.sqrt(0.3) * np.pi / 2, rel=0.05)
+    assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
+
+
+def test_evidence_that_repeats_itself_widens_the_sigmas_alone() -> None:
+    logits = np.log(label(12, 50) + 1e-4)[None, None]
+    full, part = read_smears(logits)[0, 0], read_smears(logits, 0.5)[0, 0]
+    np.testing.assert_array_equal(part[:2], full[:2])
+    assert (part[2:] > 1.2 * full[2:]).all()
+
+
+def test_even_likelihood_knows_no_direction() -> None:
+    *_, sigma_rad = read(np.full((DIRECTIONS, BINS), 1, np.float32))
+    assert np.degrees(sigma_rad) == pytest.approx(52, abs=0.5)  # of even angles: 90 / sqrt(3)
+
+
+def test_bin_of_shorter_smears_is_nearly_none() -> None:
+    likelihood = np.zeros((DIRECTIONS, BINS), np.float32)
+    likelihood[:, 0] = 1
+    length, _, sigma_px, _ = read(likelihood)
+    assert length < 1 and sigma_px < 1
+
+
+@pytest.mark.parametrize("bins", [5, 20, 32])
+def test_lengths_grow_by_an_octave_in_four_bins(bins: int) -> None:
+    lengths = lengths_px(bins)
+    assert lengths.shape == (bins,) and lengths.dtype == np.float32 and lengths[0] < 1 and lengths[1] == 2
+    np.testing.assert_allclose(lengths[5:], 2 * lengths[1 : bins - 4], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("h", "w", "bins"), [(1, 1, 20), (3, 5, 20), (2, 7, 32)])
+def test_every_cell_is_read_by_itself(h: int, w: int, bins: int) -> None:
+    rng = np.random.default_rng(0)
+    logits = rng.normal(0, 3, (h, w, DIRECTIONS, bins)).astype(np.float32)
+    smears = read_smears(logits)
+    assert smears.shape == (h, w, 4) and smears.dtype == np.float32 and (smears[..., 2:] > 0).all()
+    np.testing.assert_allclose(read_smears(logits + 7), smears, rtol=1e-3, atol=1e-3)  # up to a constant
+    np.testing.assert_allclose(read_smears(logits[-1:, -1:])[0, 0], smears[-1, -1], rtol=1e-4, atol=1e-5)
