@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 NEEDS_TORCH = (
     "tools/training/test_*.py",
-    "tools/paper/test_paper_experiments.py",
-    "tools/paper/test_paper_variants.py",
+    "tools/paper/test_*.py",
 )
 collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
 

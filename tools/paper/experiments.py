@@ -20,20 +20,22 @@ from pathlib import Path
 import blur2view
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.paper import convolution_blur, failure_cases, paper_summary, paper_tables
+from tools.paper.crop_batches import TrainOptions
 from tools.paper.paper_report import RESULTS, report
 from tools.paper.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
+from tools.rendering.render import RenderOptions
 from tools.reports.figure_style import save, style
 from tools.training.recipe import Recipe, render_all
-from tools.training.train import TrainOptions
 
 SCENES = 60
+TRAINING_SCENES = 5150
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
     """Where things are, and the budgets: `seeds`, `steps` and `plain_steps` of the trainings.
 
-    `shards` holds ``train`` and ``val``, as `tools.training.recipe` renders them.
+    `shards` holds ``train`` and ``val``, as :func:`tools.training.recipe.render_all` renders them.
     """
 
     photos: Path | None
@@ -48,7 +50,8 @@ class Plan:
 
 def train(plan: Plan) -> None:
     """Render, train all variants, summarise Table 1."""
-    train, val = render_all(Recipe(), plan.photos, plan.shards)
+    recipe = Recipe(scenes=TRAINING_SCENES, size=RenderOptions.size)
+    train, val = render_all(recipe, plan.photos, plan.shards)
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from tools.training.model import SmearUNet
+from tools.paper.model import SmearUNet
 from tools.training.stem import STRIDE
 
 START_SIGMA = 8.0

@@ -29,14 +29,13 @@ from torch import Tensor, nn
 from blur2view.errors import Blur2ViewError
 from blur2view.metrics import sparsification_area, sparsification_curve
 from tools.datasets.shards import Scenes, load_shards
+from tools.paper.crop_batches import TrainOptions, batches_of
+from tools.paper.loss import loss_of, smear_error, target_parts
+from tools.paper.model import SmearUNet, decode
 from tools.paper.paper_loss import Representation, decoded, paper_loss
 from tools.paper.paper_network import PlainUNet, stem_network
-from tools.training.checkpoint import follow
-from tools.training.loss import loss_of, smear_error, target_parts
-from tools.training.model import SmearUNet, decode
-from tools.training.schedule import warm_cosine
-from tools.training.train import TrainOptions, batches_of
-from tools.training.validation import figures_of, validation_crops
+from tools.paper.validation import figures_of, validation_crops
+from tools.training.schedule import follow, warm_cosine
 
 NetworkName = Literal["stem", "plain", "factored"]
 ALPHA = 0.01
@@ -152,7 +151,7 @@ def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
 
 
 def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
-    """Make one step as :func:`tools.training.train.advance` on a :func:`shared_input`; return the loss."""
+    """Make one step on a :func:`shared_input`; return the loss."""
     for group in run.optimiser.param_groups:
         group["lr"] = learning_rate_at(run.step, options)
     loss = loss_value(run.variant, raw_output(run.network, inputs), targets)

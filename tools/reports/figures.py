@@ -63,7 +63,7 @@ def main() -> None:
         "--out", type=Path, default=Path("tools/results/figures"), help="(default: %(default)s)"
     )
     parser.add_argument("--photos", type=Path, help="folder of texture photographs, for the failure cases")
-    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
+    parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     parser.add_argument("--only", default="", choices=[*OF_CASES, FAILURES], help="draw one of them")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)

@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("photographs", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True, help="WebP to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
-    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
+    parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     width = TILE_PX if len(arguments.photographs) > 1 else ALONE_PX

@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("photograph", type=Path)
     parser.add_argument("--out", type=Path, help="WebP to write")
     parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
-    parser.add_argument("--model", help='ONNX file or "float"; the shipped network by default')
+    parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
     chromium = find_chromium()
     if chromium is None:

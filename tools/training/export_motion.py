@@ -18,12 +18,14 @@ import numpy as np
 import onnx
 import onnxruntime
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blur2view.errors import Blur2ViewError, ModelError
 from blur2view.segmentation.features import CHANNELS
 from blur2view.segmentation.network import FORMAT
-from tools.training.export_onnx import sample_image
+from tools.rendering.render import RenderOptions, render
+from tools.rendering.sensor import photograph
 from tools.training.motion_model import MotionUNet
 from tools.training.stem import STRIDE
 from tools.training.train_motion import load_network
@@ -50,8 +52,15 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
     }
 
 
+def sample_image() -> NDArray[np.float32]:
+    """Return a rendered photograph (1, 3, 256, 320), RGB in [0, 1]."""
+    scene = render(7, RenderOptions(size=(320, 256)))
+    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
+    return np.asarray(np.ascontiguousarray(image.transpose(2, 0, 1)[None]), np.float32)
+
+
 def sample() -> tuple[Tensor, Tensor]:
-    """Give a rendered photograph and features of any values."""
+    """Return a rendered photograph and features of any values."""
     image = torch.from_numpy(sample_image())
     shape = (1, CHANNELS, image.shape[2] // STRIDE, image.shape[3] // STRIDE)
     return image, torch.from_numpy(np.random.default_rng(0).normal(0, 0.5, shape).astype(np.float32))

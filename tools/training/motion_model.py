@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from blur2view.segmentation.features import CHANNELS
-from tools.training.model import Block
 from tools.training.stem import LEVELS, STRIDE, LagStem, OrientedStem, StructureStem
 
 DIRECTIONS = LagStem.directions
@@ -58,6 +57,22 @@ def rolled(values: Tensor, by: int) -> Tensor:
     groups = values.shape[1] // DIRECTIONS
     order = [g * DIRECTIONS + (k + by) % DIRECTIONS for g in range(groups) for k in range(DIRECTIONS)]
     return values[:, order]
+
+
+class Block(nn.Module):
+    """Two 3 x 3 convolutions with batch normalisation; the residual path starts at the input if `skip`."""
+
+    def __init__(self, inputs: int, outputs: int, skip: bool = False) -> None:
+        super().__init__()
+        self.skip = skip
+        self.first = nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)
+        self.second = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
+        self.norms = nn.ModuleList([nn.BatchNorm2d(outputs), nn.BatchNorm2d(outputs)])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply the block."""
+        y = nnf.relu(self.norms[0](self.first(x)))
+        return nnf.relu(self.norms[1](self.second(y)) + (x if self.skip else y))
 
 
 class MotionUNet(nn.Module):

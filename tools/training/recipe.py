@@ -1,32 +1,36 @@
-"""Make the shipped networks from nothing: render, train, export, quantize; then that of moving things.
+"""Make the shipped networks: render, write examples, train, export; then the network of moving things.
 
-``python -m tools.training.recipe --photos KODAK --work runs/recipe --models models`` does all of it, with the
-figures below; each stage goes on where it was when the line is run again.
+``python -m tools.training.recipe --photos FOLDER... --work runs/recipe --models models`` makes
+``smear.onnx``, ``--motion`` then ``motion.onnx``, with the figures below; each stage goes on where it was
+when the line is run again. The smears that moving things are found in are those of ``local_smear.onnx``,
+which this recipe cannot make any more: it was made by the recipe at commit 346954c.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from tools.datasets.shards import write_shards
+from tools.datasets.shards import require_shards, start_worker, write_shards
 from tools.rendering.render import RenderOptions
-from tools.training import export_motion, motion_data, train_motion
-from tools.training.export_onnx import export
+from tools.training import export_motion, motion_data, reader_data, train_motion
+from tools.training.export_reader import export
 from tools.training.motion_data import MotionExamples
-from tools.training.quantize import SCENES, quantize
-from tools.training.train import TrainOptions, train_all
+from tools.training.reader_data import Sources, load_photos
 from tools.training.train_motion import MotionTraining
+from tools.training.train_reader import ReaderTraining, train
 
 SHARD = 50
 """Scenes in one file."""
+READ_SIZE = (320, 256)
+"""Width and height of the reader's pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """What the shipped network was made of.
+    """What the shipped networks were made of.
 
     Attributes
     ----------
@@ -36,71 +40,85 @@ class Recipe:
         Their width and height in pixels.
     val_scenes, val_seed : int
         Scenes of the held-out textures for the figures on the way, and the first of their seeds.
-    steps, more_steps, processes : int
-        Optimiser steps from nothing, and of a second schedule that goes on from their averaged weights;
-        training processes, whose number decides the result.
-    more_rate, more_seed : float, int
-        Peak learning rate and seed of the crops of the second schedule.
-    calibration_scenes : int
-        Rendered photographs that set the ranges of the integers of the fast network.
+    shards, steps : int
+        Shards of the reader's examples, and its optimiser steps.
+    processes : int
+        Processes that make examples; what they make does not depend on how many they are.
+    motion_scenes, motion_size : int, tuple of int
+        Rendered scenes for the motion segmentation network, and their width and height.
     motion : MotionTraining
-        Schedule of the motion segmentation network.
+        Schedule of that network.
     """
 
-    scenes: int = 5150
-    size: tuple[int, int] = RenderOptions.size
+    scenes: int = 850
+    size: tuple[int, int] = READ_SIZE
     val_scenes: int = 100
     val_seed: int = 900_000
-    steps: int = 10_000
-    more_steps: int = 9_000
-    more_rate: float = 1.2e-3
-    more_seed: int = 1
+    shards: int = 125
+    steps: int = 6000
     processes: int = 2
-    calibration_scenes: int = SCENES
+    motion_scenes: int = 5150
+    motion_size: tuple[int, int] = RenderOptions.size
     motion: MotionTraining = field(default_factory=MotionTraining)
 
 
 def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, Path]:
-    """Render what is missing of both sets; give their folders."""
+    """Render what is missing of both sets; return their folders."""
     train, val = work / "train", work / "val"
-    sets = (
-        (train, range(recipe.scenes), "train"),
-        (val, range(recipe.val_seed, recipe.val_seed + recipe.val_scenes), "test"),
-    )
-    for folder, seeds, split in sets:
-        options = RenderOptions(size=recipe.size, split=split, photos=photos)
-        for path in write_shards(folder, seeds, options, multiprocessing.cpu_count(), SHARD):
-            print(path, flush=True)
+    held = range(recipe.val_seed, recipe.val_seed + recipe.val_scenes)
+    render_set(train, range(recipe.scenes), RenderOptions(size=recipe.size, photos=photos))
+    render_set(val, held, RenderOptions(size=recipe.size, split="test", photos=photos))
     return train, val
 
 
-def make(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
-    """Run all stages."""
-    train, val = render_all(recipe, photos, work)
-    first = TrainOptions(
-        train=train, val=val, out=work / "run", steps=recipe.steps, processes=recipe.processes
+def render_set(folder: Path, seeds: range, options: RenderOptions) -> None:
+    """Render what is missing of one set."""
+    for path in write_shards(folder, seeds, options, multiprocessing.cpu_count(), SHARD):
+        print(path, flush=True)
+
+
+def make(recipe: Recipe, photos: list[Path], work: Path, models: Path) -> None:
+    """Make the smear network, with surfaces of the photographs in these folders.
+
+    Rendered scenes have procedural textures and photographs of scikit-image, so none held out is in a folder.
+    """
+    scenes, held = render_all(recipe, None, work)
+    write_examples(recipe, photos, scenes, held, work)
+    training = ReaderTraining(
+        train=work / "examples",
+        val=work / "held",
+        out=work / "run",
+        steps=recipe.steps,
+        shards=recipe.shards,
     )
-    train_all(first)
-    second = replace(
-        first,
-        out=work / "run2",
-        weights=first.out / "last.pt",
-        steps=recipe.more_steps,
-        learning_rate=recipe.more_rate,
-        seed=recipe.more_seed,
-    )
-    train_all(second)
+    train(training)
     models.mkdir(parents=True, exist_ok=True)
-    export(second.out / "last.pt", models / "smear.onnx")
-    quantize(models / "smear.onnx", models / "smear_fast.onnx", recipe.calibration_scenes)
-    make_motion(recipe, train, work, models)
+    export(training.out / "last.pt", models / "smear.onnx")
 
 
-def make_motion(recipe: Recipe, train: Path, work: Path, models: Path) -> None:
-    """Make the motion segmentation network, on what the fast network of ``models`` says of the scenes."""
-    examples = work / "motion.npz"
+def write_examples(recipe: Recipe, photos: list[Path], scenes: Path, held: Path, work: Path) -> None:
+    """Write the examples that are missing, and one shard, of held-out scenes alone, for the figures."""
+    only = Sources(photos=[], scenes=require_shards(held), rendered_share=1.0)
+    reader_data.write_shards(work / "held", range(recipe.val_seed, recipe.val_seed + 1), only)
+    sources = Sources(photos=load_photos(photos), scenes=require_shards(scenes))
+    count = recipe.processes
+    parts = [(work / "examples", range(k, recipe.shards, count), sources) for k in range(count)]
+    if count == 1:
+        reader_data.write_shards(*parts[0])
+        return
+    with multiprocessing.get_context("spawn").Pool(count, start_worker) as pool:
+        pool.starmap(reader_data.write_shards, parts)
+
+
+def make_motion(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
+    """Make the motion segmentation network, on what ``local_smear.onnx`` of ``models`` says of scenes.
+
+    That file was made by the recipe at commit 346954c.
+    """
+    scenes, examples = work / "motion", work / "motion.npz"
+    render_set(scenes, range(recipe.motion_scenes), RenderOptions(size=recipe.motion_size, photos=photos))
     if not examples.exists():
-        made = motion_data.make(train, multiprocessing.cpu_count(), models / "smear_fast.onnx")
+        made = motion_data.make(scenes, multiprocessing.cpu_count(), models / "local_smear.onnx")
         made.save(examples)
     train_motion.train(MotionExamples.load(examples), recipe.motion, work / "motion.pt")
     export_motion.export(work / "motion.pt", models / "motion.onnx")
@@ -110,21 +128,19 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--photos", type=Path, help="folder of the Kodak suite's 24 PNG files")
+    parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
     parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
     parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
-    parser.add_argument("--scenes", type=int, default=Recipe.scenes, help="(default: %(default)s)")
-    parser.add_argument("--val-scenes", type=int, default=Recipe.val_scenes, help="(default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=Recipe.steps, help="(default: %(default)s)")
-    parser.add_argument("--more-steps", type=int, default=Recipe.more_steps, help="(default: %(default)s)")
-    arguments = parser.parse_args()
-    recipe = Recipe(
-        scenes=arguments.scenes,
-        val_scenes=arguments.val_scenes,
-        steps=arguments.steps,
-        more_steps=arguments.more_steps,
-    )
-    make(recipe, arguments.photos, arguments.work, arguments.models)
+    parser.add_argument("--motion", action="store_true", help="then make motion.onnx, of the first folder")
+    for name in ("scenes", "val_scenes", "shards", "steps"):
+        option, default = f"--{name.replace('_', '-')}", getattr(Recipe, name)
+        parser.add_argument(option, type=int, default=default, help="(default: %(default)s)")
+    given = vars(parser.parse_args())
+    photos, work, models, motion = (given.pop(name) for name in ("photos", "work", "models", "motion"))
+    recipe = Recipe(**given)
+    make(recipe, photos, work, models)
+    if motion:
+        make_motion(recipe, photos[0], work, models)
 
 
 if __name__ == "__main__":

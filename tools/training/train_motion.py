@@ -20,10 +20,9 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.errors import Blur2ViewError
-from tools.training.checkpoint import follow
 from tools.training.motion_data import LEAST_SHARE, STATIC, VALID, MotionExamples
 from tools.training.motion_model import MotionOptions, MotionUNet
-from tools.training.schedule import warm_cosine
+from tools.training.schedule import follow, warm_cosine
 from tools.training.stem import STRIDE
 
 Array = NDArray[Any]

@@ -10,14 +10,13 @@ import torch
 
 from blur2view.smears.field import to_double_angle
 from tools.datasets.shards import load_shards, training_record
-from tools.paper import paper_variants
+from tools.paper import paper_variants, validation
+from tools.paper.crop_batches import TrainOptions, batches_of
+from tools.paper.model import ModelOptions, SmearUNet
 from tools.paper.paper_loss import Representation, decoded, double_angle, paper_loss, rightward, sigma_of
 from tools.paper.paper_network import START_SIGMA, PlainUNet, start_outputs, stem_network
 from tools.paper.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
 from tools.rendering.render import RenderOptions
-from tools.training import validation
-from tools.training.model import ModelOptions, SmearUNet
-from tools.training.train import TrainOptions, batches_of
 
 REPRESENTATIONS: tuple[Representation, ...] = ("local", "restricted", "double")
 

@@ -1,40 +1,59 @@
-"""The recipe of the shipped networks, from nothing to all three files, in miniature."""
+"""The recipe of the shipped networks, in miniature."""
 
+import os
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.segmentation.network import MotionNetwork
-from tools.training import recipe, validation
-from tools.training.recipe import Recipe, make
+from tools.training import reader_data, recipe
+from tools.training.recipe import Recipe, make, make_motion
 from tools.training.train_motion import MotionTraining
 
+MODELS = Path(__file__).resolve().parents[3] / "models"
 
-def test_recipe_makes_all_networks_and_goes_on_where_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(recipe, "SHARD", 4)
-    monkeypatch.setattr(validation, "CROPS", 4)
-    small = Recipe(
-        scenes=4,
-        val_scenes=4,
-        size=(64, 64),
-        steps=2,
-        more_steps=3,
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
+    """Return a recipe of a few scenes, in small files."""
+    monkeypatch.setattr(recipe, "SHARD", 2)
+    monkeypatch.setattr(reader_data, "SHARD", 2)
+    return Recipe(
+        scenes=2,
+        val_scenes=2,
+        shards=1,
+        steps=1,
         processes=1,
-        calibration_scenes=1,
+        motion_scenes=4,
+        motion_size=(64, 64),
         motion=MotionTraining(steps=2, batch=2, size=(64, 64)),
     )
-    make(small, None, tmp_path / "work", tmp_path / "models")
-    rendered = capfd.readouterr().out.count(".npz")
-    names = {None: "smear.onnx", "fast": "smear_fast.onnx"}
-    image = np.random.default_rng(0).random((64, 96, 3), dtype=np.float32)
-    for name in names.values():
-        network = SmearNetwork(tmp_path / "models" / name)
-        assert network.info.training["steps"] == 5 and network.info.training["scenes"] == 4
-        assert network.predict(image).shape == (64, 96)
-    assert MotionNetwork(tmp_path / "models" / "motion.onnx").info.stride == 4
-    make(small, None, tmp_path / "work", tmp_path / "models")
-    assert rendered == 2 and ".npz" not in capfd.readouterr().out  # nothing is rendered twice
+
+
+@pytest.mark.slow
+def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
+    tmp_path: Path, small: Recipe, capfd: pytest.CaptureFixture[str]
+) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    pixels = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    assert cv2.imwrite(str(photos / "noise.png"), pixels)
+    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    made = capfd.readouterr().out.count(".npz")
+    network = SmearNetwork(tmp_path / "models" / "smear.onnx")
+    assert network.info.training["steps"] == 1 and network.info.format == "2"
+    assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
+    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    assert made == 4 and ".npz" not in capfd.readouterr().out  # nothing is made twice
+
+
+@pytest.mark.slow
+def test_recipe_makes_the_motion_network(tmp_path: Path, small: Recipe) -> None:
+    shutil.copy(MODELS / "local_smear.onnx", tmp_path)
+    make_motion(small, None, tmp_path / "work", tmp_path)
+    assert MotionNetwork(tmp_path / "motion.onnx").info.stride == 4
+    assert "motion.npz" in os.listdir(tmp_path / "work")

@@ -6,7 +6,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from tools.training.model import SmearUNet
+from tools.paper.model import SmearUNet
 from tools.training.stem import LagStem, OrientedStem, StructureStem
 
 LAGS_PX = [4, 6, 10, 16, 24, 36, 52]

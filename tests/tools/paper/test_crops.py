@@ -1,0 +1,130 @@
+"""Crops: picture and truth stay together through turns, mirrors, scales and workers."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tools.datasets.shards import Scenes, encode_linear
+from tools.paper import crops
+from tools.paper.crops import CropStream, crop, cut, orient, resized
+
+SIDE = 64
+
+
+def coded_scenes(size: tuple[int, int] = (128, 96), count: int = 3) -> Scenes:
+    """Make scenes whose radiance tells the truth: red = x, green = y of the displacement / 100 + 0.5."""
+    rng = np.random.default_rng(0)
+    rows, columns = size[1] // 4, size[0] // 4
+    displacement = rng.uniform(-40, 40, (count, rows, columns, 2)).astype(np.float16)
+    red_green = displacement.astype(np.float32).repeat(4, 1).repeat(4, 2) / 100 + 0.5
+    linear = np.concatenate([red_green, np.full((*red_green.shape[:3], 1), 0.5)], -1)
+    labels = rng.integers(0, 4, (count, rows, columns)).astype(np.uint8)
+    return Scenes(linear=encode_linear(linear), displacement=displacement, labels=labels)
+
+
+def decoded(linear: np.ndarray) -> np.ndarray:
+    """Read the displacement at the cells' centres from the colours."""
+    centres = linear[1::4, 1::4]
+    return (centres[..., :2] - 0.5) * 100
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("turns", range(4))
+def test_displaced_dot_stays_displaced_by_the_truth(turns: int, mirror: bool) -> None:
+    start, d = np.array([9, 20]), np.array([12, -5])
+    picture, field = np.zeros((32, 40, 2), np.float32), np.broadcast_to(d, (8, 10, 2)).astype(np.float32)
+    picture[start[1], start[0], 0] = 1
+    picture[start[1] + d[1], start[0] + d[0], 1] = 1
+    labels = np.arange(80).reshape(8, 10)
+    image, displacement, turned = orient(picture, field, labels, turns, mirror)
+    dots = [np.argwhere(image[..., k] == 1)[0][::-1] for k in (0, 1)]
+    np.testing.assert_array_equal(displacement[3, 3], dots[1] - dots[0])
+    assert (displacement == displacement[0, 0]).all()
+    # labels follow the picture: the cell of the first dot
+    assert turned[dots[0][1] // 4, dots[0][0] // 4] == labels[start[1] // 4, start[0] // 4]
+
+
+def test_cut_picture_shows_its_own_truth() -> None:
+    scenes, seen = coded_scenes(), set()
+    for seed in range(30):
+        linear, displacement, labels = cut(np.random.default_rng(seed), scenes, seed % 3, SIDE)
+        assert (
+            linear.shape == (SIDE, SIDE, 3) and displacement.shape == (16, 16, 2) and labels.shape == (16, 16)
+        )
+        source = np.isclose(decoded(linear), displacement, atol=0.05).all()
+        seen.add(bool(source))
+        if source:  # not resized: the cell's labels are those of the scene
+            at = np.argwhere((scenes.displacement[seed % 3] == displacement[0, 0]).all(-1))[0]
+            np.testing.assert_array_equal(labels, scenes.labels[seed % 3][at[0] :, at[1] :][:16, :16])
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("source", [48, 92])
+def test_resized_truth_grows_with_the_picture(source: int) -> None:
+    cells = source // 4
+    x = np.arange(cells, dtype=np.float32)
+    displacement = np.stack(np.meshgrid(x, x), -1)  # tells its own cell
+    linear = np.stack([*np.meshgrid(np.arange(source), np.arange(source)), np.zeros((source, source))], -1)
+    labels = np.ones((cells, cells), np.uint8)
+    picture, field, small = resized(linear.astype(np.float32), displacement, labels, SIDE)
+    assert picture.shape == (SIDE, SIDE, 3) and field.shape == (16, 16, 2) and small.shape == (16, 16)
+    scale = SIDE / source
+    # the pixel at a target cell's centre shows source position p; its truth is that of the nearest cell
+    shown = (picture[1::4, 1::4, :2] + picture[2::4, 2::4, :2]) / 2
+    cell_centre = field / scale * 4 + 1.5
+    assert np.abs(shown - cell_centre).max() <= 2.0 + 0.5 / scale + 0.1
+    assert np.abs((shown - cell_centre).mean((0, 1))).max() < 0.5
+
+
+def test_targets_are_finite_whatever_the_shards_hold() -> None:
+    scenes = coded_scenes()
+    scenes.displacement[0, ::3] = np.inf
+    scenes.displacement[0, 1::3, :, 0] = np.nan
+    scenes.displacement[0, 2::3, :, 1] = 700
+    scenes.labels[:] = 3
+    for seed in range(4):
+        image, target = crop(np.random.default_rng(seed), scenes, 0, SIDE)
+        assert image.dtype == target.dtype == np.float32
+        assert image.shape == (3, SIDE, SIDE) and target.shape == (3, 16, 16)
+        assert image.min() >= 0 and image.max() <= 1
+        assert not target.any()  # nothing here is usable
+
+
+def test_validity_is_the_first_bit() -> None:
+    scenes = coded_scenes()
+    for label, valid in enumerate((0, 1, 0, 1)):
+        scenes.labels[:] = label
+        _, target = crop(np.random.default_rng(1), scenes, 0, SIDE)
+        assert (target[2] == valid).all() and np.abs(target[:2]).max() > 10
+
+
+def test_batch_depends_only_on_seed_and_number() -> None:
+    scenes = coded_scenes()
+    stream = CropStream(scenes, seed=3, batch=2, side=SIDE)
+    batches = [pair for _, pair in zip(range(4), stream, strict=False)]
+    later = next(iter(CropStream(scenes, seed=3, batch=2, side=SIDE, first=3)))
+    for expected, found in zip(batches[3], later, strict=True):
+        assert torch.equal(expected, found)
+    assert not torch.equal(batches[0][0], batches[1][0])
+    assert not torch.equal(batches[0][0], CropStream(scenes, seed=4, batch=2, side=SIDE).make(0)[0])
+
+
+def test_workers_share_the_batches_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    def taken(worker: int) -> list[int]:
+        info = SimpleNamespace(id=worker, num_workers=3)
+        monkeypatch.setattr(torch.utils.data, "get_worker_info", lambda: info)
+        stream = CropStream(coded_scenes(), seed=0, batch=1, side=SIDE, first=10)
+        numbers: Any = []
+        monkeypatch.setattr(stream, "make", lambda k: numbers.append(k) or k)
+        return [k for _, k in zip(range(3), stream, strict=False)]  # type: ignore[misc]
+
+    assert [taken(worker) for worker in range(3)] == [[10, 13, 16], [11, 14, 17], [12, 15, 18]]
+
+
+def test_half_of_the_crops_keep_their_scale() -> None:
+    scales = np.array([crops.sample_scale(np.random.default_rng(seed)) for seed in range(400)])
+    assert (scales == 1).mean() == pytest.approx(0.5, abs=0.08)
+    assert 0.6 <= scales.min() < 0.7 and 1.25 < scales.max() <= 1.35

@@ -1,0 +1,109 @@
+"""Shaken pictures: what is still stays, an even motion is a box, and the truth says what was drawn."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tools.rendering import shaken
+from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, cell_centres, processed, shake
+
+STILL = ShakeOptions(size=(96, 64), still_share=1.0, layer_share=0.0)
+
+
+def photo(size: tuple[int, int] = (300, 400)) -> NDArray[np.uint8]:
+    """Return smooth noise, (H, W, 3)."""
+    noise = np.random.default_rng(0).normal(0, 1, (*size, 3)).astype(np.float32)
+    smooth = np.asarray(cv2.GaussianBlur(noise, (0, 0), 2))
+    return np.asarray(np.clip(128 + 60 * smooth / smooth.std(), 0, 255), np.uint8)
+
+
+def straight(shift: list[float], linear: Any = None) -> Path:
+    """Return an even motion."""
+    matrix = np.zeros((2, 2)) if linear is None else np.array(linear)
+    return Path(shift=np.array(shift), linear=matrix, bend=np.zeros(2), acceleration=0.0)
+
+
+def test_still_picture_is_a_piece_of_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = photo()
+    pieces = []
+
+    def kept(*arguments: Any) -> NDArray[Any]:
+        pieces.append(shaken_surface(*arguments))
+        return pieces[-1]
+
+    shaken_surface = shaken.surface
+    monkeypatch.setattr(shaken, "surface", kept)
+    for seed in range(5):
+        linear, displacement, valid = shake(np.random.default_rng(seed), [source], STILL)
+        assert linear.shape == (64, 96, 3) and displacement.shape == (16, 24, 2) and valid.all()
+        assert not displacement.any()
+        y, x = ((have - want) // 2 for have, want in zip(pieces[-1].shape, (64, 96), strict=False))
+        np.testing.assert_allclose(linear, pieces[-1][y : y + 64, x : x + 96], atol=1e-4)
+
+
+@pytest.mark.parametrize("length", [9, 15])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_even_motion_is_a_box_along_it(length: int, axis: int) -> None:
+    layer = DECODE[photo((64 + 64, 96 + 64))]
+    shift = [float(length), 0.0] if axis == 0 else [0.0, float(length)]
+    picture, covered = averaged([layer], [straight(shift)], (96, 64), 40 * length)
+    box = np.ones((1, length)) if axis == 0 else np.ones((length, 1))
+    expected = cv2.filter2D(layer, -1, box / box.size)[32:-32, 32:-32]
+    assert not covered.any()
+    assert np.abs(picture - expected).max() < 0.01 * layer.max()
+
+
+def test_bent_and_accelerated_paths_have_the_same_ends() -> None:
+    even = straight([10.0, 4.0], [[0.02, 0.01], [-0.03, 0.0]])
+    bent = Path(shift=even.shift, linear=even.linear, bend=np.array([3.0, -2.0]), acceleration=0.4)
+    for tau in (-0.5, 0.5):
+        for one, other in zip(even.inverse(tau), bent.inverse(tau), strict=True):
+            np.testing.assert_allclose(one, other)
+    ends = [np.linalg.inv(m) @ (np.array([5.0, 7.0]) - o) for m, o in map(even.inverse, (-0.5, 0.5))]
+    np.testing.assert_allclose(ends[1] - ends[0], even.smears(np.array([5.0, 7.0])), atol=1e-9)
+
+
+def test_smear_at_the_centre_has_the_length_that_was_drawn() -> None:
+    rng = np.random.default_rng(0)
+    for length in (2.0, 11.0, 40.0):
+        for _ in range(10):
+            path = shaken.sample_path(rng, length, 64)
+            assert np.hypot(*path.smears(np.zeros(2))) == pytest.approx(length)
+    options = ShakeOptions(size=(96, 64), smear_px=(20.0, 20.001), still_share=0.0, layer_share=0.0)
+    _, displacement, _ = shake(rng, [photo()], options)
+    centre = displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
+    assert np.hypot(*centre) == pytest.approx(20, rel=1e-3)
+
+
+def test_cells_are_centred_as_the_truth_says() -> None:
+    centres = cell_centres((96, 64))
+    assert centres.shape == (16, 24, 2)
+    np.testing.assert_array_equal(centres[0, 0], [1.5 - 47.5, 1.5 - 31.5])
+    np.testing.assert_allclose(centres.mean((0, 1)), 0, atol=1e-12)
+
+
+def test_two_layers_are_labelled_by_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = [straight([0.0, 0.0]), straight([0.0, 12.0])]
+    outline = np.zeros((64, 96), np.float32)
+    outline[:, 48:] = 1
+    monkeypatch.setattr(shaken, "sample_paths", lambda *_: paths)
+    monkeypatch.setattr(shaken, "blob", lambda *_: outline)
+    sources = [np.full((300, 400, 3), 255, np.uint8)]
+    linear, displacement, valid = shake(np.random.default_rng(0), sources, STILL)
+    np.testing.assert_array_equal(displacement[8, :12], np.zeros((12, 2)))
+    np.testing.assert_array_equal(displacement[8, 12:], np.tile([0.0, 12.0], (12, 1)))
+    assert valid[8].all() and not valid[0, 12:].any()  # above, the second layer comes and goes
+    np.testing.assert_allclose(linear, 1, atol=1e-5)  # white before white
+
+
+def test_processed_pictures_are_pictures() -> None:
+    linear = DECODE[photo((64, 96))]
+    for share in ("reduced_share", "upscaled_share", "denoised_share", "twice_share"):
+        options = replace(ShakeOptions(size=(96, 64), reduced_share=0.0), **{share: 1.0})  # type: ignore[arg-type]
+        for seed in range(4):
+            image = processed(np.random.default_rng(seed), linear, options)
+            assert image.shape == (64, 96, 3) and image.min() >= 0 and 30 < image.max() <= 255

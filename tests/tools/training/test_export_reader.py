@@ -1,0 +1,65 @@
+"""The exported reader: it computes what torch does, says what it is, and replaces nothing if it does not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from blur2view.errors import ModelError
+from blur2view.networks.smear_network import SmearNetwork
+from tools.training import export_reader
+from tools.training.export_reader import difference, export, sample_picture
+from tools.training.reader import Reader, ReaderOptions
+from tools.training.train_reader import load_average
+
+pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
+SMALL = ReaderOptions(window=8, region=12)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write what a run of random weights would."""
+    torch.manual_seed(0)
+    weights = Reader(SMALL).state_dict()
+    path = tmp_path_factory.mktemp("run") / "last.pt"
+    state = {"network": weights, "average": weights, "widths": SMALL.as_dict(), "step": 40}
+    torch.save(state | {"figures": {"held": {"loss": 1.5}}, "options": {"seed": 3, "batch": 16}}, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def exported(checkpoint: Path) -> Path:
+    target = checkpoint.with_name("smear.onnx")
+    export(checkpoint, target)
+    return target
+
+
+def test_file_computes_what_torch_does_in_every_size(exported: Path, checkpoint: Path) -> None:
+    network, _ = load_average(checkpoint)
+    grey = sample_picture()
+    assert grey.min() >= 0 and grey.max() <= 1
+    for height, width in ((256, 320), (64, 64), (96, 224)):
+        assert difference(exported, network, grey[..., :height, :width].contiguous()) < 2e-3
+
+
+def test_package_reads_it(exported: Path) -> None:
+    network = SmearNetwork(exported, threads=1)
+    info = network.info
+    assert (info.format, info.stride, info.multiple_of, info.license) == ("2", 32, 32, "Apache-2.0")
+    assert info.model_id.startswith("smear-") and info.training["pictures"] == 640
+    assert info.training["figures"] == {"held": {"loss": 1.5}} and info.training["seed"] == 3
+    image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)
+    field = network.predict(image)
+    assert field.shape == (190, 210) and np.isfinite(field.displacement).all()
+
+
+def test_file_that_differs_from_torch_replaces_nothing(
+    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "smear.onnx"
+    target.write_bytes(b"before")
+    monkeypatch.setattr(export_reader, "difference", lambda *_: float("nan"))
+    with pytest.raises(ModelError, match="differs from torch by nan, so it does not replace"):
+        export(checkpoint, target)
+    assert target.read_bytes() == b"before"

@@ -1,0 +1,126 @@
+"""The spectral reader: what turns with the picture, what its layers compute, and what it is fitted to."""
+
+import numpy as np
+import pytest
+import torch
+
+from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from tools.training.reader import (
+    BINS,
+    HIDDEN_WEIGHT,
+    Circular,
+    Gathering,
+    Reader,
+    ReaderOptions,
+    bin_of,
+    box_sum,
+    loss_of,
+    target_of,
+)
+from tools.training.spectra import SAMPLES, SCALARS
+
+SMALL = ReaderOptions(window=8, region=12)
+
+
+def some_octaves(n: int = 1, rows: int = 4, columns: int = 5) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Return features of two octaves, of any values."""
+    torch.manual_seed(1)
+    sizes = ((rows, columns), (rows // 2, -(-columns // 2)))
+    return [(torch.randn(n, h, w, DIRECTIONS, SAMPLES), torch.randn(n, h, w, SCALARS)) for h, w in sizes]
+
+
+@pytest.fixture
+def network() -> Reader:
+    """Return a small reader of random weights."""
+    torch.manual_seed(0)
+    return Reader(SMALL).eval()
+
+
+def test_every_octave_has_joint_logits(network: Reader) -> None:
+    with torch.no_grad():
+        fine, coarse = network(some_octaves(2))
+    assert fine.shape == (2, 4, 5, DIRECTIONS, BINS + 4) and coarse.shape == (2, 2, 3, DIRECTIONS, BINS)
+
+
+@pytest.mark.parametrize("shift", [1, 8, 31])
+def test_without_the_lattice_directions_are_treated_alike(network: Reader, shift: int) -> None:
+    given = some_octaves()
+    turned = [(torch.roll(cepstra, shift, -2), scalars) for cepstra, scalars in given]
+    with torch.no_grad():
+        assert (network(turned)[0] - torch.roll(network(given)[0], shift, -2)).abs().max() > 1e-3
+        network.lattice.zero_()
+        for one, other in zip(network(turned), network(given), strict=True):
+            torch.testing.assert_close(one, torch.roll(other, shift, -2), atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("reach", [1, 2])
+def test_sums_over_boxes_are_those_of_a_loop(reach: int) -> None:
+    x = torch.randn(2, 4, 5, 3, 2)
+    expected = torch.zeros_like(x)
+    for i in range(4):
+        for j in range(5):
+            rows, columns = (slice(max(0, k - reach), k + reach + 1) for k in (i, j))
+            expected[:, i, j] = x[:, rows, columns].sum((1, 2))
+    torch.testing.assert_close(box_sum(x, reach), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_gathered_means_of_equal_cells_are_the_cells() -> None:
+    torch.manual_seed(0)
+    x = torch.randn(1, 1, 1, DIRECTIONS, 6).expand(2, 4, 5, -1, -1)
+    y = Gathering(6, (1, 2))(x)
+    assert y.shape == (2, 4, 5, DIRECTIONS, 18)
+    torch.testing.assert_close(y[..., :6], x)
+    torch.testing.assert_close(y[..., 6:], torch.cat([x, x], -1), atol=0.05, rtol=0.05)
+
+
+@pytest.mark.parametrize(("inputs", "outputs", "reach"), [(3, 7, 2), (7, 3, 1), (5, 5, 1)])
+def test_circular_layer_by_gathering_is_the_same(inputs: int, outputs: int, reach: int) -> None:
+    torch.manual_seed(0)
+    layer = Circular(inputs, outputs, reach)
+    torch.nn.init.normal_(layer.bias)
+    x = torch.randn(2, 3, 2, DIRECTIONS, inputs)
+    torch.testing.assert_close(layer.by_gathering(x), layer(x), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("k", [0, 7, 31])
+@pytest.mark.parametrize("j", [4, 9, 18])
+def test_target_is_a_distribution_with_its_maximum_at_the_truth(k: int, j: int) -> None:
+    length, angle = 2.0 * 2 ** ((j - 1) / 4), np.pi * k / DIRECTIONS
+    d = torch.tensor([length * np.cos(angle), length * np.sin(angle)], dtype=torch.float32)
+    target, weight = target_of(d.expand(2, 3, 16, 2), torch.ones(2, 3, 16), BINS)
+    assert target.shape == (2, 3, DIRECTIONS, BINS) and (weight == 1).all()
+    torch.testing.assert_close(target.sum((-1, -2)), torch.ones(2, 3))
+    assert divmod(int(target[0, 0].argmax()), BINS) == (k, j)
+    backwards, _ = target_of(-d.expand(16, 2), torch.ones(16), BINS)
+    torch.testing.assert_close(backwards, target[0, 0], atol=1e-4, rtol=1e-3)
+
+
+def test_what_is_read_off_a_target_is_its_smear() -> None:
+    d = torch.tensor([9.0, 5.0])
+    target, _ = target_of(d.expand(16, 2), torch.ones(16), BINS)
+    x, y = read_smears(np.log(target.numpy() + 1e-12)[None, None])[0, 0, :2]
+    assert np.hypot(x, y) == pytest.approx(np.hypot(9, 5), rel=0.02)
+    assert np.arctan2(y, x) / 2 == pytest.approx(np.arctan2(5, 9), abs=0.005)
+
+
+def test_still_cells_have_no_direction_and_hidden_samples_count_less() -> None:
+    target, weight = target_of(torch.zeros(16, 2), torch.zeros(16), BINS)
+    torch.testing.assert_close(target, target[:1].expand(DIRECTIONS, -1))
+    assert target[0].argmax() == 0 and weight == pytest.approx(HIDDEN_WEIGHT)
+
+
+def test_bins_of_lengths() -> None:
+    lengths = torch.tensor([2.0, 4.0, 32.0])
+    torch.testing.assert_close(bin_of(lengths), torch.tensor([1.0, 5.0, 17.0]))
+    assert bin_of(torch.zeros(1)) < 0
+
+
+def test_loss_is_least_at_the_target() -> None:
+    torch.manual_seed(0)
+    d = torch.randn(1, 2, 2, 16, 2) * 10
+    target, weight = target_of(d, torch.ones(1, 2, 2, 16), BINS)
+    best = torch.log(target + 1e-9)
+    least = loss_of(best, target, weight)
+    for _ in range(5):
+        assert loss_of(best + 0.3 * torch.randn_like(best), target, weight) > least
+    torch.testing.assert_close(loss_of(best + 5, target, weight), least)

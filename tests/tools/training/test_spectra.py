@@ -1,0 +1,91 @@
+"""Features of windows: two ways to compute them agree, and a smear's comb is where the smear says."""
+
+import numpy as np
+import pytest
+import torch
+
+from blur2view.smears.likelihood import DIRECTIONS
+from tools.training.spectra import (
+    COMB_LAGS_PX,
+    SAMPLES,
+    SCALARS,
+    STEP,
+    TREND_LAGS_PX,
+    Spectra,
+    SpectraByProducts,
+    halved,
+)
+
+pytestmark = pytest.mark.slow  # the maps take seconds
+
+
+@pytest.fixture(scope="module")
+def spectra() -> Spectra:
+    return Spectra()
+
+
+def smeared_noise(length: float, angle_deg: float, size: tuple[int, int] = (192, 192)) -> torch.Tensor:
+    """Return white noise (1, 1, H, W) that was smeared evenly: its spectrum times a sinc."""
+    noise = np.random.default_rng(0).normal(0, 1, size)
+    fy, fx = np.meshgrid(np.fft.fftfreq(size[0]), np.fft.fftfreq(size[1]), indexing="ij")
+    angle = np.radians(angle_deg)
+    blurred = np.fft.ifft2(
+        np.fft.fft2(noise) * np.sinc(length * (fx * np.cos(angle) + fy * np.sin(angle)))
+    ).real
+    grey = 0.5 + 0.12 * blurred / blurred.std()
+    return torch.from_numpy(np.clip(grey, 0, 1).astype(np.float32)[None, None])
+
+
+def test_products_give_the_features_of_the_fft(spectra: Spectra) -> None:
+    rng = np.random.default_rng(1)
+    grey = smeared_noise(9, 25, (128, 192))
+    grey[..., :40, :60] = 1
+    grey[..., 100:, 150:] = torch.from_numpy(rng.random((28, 42), np.float32) * 0.2)
+    expected, actual = spectra(grey), SpectraByProducts()(grey)
+    assert expected[0].shape == (1, 4, 6, DIRECTIONS, SAMPLES) and expected[1].shape == (1, 4, 6, SCALARS)
+    assert len(COMB_LAGS_PX) + len(TREND_LAGS_PX) == SAMPLES
+    for one, other in zip(expected, actual, strict=True):
+        torch.testing.assert_close(other, one, atol=2e-3, rtol=1e-3)
+
+
+def test_features_of_a_picture_do_not_depend_on_the_others_of_its_batch(spectra: Spectra) -> None:
+    pictures = torch.cat([smeared_noise(9, 25, (64, 96)), smeared_noise(20, 80, (64, 96))])
+    cepstra, scalars = spectra(pictures)
+    for k in range(2):
+        one, values = spectra(pictures[k : k + 1])
+        torch.testing.assert_close(cepstra[k : k + 1], one, atol=1e-4, rtol=1e-4)
+        torch.testing.assert_close(scalars[k : k + 1], values, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("length", "k"), [(8, 0), (8, 5), (16, 12), (16, 16), (11.31, 24), (22.63, 30)])
+def test_lowest_sample_of_the_comb_is_at_the_smear(spectra: Spectra, length: float, k: int) -> None:
+    cepstra, _ = spectra(smeared_noise(length, 180 * k / DIRECTIONS))
+    comb = cepstra[0, 1:-1, 1:-1, :, : len(COMB_LAGS_PX)].mean((0, 1)).numpy()
+    long = COMB_LAGS_PX >= 4  # below, the trend and the pixel lattice are lower yet
+    row, column = np.unravel_index(comb[:, long].argmin(), comb[:, long].shape)
+    assert min((row - k) % DIRECTIONS, (k - row) % DIRECTIONS) == 0
+    assert COMB_LAGS_PX[long][column] == pytest.approx(length, rel=0.1)
+
+
+def test_cepstra_have_mean_zero_and_deviation_one(spectra: Spectra) -> None:
+    cepstra, _ = spectra(smeared_noise(8, 10, (64, 96)))
+    for part in (cepstra[..., : len(COMB_LAGS_PX)], cepstra[..., len(COMB_LAGS_PX) :]):
+        flat = part.flatten(-2)
+        torch.testing.assert_close(flat.mean(-1), torch.zeros(1, 2, 3), atol=1e-4, rtol=0)
+        torch.testing.assert_close(flat.std(-1), torch.ones(1, 2, 3), atol=0.1, rtol=0)
+
+
+def test_scalars_tell_shares_of_white_and_of_black(spectra: Spectra) -> None:
+    grey = torch.full((1, 1, 3 * STEP, 5 * STEP), 0.5)
+    grey[..., : 2 * STEP] = 1
+    grey[..., 4 * STEP :] = 0
+    _, scalars = spectra(grey)
+    assert torch.isfinite(scalars).all()
+    torch.testing.assert_close(scalars[0, 1, :, 3], torch.tensor([2, 4 / 3, 2 / 3, 0, 0]), atol=0.1, rtol=0)
+    torch.testing.assert_close(scalars[0, 1, :3, 4], torch.zeros(3))
+    assert scalars[0, 1, 3, 4] > 0.5 and scalars[0, 1, 4, 4] > 1
+
+
+def test_halved_is_the_mean_of_two_by_two() -> None:
+    grey = torch.arange(16.0).reshape(1, 1, 4, 4)
+    torch.testing.assert_close(halved(grey)[0, 0], torch.tensor([[2.5, 4.5], [10.5, 12.5]]))

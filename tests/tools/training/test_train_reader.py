@@ -1,0 +1,134 @@
+"""Training of the spectral reader: examples made twice are equal, a run that was stopped ends the same."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from blur2view.smears.likelihood import DIRECTIONS
+from tools.training import reader_data, train_reader
+from tools.training.reader import Reader
+from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, procedural, write_shards
+from tools.training.train_reader import KEYS, ReaderTraining, Run, load_average, load_shard, mirrored, train
+
+pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
+
+
+@pytest.fixture(scope="module")
+def sources() -> Sources:
+    """Return one photograph, of noise of two sizes."""
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(0, 200, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
+    photo = (coarse + rng.integers(0, 56, coarse.shape)).astype(np.uint8)
+    return Sources(photos=[photo], scenes=[], rendered_share=0.0)
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
+    """Return a folder of two shards of two examples."""
+    folder = tmp_path_factory.mktemp("examples")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reader_data, "SHARD", 2)
+        write_shards(folder, range(2), sources)
+    return folder
+
+
+def test_shard_depends_on_its_number_alone(
+    shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader_data, "SHARD", 2)
+    once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
+    assert set(again) == set(KEYS)
+    for key in KEYS:
+        assert once[key].dtype == again[key].dtype and once[key].tobytes() == again[key].tobytes()
+    assert once["C0"].tobytes() != load_shard(shards / "000001.npz")["C0"].tobytes()
+
+
+def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> None:
+    shard = load_shard(shards / "000001.npz")
+    for k, (h, w) in enumerate([(8, 10), (4, 5)]):
+        assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
+        assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
+    assert all(np.isfinite(array).all() for array in shard.values())
+
+
+def test_finished_shards_are_kept(shards: Path, sources: Sources, capfd: pytest.CaptureFixture[str]) -> None:
+    write_shards(shards, range(2), sources)
+    assert capfd.readouterr().out == ""
+
+
+def test_samples_of_the_truth_lie_in_their_cell() -> None:
+    y, x = np.mgrid[:16, :24]
+    smears = np.stack([x, y], -1).astype(np.float32)
+    d, v = cells_of(smears, x < 12, 8)
+    assert d.shape == (2, 3, 16, 2) and v.shape == (2, 3, 16)
+    np.testing.assert_array_equal(d.mean(2)[1, 2], [20, 12])
+    np.testing.assert_array_equal(v.mean(2)[0], [1, 0.5, 0])
+
+
+def test_photographs_are_read_by_name_and_large_ones_halved(tmp_path: Path) -> None:
+    import cv2
+
+    for name, shade, side in (("b", 20, 40), ("a", 10, 3200)):
+        assert cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((32, side, 3), shade, np.uint8))
+    first, second = load_photos([tmp_path])
+    assert (first.shape, second.shape) == ((16, 1600, 3), (32, 40, 3)) and first.max() == 10
+
+
+def test_procedural_textures_are_pictures() -> None:
+    for picture in procedural(np.random.default_rng(0), 2):
+        assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.std() >= 0
+
+
+def test_mirrored_twice_is_the_identity(shards: Path) -> None:
+    shard = load_shard(shards / "000000.npz")
+    row = {key: shard[key][0] for key in KEYS}
+    once = mirrored(row)
+    assert not np.array_equal(once["C0"], row["C0"])
+    np.testing.assert_array_equal(once["C0"][:, 0, 3], row["C0"][:, -1, -3])
+    np.testing.assert_array_equal(once["d1"][:, 0, :, 0], -row["d1"][:, -1, :, 0])
+    for key, array in mirrored(once).items():
+        np.testing.assert_array_equal(array, row[key])
+
+
+def quick(shards: Path, out: Path) -> ReaderTraining:
+    """Return a run of two steps on two shards."""
+    return ReaderTraining(train=shards, val=shards, out=out, steps=2, shards=2, batch=2, save_every=1)
+
+
+def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
+    shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = quick(shards, tmp_path / "whole")
+    whole = train(options)
+    line = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert line["step"] == 2 and line == json.loads((options.out / "log.jsonl").read_text())
+    figures = [line["loss"], *line["000000"].values(), *line["000001"].values()]
+    assert len(figures) == 11 and np.isfinite(figures).all()
+
+    class Stop(Exception):
+        pass
+
+    advance = Run.advance
+
+    def stopped(run: Run, batch: train_reader.Batch) -> float:
+        if run.step == 1:
+            raise Stop
+        return advance(run, batch)
+
+    parted = replace(options, out=tmp_path / "parted")
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "advance", stopped)
+        with pytest.raises(Stop):
+            train(parted)
+    train(parted)
+    (first, state), (second, resumed) = (load_average(run.out / "last.pt") for run in (options, parted))
+    assert state["step"] == resumed["step"] == 2 and state["figures"] == resumed["figures"]
+    for one, other in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
+        assert torch.equal(one, other)
+    assert whole.figures == state["figures"]
+    start = Reader().state_dict()
+    assert any(not torch.equal(value, start[name]) for name, value in first.state_dict().items())

@@ -1,0 +1,261 @@
+"""Photographs and textures at native sharpness under a moving camera: exact smears, no rendering of scenes.
+
+A picture is one surface, or two, whose points move by a field of smears that is affine in the picture (a
+rotation, a zoom, a slanted plane, a rolling shutter are, locally), along paths that may be curved and
+accelerated; sub-frames are averaged in linear light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.rendering.exposure import GRID
+from tools.rendering.sensor import SensorOptions, compress, expose, photograph, soften, tone
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShakeOptions:
+    """What a shaken picture may be.
+
+    Attributes
+    ----------
+    size : tuple of int
+        Width and height in pixels, multiples of 4.
+    smear_px : tuple of float
+        Range of the smear at the middle of the picture, log-uniform.
+    still_share, layer_share, upscaled_share, denoised_share, twice_share : float
+        Shares of pictures without motion, with a second layer that moves otherwise, scaled up after the
+        sensor, smoothed with edges kept, and compressed twice.
+    reduced_share : float
+        Share that is photographed larger, as the smaller octaves are.
+    """
+
+    size: tuple[int, int] = (320, 256)
+    smear_px: tuple[float, float] = (1.2, 90.0)
+    still_share: float = 0.1
+    layer_share: float = 0.3
+    upscaled_share: float = 0.12
+    denoised_share: float = 0.12
+    twice_share: float = 0.15
+    reduced_share: float = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """How a surface moves: smear d(p) = linear (p - centre) + shift, and the shape of its path."""
+
+    shift: Array
+    linear: Array
+    bend: Array
+    acceleration: float
+
+    def smears(self, points: Array) -> Array:
+        """Return smears (..., 2) at points (..., 2), relative to the picture's centre."""
+        return points @ self.linear.T + self.shift
+
+    def inverse(self, tau: float) -> tuple[Array, Array]:
+        """Return matrix, offset from a pixel at tau in [-0.5, 0.5] to its point's place at mid exposure."""
+        s = tau + self.acceleration * (tau * tau - 0.25)
+        back = np.linalg.inv(np.eye(2) + s * self.linear)
+        return back, back @ -(s * self.shift + self.bend * (tau * tau - 0.25))
+
+
+def sample_path(rng: np.random.Generator, length: float, side: int) -> Path:
+    """Draw a path whose smear at the centre has this length."""
+    angle = rng.uniform(0, 2 * np.pi)
+    linear = np.zeros((2, 2))
+    if rng.random() < 0.75:
+        spread = rng.choice([0.08, 0.25, 0.6]) * length / side
+        kind = rng.random()
+        if kind < 0.3:  # rotation about the axis
+            linear = rng.normal(0, 2 * spread) * np.array([[0.0, -1.0], [1.0, 0.0]])
+        elif kind < 0.5:  # zoom
+            linear = rng.normal(0, 2 * spread) * np.eye(2)
+        else:
+            linear = rng.normal(0, spread, (2, 2))
+        linear = np.clip(linear, -0.5, 0.5)
+    return Path(
+        shift=length * np.array([np.cos(angle), np.sin(angle)]),
+        linear=linear,
+        bend=rng.normal(0, 0.1, 2) * length if rng.random() < 0.5 else np.zeros(2),
+        acceleration=float(np.clip(rng.normal(0, 0.25), -0.7, 0.7)) if rng.random() < 0.5 else 0.0,
+    )
+
+
+def surface(rng: np.random.Generator, source: Array, width: int, height: int, margin: int) -> Array:
+    """Cut a piece of a photograph (H, W, 3) uint8, only ever scaled down: linear light, with a margin."""
+    need_w, need_h = width + 2 * margin, height + 2 * margin
+    largest = min(source.shape[1] / need_w, source.shape[0] / need_h)
+    zoom = float(np.exp(rng.uniform(0, np.log(max(1.0, min(largest, 2.5)))))) if rng.random() < 0.6 else 1.0
+    w, h = int(min(zoom * need_w, source.shape[1])), int(min(zoom * need_h, source.shape[0]))
+    x, y = int(rng.integers(0, source.shape[1] - w + 1)), int(rng.integers(0, source.shape[0] - h + 1))
+    cut = source[y : y + h, x : x + w]
+    if rng.random() < 0.5:
+        cut = cut[:, ::-1]
+    if rng.random() < 0.3:
+        cut = cut[::-1]
+    linear = DECODE[cut]
+    if zoom > 1.02:
+        size = (max(8, round(w / zoom)), max(8, round(h / zoom)))
+        linear = np.asarray(cv2.resize(linear, size, interpolation=cv2.INTER_AREA))
+    return np.ascontiguousarray(linear)
+
+
+DECODE = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
+
+
+def blob(rng: np.random.Generator, width: int, height: int) -> Array:
+    """Draw the outline (height, width) of a second layer: polygon or thresholded noise, with a soft edge."""
+    mask = np.zeros((height, width), np.float32)
+    centre = rng.uniform(0.15, 0.85, 2) * (width, height)
+    radius = rng.uniform(0.12, 0.5) * height
+    kind = rng.random()
+    if kind < 0.7:
+        corners = rng.integers(3, 9)
+        angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
+        reach = radius * rng.uniform(0.6, 1.4, corners)
+        points = centre + np.stack([np.cos(angles), np.sin(angles)], 1) * reach[:, None]
+        cv2.fillPoly(mask, [np.round(points * 16).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
+    else:
+        noise = cv2.GaussianBlur(rng.standard_normal((height, width)).astype(np.float32), (0, 0), radius / 3)
+        mask = (noise > np.quantile(noise, rng.uniform(0.4, 0.8))).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(mask, (0, 0), 0.7))
+
+
+def warp(image: Array, path: Path, tau: float, size: tuple[int, int], border: int) -> Array:
+    """Show a surface at time tau: (H, W, C) of the picture's size."""
+    width, height = size
+    back, offset = path.inverse(tau)
+    middle = np.array([image.shape[1] - 1, image.shape[0] - 1]) / 2
+    matrix = np.c_[back, middle + offset - back @ (np.array([width - 1, height - 1]) / 2)]
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(image, matrix, size, flags=flags, borderMode=border))
+
+
+def sample_paths(rng: np.random.Generator, options: ShakeOptions) -> list[Path]:
+    """Draw the path of the picture's surface and, in some, that of a second before it."""
+    height = options.size[1]
+    still = rng.random() < options.still_share
+    low, high = np.log(options.smear_px)
+    length = 0.0 if still else float(np.exp(rng.uniform(low, high)))
+    paths = [sample_path(rng, length, height)]
+    if rng.random() < options.layer_share:
+        second = length * rng.uniform(0.3, 2.0) if not still or rng.random() < 0.5 else 0.0
+        if still and second == 0 and rng.random() < 0.7:
+            second = float(np.exp(rng.uniform(low, high)))
+        paths.append(sample_path(rng, min(second, options.smear_px[1]), height))
+    return paths
+
+
+def cell_centres(size: tuple[int, int]) -> Array:
+    """Return the truth's places (H/4, W/4, 2), relative to the picture's centre."""
+    width, height = size
+    x, y = (np.arange(side // GRID) * GRID + 1.5 for side in size)
+    return np.stack(np.meshgrid(x, y), -1) - (np.array([width, height]) - 1) / 2
+
+
+def cut_out(rng: np.random.Generator, image: Array, size: tuple[int, int]) -> Array:
+    """Give a surface (h, w, 3) an outline drawn at its middle: (h, w, 4), colours multiplied by it."""
+    width, height = size
+    outline = np.zeros(image.shape[:2], np.float32)
+    y, x = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
+    if y >= 0 and x >= 0:
+        outline[y : y + height, x : x + width] = blob(rng, width, height)
+    else:
+        outline = blob(rng, image.shape[1], image.shape[0])
+    return np.dstack([image * outline[..., None], outline])
+
+
+def averaged(
+    layers: list[Array], paths: list[Path], size: tuple[int, int], steps: int
+) -> tuple[Array, Array]:
+    """Return the mean (H, W, 3) of sub-frames, and how often (H, W) the second layer covers, 0 to 1."""
+    width, height = size
+    total, covered = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
+    for tau in (np.arange(steps) + 0.5) / steps - 0.5:
+        frame = warp(layers[0], paths[0], tau, size, cv2.BORDER_REFLECT)
+        if len(layers) == 2:
+            top = warp(layers[1], paths[1], tau, size, cv2.BORDER_CONSTANT)
+            frame = frame * (1 - top[..., 3:]) + top[..., :3]
+            covered += top[..., 3]
+        total += frame
+    return total / np.float32(steps), covered / steps
+
+
+def shake(
+    rng: np.random.Generator, sources: list[Array], options: ShakeOptions
+) -> tuple[Array, Array, Array]:
+    """Make one picture.
+
+    Returns
+    -------
+    linear : ndarray of shape (H, W, 3)
+        Mean radiance.
+    displacement : ndarray of shape (H/4, W/4, 2)
+        Smears in pixels.
+    valid : ndarray of shape (H/4, W/4)
+        Whether the smear stays within the picture on one surface.
+    """
+    width, height = options.size
+    paths = sample_paths(rng, options)
+    fields = [path.smears(cell_centres(options.size)) for path in paths]
+    longest = max(float(np.hypot(*np.moveaxis(f, -1, 0)).max()) for f in fields)
+    steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
+    margin = int(0.75 * longest) + 8
+    layers = [surface(rng, sources[int(rng.integers(len(sources)))], width, height, margin) for _ in paths]
+    if len(paths) == 2:
+        layers[1] = cut_out(rng, layers[1], options.size)
+    linear, covered = averaged(layers, paths, options.size, steps)
+    displacement, valid = fields[0], np.ones(fields[0].shape[:2], bool)
+    if len(paths) == 2:
+        cells = (width // GRID, height // GRID)
+        share = np.asarray(cv2.resize(covered, cells, interpolation=cv2.INTER_AREA))
+        displacement = np.where(share[..., None] > 0.5, fields[1], fields[0])
+        valid = (share < 0.1) | (share > 0.9)
+    return linear, displacement.astype(np.float32), valid
+
+
+def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
+    """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do: uint8 RGB."""
+    height, width = linear.shape[:2]
+    if rng.random() < options.reduced_share:
+        return reduced(rng, linear)
+    if rng.random() < options.upscaled_share:
+        factor = rng.uniform(1.15, 1.8)
+        size = (round(width / factor), round(height / factor))
+        small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
+        image = photograph(rng, np.asarray(small))
+        how = cv2.INTER_CUBIC if rng.random() < 0.6 else cv2.INTER_LINEAR
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=how))
+    else:
+        image = photograph(rng, linear)
+    if rng.random() < options.denoised_share:
+        image = np.asarray(cv2.bilateralFilter(image, 5, rng.uniform(8, 40), rng.uniform(1, 3)))
+    if rng.random() < options.twice_share:
+        image = compress(rng, image)
+    return image
+
+
+def reduced(rng: np.random.Generator, linear: Array) -> Array:
+    """Photograph as a larger picture and reduce that, as octaves are: float32 on the scale of uint8.
+
+    Half of the time by two; else by much more, which leaves hardly any noise.
+    """
+    height, width = linear.shape[:2]
+    if rng.random() < 0.5:
+        large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
+        image = photograph(rng, np.maximum(np.asarray(large), 0))
+        return np.asarray(cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA))
+    lens = SensorOptions(softness_px=(0.0, 0.7), defocus_share=0.1)
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), lens)
+    coded = np.clip(tone(rng, np.clip(signal, 0, 1)), 0, 1)
+    noise = rng.standard_normal(coded.shape, dtype=np.float32)
+    noise *= np.float32(np.exp(rng.uniform(np.log(1e-4), np.log(2e-3))))
+    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32))

@@ -1,0 +1,168 @@
+"""Export a trained reader to the ONNX file that the package ships.
+
+``python -m tools.training.export_reader runs/reader/last.pt models/smear.onnx`` writes the averaged weights
+with the metadata that :mod:`blur2view.networks.model_file` reads, and checks the file against torch on a
+rendered picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from torch import Tensor, nn
+
+from blur2view.errors import ModelError
+from tools.rendering.render import RenderOptions, render
+from tools.rendering.sensor import photograph
+from tools.training.reader import Reader
+from tools.training.spectra import STEP, Spectra, SpectraByProducts
+from tools.training.train_reader import load_average
+
+FORMAT = "2"
+LARGEST_DIFFERENCE = 2e-3
+"""Between logits of ONNX Runtime and torch."""
+LARGE_BYTES = 1_000_000
+CONVENTION = (
+    "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
+    "multiples of 32 and at least 64; "
+    "coarser (1,H/32,W/32,32,C): features of the octave half the size, each cell repeated 2 x 2, or zeros; "
+    "outputs: logits (1,H/32,W/32,32,20) over direction (180 k / 32 degrees) and length (shorter, 2 px "
+    "and up, four an octave, longer), "
+    "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
+)
+
+
+class ExportedOctave(nn.Module):
+    """What the ONNX file computes: the reader of one octave."""
+
+    def __init__(self, network: Reader) -> None:
+        super().__init__()
+        self.network, self.spectra = network, SpectraByProducts()
+
+    def forward(self, grey: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute the outputs ``logits`` and ``features``."""
+        return self.network.octave(self.network.windows(*self.spectra(grey)), coarser)
+
+
+def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
+    """Describe the file: format, geometry, licence and how it was trained."""
+    training = {
+        "seed": state["options"]["seed"],
+        "steps": state["step"],
+        "pictures": state["step"] * state["options"]["batch"],
+        "figures": state["figures"],
+    }
+    return {
+        "blur2view_format": FORMAT,
+        "model_id": f"smear-{digest[:12]}",
+        "stride": str(STEP),
+        "multiple_of": str(STEP),
+        "convention": CONVENTION,
+        "license": "Apache-2.0",
+        "training": json.dumps(training),
+    }
+
+
+def export(checkpoint: Path, target: Path) -> None:
+    """Write `target`, when complete and checked.
+
+    Raises
+    ------
+    ModelError
+        If ONNX Runtime does not compute what torch does.
+    """
+    network, state = load_average(checkpoint)
+    temporary = target.with_suffix(".tmp.onnx")
+    write_graph(network, temporary)
+    graph = onnx.load(temporary)
+    store_half(graph)
+    digest = hashlib.sha256(graph.SerializeToString()).hexdigest()
+    onnx.helper.set_model_props(graph, metadata(state, digest))
+    onnx.checker.check_model(graph)
+    onnx.save(graph, temporary)
+    worst = difference(temporary, network, sample_picture())
+    if not worst <= LARGEST_DIFFERENCE:
+        raise ModelError(f"{temporary} differs from torch by {worst:.2g}, so it does not replace {target}")
+    temporary.replace(target)
+    print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, step {state['step']}, {worst:.1e} from torch")
+
+
+def write_graph(network: Reader, path: Path) -> None:
+    """Trace one octave's reader into an ONNX file, dynamic in height and width."""
+    cells = {1: "rows", 2: "columns"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
+        torch.onnx.export(
+            ExportedOctave(network).eval(),
+            (torch.rand(1, 1, 128, 192), torch.zeros(1, 4, 6, 32, network.options.region)),
+            str(path),
+            input_names=["grey", "coarser"],
+            output_names=["logits", "features"],
+            dynamic_axes={
+                "grey": {2: "height", 3: "width"},
+                "coarser": cells,
+                "logits": cells,
+                "features": cells,
+            },
+            opset_version=17,
+            dynamo=False,
+        )
+
+
+def store_half(model: onnx.ModelProto) -> None:
+    """Store large constants in float16, to which they were rounded before training: half the file."""
+    nodes = model.graph.node
+    for k, node in reversed(list(enumerate(nodes))):
+        if node.op_type != "Constant" or len(node.attribute[0].t.raw_data) < LARGE_BYTES:
+            continue
+        half = onnx.numpy_helper.to_array(node.attribute[0].t).astype(np.float16)
+        (name,) = node.output
+        node.output[:] = [f"{name}_half"]
+        node.attribute[0].t.CopyFrom(onnx.numpy_helper.from_array(half))
+        cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
+        nodes.insert(k + 1, cast)
+
+
+def sample_picture() -> Tensor:
+    """Return a rendered grey picture (1, 1, 256, 320) in [0, 1]."""
+    scene = render(7, RenderOptions(size=(320, 256)))
+    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
+    return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
+
+
+def difference(model: Path, network: Reader, grey: Tensor) -> float:
+    """Return the largest difference of logits between ONNX Runtime and torch, which uses the FFT."""
+    network.eval()
+    shape = (1, grey.shape[2] // STEP, grey.shape[3] // STEP, 32, network.options.region)
+    coarser = torch.rand(shape, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    actual, _ = session.run(None, {"grey": grey.numpy(), "coarser": coarser.numpy()})
+    return float(np.abs(actual - expected.numpy()).max())
+
+
+def main() -> None:
+    """Export one checkpoint."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("target", type=Path)
+    arguments = parser.parse_args()
+    try:
+        export(arguments.checkpoint, arguments.target)
+    except ModelError as error:
+        raise SystemExit(str(error)) from None
+
+
+if __name__ == "__main__":
+    main()

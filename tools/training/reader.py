@@ -1,0 +1,197 @@
+"""The spectral reader: likelihoods of the smear in every window of a picture, octave by octave (torch).
+
+It turns the polar cepstra of :mod:`tools.training.spectra` into logits over 32 directions and 20 lengths.
+Layers are convolutions along the circle of directions, dense in everything else, so that all directions are
+treated alike but for two channels that know the pixel lattice; cells look at their neighbours, and at the
+smaller octave's features.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as nnf
+
+from blur2view.smears.likelihood import DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
+from tools.training.spectra import LAGS, SAMPLES, SCALARS
+
+BINS = LAGS + 2
+"""Logits per direction in one octave: anything shorter, the lengths, anything longer."""
+HIDDEN_WEIGHT = 0.25
+"""Weight of truth where an end of the smear is hidden: it is known, but shows less."""
+
+
+class Circular(nn.Module):
+    """A convolution along the circle of directions, dense in channels: (..., 32, C) -> (..., 32, outputs)."""
+
+    def __init__(self, inputs: int, outputs: int, reach: int) -> None:
+        super().__init__()
+        self.shifts = range(-reach, reach + 1)
+        self.bias = nn.Parameter(torch.zeros(outputs))
+        bound = math.sqrt(3 / (inputs * len(self.shifts)))
+        self.weight = nn.Parameter(torch.empty(outputs * len(self.shifts), inputs).uniform_(-bound, bound))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply it: one matrix product, whose parts are shifted against each other and added."""
+        if torch.onnx.is_in_onnx_export():
+            return self.by_gathering(x)
+        parts = nnf.linear(x, self.weight).chunk(len(self.shifts), -1)
+        total = self.bias.to(parts[0].dtype)
+        for shift, part in zip(self.shifts, parts, strict=True):
+            total = total + (torch.roll(part, shift, -2) if shift else part)
+        return total
+
+    def by_gathering(self, x: Tensor) -> Tensor:
+        """Compute the same for ONNX Runtime, which gathers directions faster than it cuts and joins."""
+        turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
+        inputs, outputs = x.shape[-1], self.bias.shape[0]
+        if inputs <= outputs:
+            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
+            weight = self.weight.reshape(len(turned), outputs, inputs).permute(1, 0, 2).reshape(outputs, -1)
+            return nnf.linear(near.reshape(*x.shape[:-1], len(turned) * inputs), weight, self.bias)
+        parts = nnf.linear(x, self.weight).reshape(*x.shape[:-2], DIRECTIONS * len(turned), outputs)
+        count = len(turned)
+        total: Tensor = self.bias
+        for k, index in enumerate(turned):
+            total = total + torch.index_select(parts, -2, index * count + k)
+        return total
+
+
+def band(count: int, reach: int, like: Tensor) -> Tensor:
+    """Return the matrix (count, count) of ones up to `reach` off the diagonal."""
+    i = torch.arange(count, device=like.device)
+    return ((i[:, None] - i[None]).abs() <= reach).to(like.dtype)
+
+
+def box_sum(x: Tensor, reach: int) -> Tensor:
+    """Sum (N, h, w, ...) over (2 reach + 1)^2 cells, nothing beyond the border.
+
+    Products with band matrices are six times as fast as adding slices here.
+    """
+    n, h, w = x.shape[:3]
+    y = torch.matmul(band(w, reach, x), x.reshape(n, h, w, -1))
+    return torch.matmul(band(h, reach, x), y.reshape(n, h, -1)).reshape(x.shape)
+
+
+class Gathering(nn.Module):
+    """Append to each cell's features the mean of its neighbours', each weighed by how much it has to say."""
+
+    def __init__(self, channels: int, reaches: tuple[int, ...]) -> None:
+        super().__init__()
+        self.gate = nn.Linear(channels, 1)
+        self.reaches = reaches
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Turn (N, h, w, D, C) into (N, h, w, D, C * (1 + number of reaches))."""
+        gate = torch.sigmoid(self.gate(x.mean(-2, keepdim=True)))  # (N, h, w, 1, 1)
+        weighed = x * gate
+        means = [box_sum(weighed, reach) / (box_sum(gate, reach) + 1e-2) for reach in self.reaches]
+        return torch.cat([x, *means], -1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReaderOptions:
+    """Channels of the layers that see one window, and of those that see its region."""
+
+    window: int = 64
+    region: int = 64
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for checkpoints."""
+        return asdict(self)
+
+
+class Reader(nn.Module):
+    """Features of a picture's octaves, finest first -> joint logits of each."""
+
+    lattice: Tensor
+
+    def __init__(self, options: ReaderOptions | None = None) -> None:
+        super().__init__()
+        self.options = o = options or ReaderOptions()
+        angles = torch.arange(DIRECTIONS) * math.pi / DIRECTIONS
+        lattice = torch.stack([torch.cos(4 * angles), torch.cos(8 * angles)], 1)
+        self.register_buffer("lattice", lattice, persistent=False)
+        self.first = Circular(SAMPLES + 2 + SCALARS, o.window, 2)
+        self.second = Circular(o.window, o.window, 1)
+        self.gather1 = Gathering(o.window, (1, 2))
+        self.third = Circular(3 * o.window, o.region, 1)
+        self.fourth = Circular(o.region, o.region, 1)
+        self.gather2 = Gathering(o.region, (1,))
+        self.fifth = Circular(3 * o.region, o.region, 1)
+        self.last = nn.Linear(o.region, BINS)
+        self.norms = nn.ModuleList([nn.LayerNorm(c) for c in (o.window, o.region)])
+
+    def windows(self, cepstra: Tensor, scalars: Tensor) -> Tensor:
+        """Compute one octave's features (N, h, w, 32, C) before the smaller octave is known."""
+        n, h, w = cepstra.shape[:3]
+        lattice = self.lattice.to(cepstra.dtype).expand(n, h, w, -1, -1)
+        window = scalars[..., None, :].to(cepstra.dtype).expand(-1, -1, -1, DIRECTIONS, -1)
+        x = torch.cat([cepstra, lattice, window], -1)
+        x = torch.relu(self.first(x))
+        x = self.norms[0](x + torch.relu(self.second(x)))
+        x = torch.relu(self.third(self.gather1(x)))
+        y: Tensor = self.norms[1](x + torch.relu(self.fourth(x)))
+        return y
+
+    def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute logits (N, h, w, 32, 20) and features of an octave, given those of the smaller one."""
+        x = own + torch.relu(self.fifth(torch.cat([self.gather2(own), coarser], -1)))
+        return self.last(x).float(), x
+
+    def forward(self, octaves: list[tuple[Tensor, Tensor]]) -> list[Tensor]:
+        """Compute joint logits (N, h, w, 32, 20 + 4 k), where k smaller octaves follow, of every octave."""
+        joint: list[Tensor] = []
+        features: Tensor | None = None
+        for cepstra, scalars in reversed(octaves):
+            own = self.windows(cepstra, scalars)
+            above = torch.zeros_like(own) if features is None else doubled(features, own.shape[1:3])
+            logits, features = self.octave(own, above)
+            joint.insert(0, joined(logits, doubled(joint[0], logits.shape[1:3])) if joint else logits)
+        return joint
+
+
+def doubled(x: Tensor, shape: torch.Size) -> Tensor:
+    """Repeat cells (N, h, w, D, C) of the smaller octave on the grid (rows, columns) of the larger."""
+    return x.repeat_interleave(2, 1).repeat_interleave(2, 2)[:, : shape[0], : shape[1]]
+
+
+def joined(fine: Tensor, coarse: Tensor) -> Tensor:
+    """Sum an octave's logits (..., B) and the smaller's joint ones (..., C), as ``octaves.joined``."""
+    bins = torch.arange(coarse.shape[-1] + PER_OCTAVE, device=fine.device)
+    return fine[..., bins.clamp(max=fine.shape[-1] - 1)] + coarse[..., (bins - PER_OCTAVE).clamp(min=0)]
+
+
+def bin_of(length: Tensor) -> Tensor:
+    """Position of a length in px on the axis of bins: 0 is anything shorter than what is read, 1 is 2 px."""
+    return 1 + PER_OCTAVE * torch.log2(length.clamp(min=1e-3) / SHORTEST_PX)
+
+
+def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, Tensor]:
+    """Return the distribution (..., 32, bins) of a cell's smears (..., S, 2), and its weight (...).
+
+    Each sample is a Gaussian of 0.6 bins; what is shorter than 2 px has less and less of a direction.
+    """
+    length = torch.linalg.norm(displacement, dim=-1)
+    centre = torch.atan2(displacement[..., 1], displacement[..., 0]) * (DIRECTIONS / math.pi)
+    apart = torch.arange(DIRECTIONS) - centre[..., None]
+    apart = torch.remainder(apart + DIRECTIONS / 2, DIRECTIONS) - DIRECTIONS / 2
+    along = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
+    known = ((length - 0.5) / 1.5).clamp(0, 1)[..., None]
+    along = known * along + (1 - known) / DIRECTIONS
+    apart = torch.arange(bins) - bin_of(length).clamp(0, bins - 1)[..., None]
+    across = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
+    weight = HIDDEN_WEIGHT + (1 - HIDDEN_WEIGHT) * valid
+    mixed = torch.matmul((along * weight[..., None]).transpose(-1, -2), across)
+    total = weight.sum(-1)
+    return mixed / total[..., None, None], total / weight.shape[-1]
+
+
+def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Return the mean cross-entropy of joint logits (N, h, w, 32, B), weighed per cell (N, h, w)."""
+    log_likelihood = torch.log_softmax(logits.flatten(-2), -1).view_as(logits)
+    return -(weight * (target * log_likelihood).sum((-1, -2))).sum() / weight.sum()

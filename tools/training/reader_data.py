@@ -1,0 +1,207 @@
+"""Make the reader's training examples: pictures with known smears, turned into the features of their windows.
+
+``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
+numbered shards of 128 pictures of 320x256; shard k depends on k and the sources only. Run again it goes on;
+several processes may share the work (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from tools.datasets.shards import Scenes, decode_linear, require_shards
+from tools.rendering import textures
+from tools.rendering.exposure import GRID
+from tools.rendering.shaken import ShakeOptions, processed, shake
+from tools.training.spectra import STEP, Spectra, halved
+
+Array = NDArray[Any]
+Example = dict[str, Array]
+
+SHARD = 128
+OCTAVES = 2
+SAMPLES = 4
+"""Samples of the truth along a cell of windows."""
+LONGEST_PX = 400
+"""Smears from here on, and those that overflowed when stored, become hidden zeros."""
+LARGEST_PX = 3000
+"""Photographs are halved until their longer side is at most this: few are sharper."""
+LUMA = np.array([0.299, 0.587, 0.114], np.float32) / 255
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sources:
+    """What pictures are made of.
+
+    Attributes
+    ----------
+    photos : list of ndarray
+        Sharp photographs, uint8 RGB.
+    scenes : list of Path
+        Shards of rendered scenes of 320x256.
+    rendered_share, procedural_share : float
+        Shares of rendered scenes and of procedural textures; the rest are photographs under a moving camera.
+    """
+
+    photos: list[Array]
+    scenes: list[Path]
+    rendered_share: float = 0.4
+    procedural_share: float = 0.1
+
+
+def load_photos(folders: list[Path]) -> list[Array]:
+    """Return the photographs of folders, by name, none of them scaled up."""
+    photos = []
+    for path in (path for folder in folders for path in sorted(folder.iterdir())):
+        image = textures.read_photograph(path)
+        while max(image.shape[:2]) > LARGEST_PX:
+            image = np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+        photos.append(np.ascontiguousarray(image))
+    return photos
+
+
+def procedural(rng: np.random.Generator, count: int) -> list[Array]:
+    """Return procedural textures as uint8 pictures, most of them turned or seen at a slant."""
+    makers, shares = zip(*textures.PROCEDURAL, strict=True)
+    pictures = []
+    for _ in range(count):
+        linear = np.clip(makers[rng.choice(len(makers), p=shares)](rng), 0, 1)
+        if rng.random() < 0.7:
+            linear = slanted(rng, linear)
+        pictures.append((linear ** (1 / 2.2) * 255 + 0.5).astype(np.uint8))
+    return pictures
+
+
+def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
+    """Return a texture rotated and in perspective, mirrored beyond its border."""
+    angle, scale = rng.uniform(0, 2 * np.pi), rng.uniform(0.9, 1.6)
+    c, s = np.cos(angle) * scale, np.sin(angle) * scale
+    tilt = rng.normal(0, 0.0006, 2) if rng.random() < 0.6 else np.zeros(2)
+    view = np.array([[c, -s, 0], [s, c, 0], [*tilt, 1.0]])
+    there, back = (np.array([[1, 0, t], [0, 1, t], [0, 0, 1.0]]) for t in (len(linear) / 2, -side / 2))
+    flags = cv2.INTER_AREA | cv2.WARP_INVERSE_MAP
+    matrix = there @ view @ back
+    return np.asarray(
+        cv2.warpPerspective(linear, matrix, (side, side), flags=flags, borderMode=cv2.BORDER_REFLECT)
+    )
+
+
+def scene_picture(rng: np.random.Generator, scenes: Scenes, index: int) -> tuple[Array, Array, Array]:
+    """Return radiance, smears and validity of a rendered scene, mirrored at random."""
+    linear = decode_linear(scenes.linear[index])
+    smears, labels = scenes.displacement[index].astype(np.float32), scenes.labels[index]
+    if rng.random() < 0.5:
+        linear, labels = linear[:, ::-1], labels[:, ::-1]
+        smears = smears[:, ::-1] * np.array([-1, 1], np.float32)
+    if rng.random() < 0.5:
+        linear, labels = linear[::-1], labels[::-1]
+        smears = smears[::-1] * np.array([1, -1], np.float32)
+    usable = np.all(np.abs(smears) < LONGEST_PX, axis=-1)  # false for NaN, too
+    return np.ascontiguousarray(linear), np.where(usable[..., None], smears, 0), (labels & 1 > 0) & usable
+
+
+def cells_of(smears: Array, valid: Array, side: int) -> tuple[Array, Array]:
+    """Return samples (h, w, 16, 2), (h, w, 16) of the truth in cells of `side` x `side` of its own cells."""
+    h, w = (n // side for n in valid.shape)
+    every = side // SAMPLES
+    pick = slice(every // 2, None, every)
+    d = smears[: h * side, : w * side].reshape(h, side, w, side, 2)[:, pick, :, pick]
+    v = valid[: h * side, : w * side].reshape(h, side, w, side)[:, pick, :, pick]
+    return d.transpose(0, 2, 1, 3, 4).reshape(h, w, -1, 2), v.transpose(0, 2, 1, 3).reshape(h, w, -1)
+
+
+def example_of(spectra: Spectra, image: Array, smears: Array, valid: Array) -> Example:
+    """Return features C (h, w, 32, 45), s (h, w, 5), truth d (h, w, 16, 2), v (h, w, 16) of each octave."""
+    grey = torch.from_numpy(image.astype(np.float32) @ LUMA)[None, None]
+    row: Example = {}
+    for k in range(OCTAVES):
+        cepstra, scalars = (part[0].half().numpy() for part in spectra(grey))
+        d, v = cells_of(smears / 2**k, valid, STEP // GRID * 2**k)
+        row |= {f"C{k}": cepstra, f"s{k}": scalars, f"d{k}": d.astype(np.float16), f"v{k}": v}
+        grey = halved(grey)
+    return row
+
+
+def shaken_picture(
+    rng: np.random.Generator, sources: Sources, made: list[Array], options: ShakeOptions
+) -> tuple[Array, Array, Array]:
+    """Return radiance, smears and validity of a photograph or texture under a moving camera."""
+    textured = rng.random() * (1 - sources.rendered_share) < sources.procedural_share
+    surfaces = made if textured else sources.photos
+    if rng.random() < 0.1:  # a photograph before a texture, or the reverse
+        surfaces = [*made, *[sources.photos[int(rng.integers(len(sources.photos)))]] * len(made)]
+    linear, smears, valid = shake(rng, surfaces, options)
+    if rng.random() < 0.5:
+        linear, smears, valid = (np.rot90(a, 2) for a in (linear, smears, valid))
+    return np.ascontiguousarray(linear), smears, valid
+
+
+def make_shard(number: int, sources: Sources) -> Example:
+    """Return the examples of one shard, stacked."""
+    rng, spectra, options = np.random.default_rng(number), Spectra(), ShakeOptions()
+    scenes = None
+    if sources.scenes:
+        with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
+            scenes = Scenes(**{key: file[key] for key in file.files})
+    made = procedural(rng, 6)
+    rows = []
+    for _ in range(SHARD):
+        if scenes is not None and rng.random() < sources.rendered_share:
+            linear, smears, valid = scene_picture(rng, scenes, int(rng.integers(len(scenes))))
+        else:
+            linear, smears, valid = shaken_picture(rng, sources, made, options)
+        rows.append(example_of(spectra, processed(rng, linear, options), smears, valid))
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def write_shards(out: Path, numbers: range, sources: Sources) -> None:
+    """Write the shards that are missing; a reader sees all of one or nothing."""
+    out.mkdir(parents=True, exist_ok=True)
+    for number in numbers:
+        path = out / f"{number:06d}.npz"
+        if path.exists():
+            continue
+        began = time.perf_counter()
+        temporary = path.with_suffix(".part")
+        with temporary.open("wb") as file:
+            np.savez(file, **make_shard(number, sources))  # type: ignore[arg-type]  # names of arrays
+        temporary.replace(path)
+        print(path, f"{SHARD / (time.perf_counter() - began):.1f} pictures a second", flush=True)
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
+    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.shards, --size 320 256")
+    parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")
+    for kind, share in (("rendered", Sources.rendered_share), ("procedural", Sources.procedural_share)):
+        parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    sources = Sources(
+        photos=load_photos(arguments.photos),
+        scenes=require_shards(arguments.scenes) if arguments.scenes else [],
+        rendered_share=arguments.rendered,
+        procedural_share=arguments.procedural,
+    )
+    numbers = range(arguments.first, arguments.first + arguments.shards, arguments.every)
+    write_shards(arguments.out, numbers, sources)
+
+
+if __name__ == "__main__":
+    main()

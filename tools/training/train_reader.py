@@ -1,0 +1,280 @@
+"""Train the spectral reader on the shards of tools.training.reader_data; a stopped run resumes.
+
+::
+
+    python -m tools.training.reader_data examples/train --photos FOLDER... --scenes render/train &
+    python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
+    python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
+
+Step k draws from the newest of the first ``8 + k / 30`` shards and waits until they are made: the two may
+run beside each other, and what is learned depends on the seed alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from dataclasses import MISSING, asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from blur2view.metrics import DIRECTION_MIN_PX
+from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
+from tools.training.reader_data import Example
+from tools.training.schedule import follow, warm_cosine
+
+Batch = dict[str, Tensor]
+
+KEYS = ("C0", "s0", "d0", "v0", "C1", "s1", "d1", "v1")
+FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
+WARM_UP_STEPS = 200
+COARSE_WEIGHT = 0.3
+"""Weight of the smaller octave's own loss."""
+LONGEST_PX = 60.0
+"""Smears up to this length count in the figures: two octaves read up to 76 px."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReaderTraining:
+    """One training run.
+
+    Attributes
+    ----------
+    train, val, out : Path
+        Folders of shards, of the shards that figures are of, and of checkpoint and log.
+    steps, batch : int
+        Optimiser steps and pictures in each.
+    learning_rate : float
+        Peak of a cosine (AdamW).
+    shards, pool : int
+        Shards that there will be, and how many are held in memory, the newest.
+    seed, threads : int
+        Of weights and batches; threads of torch (two processes of one do more than one of two).
+    save_every, validate_every : int
+        Steps between checkpoints, and between figures.
+    """
+
+    train: Path
+    val: Path
+    out: Path
+    steps: int = 9000
+    batch: int = 16
+    learning_rate: float = 2e-3
+    shards: int = 400
+    pool: int = 70
+    seed: int = 0
+    threads: int = 1
+    save_every: int = 100
+    validate_every: int = 250
+
+
+class Pool:
+    """The newest shards, in memory."""
+
+    def __init__(self, folder: Path, most: int) -> None:
+        self.folder, self.most = folder, most
+        self.shards: dict[int, Example] = {}
+
+    def grow_to(self, count: int) -> None:
+        """Hold the newest of the first `count` shards; wait for those that are still being made."""
+        wanted = range(max(0, count - self.most), count)
+        self.shards = {number: shard for number, shard in self.shards.items() if number in wanted}
+        for number in wanted:
+            if number not in self.shards:
+                self.shards[number] = load_shard(wait_for(self.folder / f"{number:06d}.npz"))
+
+    def batch(self, rng: np.random.Generator, count: int) -> Batch:
+        """Return a batch of random examples, half of them mirrored."""
+        numbers = sorted(self.shards)
+        rows = []
+        for _ in range(count):
+            shard = self.shards[numbers[int(rng.integers(len(numbers)))]]
+            k = int(rng.integers(len(shard["v0"])))
+            row = {key: shard[key][k] for key in KEYS}
+            rows.append(mirrored(row) if rng.random() < 0.5 else row)
+        return {key: torch.from_numpy(np.stack([row[key] for row in rows])).float() for key in KEYS}
+
+
+def wait_for(path: Path, poll_s: float = 2.0) -> Path:
+    """Return a path as soon as there is a file."""
+    while not path.exists():
+        time.sleep(poll_s)
+    return path
+
+
+def load_shard(path: Path) -> Example:
+    """Return the arrays of a shard."""
+    with np.load(path) as file:
+        return {key: file[key] for key in KEYS}
+
+
+def mirrored(row: Example) -> Example:
+    """Mirror an example left to right: its cells, its directions (k becomes -k) and its truth."""
+    back = (-np.arange(DIRECTIONS)) % DIRECTIONS
+    flipped = {key: array[:, ::-1] for key, array in row.items()}
+    for k in "01":
+        flipped[f"C{k}"] = flipped[f"C{k}"][:, :, back]
+        flipped[f"d{k}"] = flipped[f"d{k}"] * np.array([-1, 1], row[f"d{k}"].dtype)
+    return flipped
+
+
+def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[Tensor, Tensor, Tensor]:
+    """Return the losses of both octaves and the joint logits of the finer."""
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
+        fine, coarse = network([(batch["C0"], batch["s0"]), (batch["C1"], batch["s1"])])
+    first = loss_of(fine, *target_of(batch["d0"], batch["v0"], fine.shape[-1]))
+    second = loss_of(coarse, *target_of(batch["d1"], batch["v1"], coarse.shape[-1]))
+    return first, second, fine
+
+
+@torch.no_grad()
+def figures_of(network: Reader, shard: Example) -> dict[str, float]:
+    """Return loss and errors, of all cells and of the certain half, on a shard's pictures."""
+    network.eval()
+    losses, smears = [], []
+    for first in range(0, len(shard["v0"]), 32):
+        batch = {key: torch.from_numpy(array[first : first + 32]).float() for key, array in shard.items()}
+        loss, _, logits = losses_of(network, batch, half=False)
+        losses.append(float(loss))
+        rows = read_smears(logits.flatten(0, 1).numpy())
+        smears.append(rows.reshape(*logits.shape[:3], 4))
+    network.train()
+    read = np.concatenate(smears)
+    truth = shard["d0"].astype(np.float32).mean(-2)
+    length = np.hypot(truth[..., 0], truth[..., 1])
+    keep = shard["v0"].min(-1) & (length >= DIRECTION_MIN_PX) & (length < LONGEST_PX)
+    turn = np.arctan2(read[..., 1], read[..., 0]) - 2 * np.arctan2(truth[..., 1], truth[..., 0])
+    error_deg = np.degrees(np.abs(np.angle(np.exp(1j * turn))))[keep] / 2
+    ratio = np.log(np.hypot(read[..., 0], read[..., 1])[keep] / length[keep])
+    certain = read[..., 3][keep] <= np.median(read[..., 3][keep])
+    return {
+        "loss": float(np.mean(losses)),
+        "direction_deg": float(np.median(error_deg)),
+        "direction_deg_top50": float(np.median(error_deg[certain])),
+        "length_ratio": float(np.exp(np.median(ratio))),
+        "length_spread": float(np.median(np.abs(ratio - np.median(ratio)))),
+    }
+
+
+class Run:
+    """Weights, their average, optimiser and step: what a checkpoint holds."""
+
+    def __init__(self, options: ReaderTraining) -> None:
+        torch.manual_seed(options.seed)
+        self.options = options
+        self.network, self.average = Reader(), Reader()
+        self.average.load_state_dict(self.network.state_dict())
+        weights = self.network.parameters()
+        self.optimiser = torch.optim.AdamW(weights, lr=options.learning_rate, weight_decay=1e-4)
+        self.step = 0
+        self.figures: dict[str, dict[str, float]] = {}
+        if self.path.exists():
+            self.resume(torch.load(self.path, weights_only=True))
+
+    @property
+    def path(self) -> Path:
+        """The checkpoint."""
+        return self.options.out / "last.pt"
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on where a checkpoint stands."""
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step, self.figures = state["step"], state["figures"]
+
+    def save(self) -> None:
+        """Write the checkpoint, whole or not at all."""
+        options = {name: str(v) if isinstance(v, Path) else v for name, v in asdict(self.options).items()}
+        state = {
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "widths": self.network.options.as_dict(),
+            "step": self.step,
+            "figures": self.figures,
+            "options": options,
+        }
+        temporary = self.path.with_suffix(".tmp")
+        torch.save(state, temporary)
+        temporary.replace(self.path)
+
+    def advance(self, batch: Batch) -> float:
+        """Make one optimiser step; return the loss."""
+        rate = warm_cosine(self.step, self.options.steps, self.options.learning_rate, WARM_UP_STEPS)
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        fine, coarse, _ = losses_of(self.network, batch, half=True)
+        self.optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(fine + COARSE_WEIGHT * coarse)
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        self.step += 1
+        follow(self.average, self.network, self.step)
+        return float(fine.detach())
+
+
+def load_average(checkpoint: Path) -> tuple[Reader, dict[str, Any]]:
+    """Return the averaged network of a checkpoint, and all that the checkpoint says."""
+    state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
+    network = Reader(ReaderOptions(**state["widths"]))
+    network.load_state_dict(state["average"])
+    return network.eval(), state
+
+
+def train(options: ReaderTraining) -> Run:
+    """Run the schedule to its end, printing figures and keeping ``out/last.pt`` fresh."""
+    torch.set_num_threads(options.threads)
+    options.out.mkdir(parents=True, exist_ok=True)
+    held = {path.stem: load_shard(path) for path in sorted(options.val.glob("*.npz"))}
+    run, pool, losses = Run(options), Pool(options.train, options.pool), []
+    while run.step < options.steps:
+        pool.grow_to(min(FIRST_SHARDS + run.step // STEPS_PER_SHARD, options.shards))
+        rng = np.random.default_rng([options.seed, run.step])
+        losses.append(run.advance(pool.batch(rng, options.batch)))
+        done = run.step == options.steps
+        if done or run.step % options.validate_every == 0:
+            run.figures = {name: figures_of(run.average, shard) for name, shard in held.items()}
+            report(run, float(np.mean(losses)))
+            losses = []
+        if done or run.step % options.save_every == 0:
+            run.save()
+    return run
+
+
+def report(run: Run, loss: float) -> None:
+    """Print one line and append it to the log: step, mean training loss since the line before, figures."""
+    line = json.dumps({"step": run.step, "loss": round(loss, 4), **run.figures})
+    print(line, flush=True)
+    with (run.options.out / "log.jsonl").open("a") as file:
+        file.write(line + os.linesep)
+
+
+def parse() -> ReaderTraining:
+    """Read the command line; the defaults are those of :class:`ReaderTraining`."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    for field in fields(ReaderTraining):
+        name = f"--{field.name.replace('_', '-')}"
+        if field.default is MISSING:
+            parser.add_argument(name, type=Path, required=True)
+        else:
+            kind = type(field.default)
+            parser.add_argument(name, type=kind, default=field.default, help="(default: %(default)s)")
+    return ReaderTraining(**vars(parser.parse_args()))
+
+
+def main() -> None:
+    """Train."""
+    train(parse())
+
+
+if __name__ == "__main__":
+    main()
