@@ -1,0 +1,143 @@
+"""README: every command and every block of Python runs, every link leads somewhere, and it stays short."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from blur2view import __version__
+from tests.support.readme_files import ROOT, make_files
+
+README = (ROOT / "README.md").read_text()
+MOST_WORDS = 1500
+NOT_RUN = ("pip install ", "python -m pytest ", "pre-commit install")
+"""How the commands begin that install, or test, which no test does."""
+TEST_COMMAND = "pip install '.[train,test]' && python -m pytest -n auto --dist worksteal"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of README under one title, with its blocks of code: language and text."""
+
+    title: str
+    text: str
+    blocks: tuple[tuple[str, str], ...]
+
+
+def sections() -> Iterator[Section]:
+    """Yield the parts of README that hold code; a line of code that begins with # is no title."""
+    code = r"^```(\w+)\n(.*?)^```$"
+    titles = [
+        title
+        for title in re.finditer(r"^##+ (.+)$", README, re.MULTILINE)
+        if not any(block.start() < title.start() < block.end() for block in re.finditer(code, README, re.M | re.S))
+    ]
+    ends = [*(title.start() for title in titles[1:]), len(README)]
+    for title, end in zip(titles, ends, strict=True):
+        text = README[title.end() : end]
+        blocks = tuple((language, body) for language, body in re.findall(code, text, re.M | re.S))
+        if blocks:
+            yield Section(title=title[1], text=text, blocks=blocks)
+
+
+def commands(block: str) -> list[str]:
+    """Return the commands of a shell block that are run here; every other one must be listed as not run."""
+    every = [part.strip() for line in block.splitlines() for part in line.split("&&")]
+    run = [command for command in every if command.startswith("blur2view ")]
+    unknown = [one for one in every if one not in run and not one.startswith(NOT_RUN)]
+    assert not unknown, f"neither run nor listed in NOT_RUN: {unknown}"
+    return run
+
+
+def named_files(text: str) -> list[str]:
+    """Return the files inside folders that a text names in backticks."""
+    return re.findall(r"`([\w.]+(?:/[\w.]+)+\.\w+)`", text)
+
+
+def masked(text: str) -> str:
+    """Return a text with every figure replaced, as figures follow the network."""
+    return re.sub(r"\d+(\.\d+)?", "0", text.strip())
+
+
+CODE = list(sections())
+RUNNABLE = [
+    section
+    for section in CODE
+    if any(language == "python" or language == "sh" and commands(body) for language, body in section.blocks)
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with the files that README names, and nothing of the checkout."""
+    make_files(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Return an environment in which `blur2view` is the program of this checkout."""
+    programs = tmp_path_factory.mktemp("bin")
+    program = programs / "blur2view"
+    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m blur2view "$@"\n')
+    program.chmod(0o755)
+    paths = {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    return {**os.environ, **paths}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("section", RUNNABLE, ids=lambda section: section.title)
+def test_every_command_and_python_block_runs(
+    section: Section, folder: Path, environment: dict[str, str]
+) -> None:
+    printed = ""
+    for language, body in section.blocks:
+        programs = commands(body) if language == "sh" else []
+        calls = [["bash", "-c", program] for program in programs]
+        calls += [[sys.executable, "-W", "error", "-c", body]] if language == "python" else []
+        for call in calls:
+            done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True)
+            assert done.returncode == 0, f"{call[-1]}\n{done.stdout}\n{done.stderr}"
+            printed = done.stdout
+        if language == "text":  # what the command before it prints
+            assert masked(body) == masked(printed)
+    there = [name for name in named_files(section.text) if not (folder / name).is_file()]
+    assert not there, f"named, but not written: {there}"
+
+
+def test_every_kind_of_block_is_run_or_known() -> None:
+    languages = {language for section in CODE for language, _ in section.blocks}
+    assert languages == {"sh", "python", "text", "bibtex"}
+    assert README.count("```") == 2 * sum(len(section.blocks) for section in CODE)
+    assert len(RUNNABLE) >= 9
+
+
+def test_readme_is_short() -> None:
+    assert len(README.split()) <= MOST_WORDS
+
+
+def test_every_link_and_picture_exists() -> None:
+    targets = re.findall(r"\]\(([^)\s]+)\)", README)
+    local = [target.partition("#")[0] for target in targets if not target.startswith("https://")]
+    assert local and not [target for target in local if not (ROOT / target).exists()]
+    rest = README
+    for section in RUNNABLE:
+        rest = rest.replace(section.text, "")
+    assert not [name for name in named_files(rest) if not (ROOT / name).is_file()]
+
+
+def test_continuous_integration_runs_the_test_command_of_readme() -> None:
+    assert TEST_COMMAND in README.splitlines()
+    script = ROOT / ".ci/run"
+    if script.exists():  # no part of a source distribution
+        assert TEST_COMMAND in script.read_text().splitlines()
+
+
+def test_changelog_has_the_version() -> None:
+    assert re.search(rf"^### {re.escape(__version__)}$", README, re.MULTILINE)
