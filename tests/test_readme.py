@@ -5,13 +5,15 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from inspect import cleandoc
 from pathlib import Path
 
 import pytest
 
 from blur2view import __version__
+from blur2view.colmap import mapping
 from tests.support.readme_files import ROOT, make_files
 
 README = (ROOT / "README.md").read_text()
@@ -32,16 +34,17 @@ class Section:
 
 def sections() -> Iterator[Section]:
     """Yield the parts of README that hold code; a line of code that begins with # is no title."""
-    code = r"^```(\w+)\n(.*?)^```$"
+    code = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+    spans = [block.span() for block in code.finditer(README)]
     titles = [
         title
         for title in re.finditer(r"^##+ (.+)$", README, re.MULTILINE)
-        if not any(block.start() < title.start() < block.end() for block in re.finditer(code, README, re.M | re.S))
+        if not any(first < title.start() < last for first, last in spans)
     ]
     ends = [*(title.start() for title in titles[1:]), len(README)]
     for title, end in zip(titles, ends, strict=True):
         text = README[title.end() : end]
-        blocks = tuple((language, body) for language, body in re.findall(code, text, re.M | re.S))
+        blocks = tuple((language, body) for language, body in code.findall(text))
         if blocks:
             yield Section(title=title[1], text=text, blocks=blocks)
 
@@ -91,24 +94,46 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, **paths}
 
 
+@pytest.fixture
+def call(folder: Path, environment: dict[str, str]) -> Callable[[str, str], str]:
+    """Return a function that runs a text of a language in the folder and returns what it prints."""
+    interpreters = {"sh": ("bash", "-c"), "python": (sys.executable, "-W", "error", "-c")}
+
+    def run(language: str, text: str) -> str:
+        command = [*interpreters[language], text]
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("section", RUNNABLE, ids=lambda section: section.title)
 def test_every_command_and_python_block_runs(
-    section: Section, folder: Path, environment: dict[str, str]
+    section: Section, folder: Path, call: Callable[[str, str], str]
 ) -> None:
     printed = ""
     for language, body in section.blocks:
-        programs = commands(body) if language == "sh" else []
-        calls = [["bash", "-c", program] for program in programs]
-        calls += [[sys.executable, "-W", "error", "-c", body]] if language == "python" else []
-        for call in calls:
-            done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True)
-            assert done.returncode == 0, f"{call[-1]}\n{done.stdout}\n{done.stderr}"
-            printed = done.stdout
         if language == "text":  # what the command before it prints
             assert masked(body) == masked(printed)
-    there = [name for name in named_files(section.text) if not (folder / name).is_file()]
-    assert not there, f"named, but not written: {there}"
+            continue
+        for text in commands(body) if language == "sh" else [body]:
+            printed = call(language, text)
+    missing = [name for name in named_files(section.text) if not (folder / name).is_file()]
+    assert not missing, f"named, but not written: {missing}"
+
+
+@pytest.mark.slow
+def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) -> None:
+    call("sh", "blur2view to-colmap --db new.db --focal 800 a.jpg b.jpg")
+    call("sh", "blur2view to-colmap --db project.db --link --sequence frames/*.jpg")
+    blocks = re.findall(r"::\n\n((?:    .*\n|\n)+)", mapping.__doc__ or "")
+    assert len(blocks) == 4
+    for block in blocks:
+        call("python", cleandoc(block))
+    models = {str(path.parent.relative_to(folder)) for path in folder.rglob("cameras.bin")}
+    assert models >= {"exposures/0", "exposures/1", "joined", "anew/0", "global/0"}
 
 
 def test_every_kind_of_block_is_run_or_known() -> None:

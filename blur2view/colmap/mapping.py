@@ -7,7 +7,40 @@ The options are pycolmap's own, to be changed at will.
 
 A mapper weighs all smears the same in its bundle adjustment: it knows neither their standard deviations, nor
 that the errors of neighbours are correlated, nor how a hand moves, all of which our estimate uses.
-`triangulate_exposure` keeps the estimated poses and only triangulates the points.
+`triangulate_exposure` keeps the estimated poses and only triangulates the points. In a video the frames'
+poses say most of what the camera did while the shutter was open: `place_views` leans on them.
+
+Ways to map
+-----------
+The exposures of a fresh database, each by itself, which makes a model of two images of each::
+
+    import pycolmap
+    import blur2view
+
+    pycolmap.incremental_mapping("new.db", ".", "exposures", blur2view.mapper_options())
+
+One exposure with the pose that was estimated, only its points triangulated::
+
+    from pathlib import Path
+    import blur2view
+
+    model = blur2view.triangulate_exposure(Path("new.db"), "a.jpg")
+
+The views of a linked project, which join a model of its photographs and leave it as it is::
+
+    import pycolmap
+    import blur2view
+
+    options = blur2view.mapper_options(linked=True, keep_photographs=True)
+    pycolmap.incremental_mapping("project.db", "frames", "joined", options, input_path="model/0")
+
+Photographs and views of a linked project, all anew, one by one or at once::
+
+    import pycolmap
+    import blur2view
+
+    pycolmap.incremental_mapping("project.db", "frames", "anew", blur2view.mapper_options(linked=True))
+    pycolmap.global_mapping("project.db", "frames", "global", blur2view.global_options())
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True)
 class TileOptions:
-    """When and how a photograph is cut into tiles.
+    """When and how a photograph is cut into tiles; a smear is then measured from its own tile alone.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""The files that README's recipes name: photographs, frames of a video, and a COLMAP project of these frames."""
+"""The files that README's recipes name: photographs, frames of a video, a COLMAP project of the frames."""
 
 import shutil
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,11 @@ SAMPLE = ROOT / "models/sample.jpg"
 PHOTOGRAPHS = ("models/sample.jpg", "a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
 FRAMES = ("f_000.jpg", "f_001.jpg", "f_002.jpg")
 POINTS, FOCAL = 200, 800.0
-TURN, MOVE = np.array([0.002, 0.006, -0.001]), np.array([0.05, 0.01, 0.02])  # of the camera, a frame
+TURN, MOVE = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame
 
 
 def make_files(folder: Path) -> None:
-    """Copy the sample to every photograph and frame that README names, and write the project of the frames."""
+    """Copy the sample to every photograph and frame that README names; write the project of the frames."""
     for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
         (folder / name).parent.mkdir(exist_ok=True)
         shutil.copy(SAMPLE, folder / name)
@@ -30,16 +31,18 @@ def make_project(database: Path, model_folder: Path) -> None:
     """Write features and matches of the frames, and the model of a steady walk with these features."""
     height, width = read_image(SAMPLE).shape[:2]
     rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-2, 2, POINTS), rng.uniform(-1, 1, POINTS), rng.uniform(4, 9, POINTS)])
+    spread = rng.uniform(-1, 1, (POINTS, 3))
+    points = spread * (1.5, 1, 2) + (0, 0, 7)
     params = [FOCAL, width / 2, height / 2]
     camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=params, camera_id=1)
+    camera.has_prior_focal_length = True
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(camera)
     tracks = [pycolmap.Track() for _ in points]
     with pycolmap.Database.open(database) as opened:
         opened.write_camera(camera)
         for number, name in enumerate(FRAMES, 1):
-            pose = pose_at(number)
+            pose = pose_at(number - 2)  # the second frame is in the middle
             pixels = projected(points, pose) + params[1:]
             opened.write_image(pycolmap.Image(name=name, camera_id=1))
             opened.write_keypoints(number, pixels.astype(np.float32))
@@ -48,9 +51,12 @@ def make_project(database: Path, model_folder: Path) -> None:
             model.add_image_with_trivial_frame(image, rigid)
             for index, track in enumerate(tracks):
                 track.add_element(number, index)
-        everything = np.arange(POINTS, dtype=np.uint32)[:, None].repeat(2, axis=1)
-        for number in range(1, len(FRAMES)):
-            opened.write_matches(number, number + 1, everything)
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+        geometry.inlier_matches = np.arange(POINTS, dtype=np.uint32)[:, None].repeat(2, axis=1)
+        for number, other in combinations(range(1, len(FRAMES) + 1), 2):
+            opened.write_matches(number, other, geometry.inlier_matches)
+            opened.write_two_view_geometry(number, other, geometry)
     for point, track in zip(points, tracks, strict=True):
         model.add_point3D(point, track)
     model_folder.mkdir(parents=True)

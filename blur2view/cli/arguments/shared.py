@@ -184,5 +184,5 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
     add(
         "--model",
         metavar="ONNX",
-        help="an ONNX file of tools/training/export_reader.py (default: the shipped network)",
+        help="a smear network, written by tools/training/export_reader.py (default: the shipped one)",
     )

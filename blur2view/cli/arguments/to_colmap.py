@@ -23,9 +23,10 @@ DESCRIPTION = """
 Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
 shutter opened and when it closed. They share the photograph's camera and have a rig and a frame, keypoints
 (both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with known
-intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP. No files have
-these names, and mapping needs none; blur2view.mapper_options() has the mapper's options, as its defaults
-refuse such short baselines.
+intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the orientation
+of EXIF is not applied. No files have these names, and mapping needs none; blur2view.mapper_options() has the
+mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
+to map.
 """
 WRITTEN = (
     (
@@ -38,12 +39,14 @@ WRITTEN = (
         "--link",
         "finds the image of each photograph by the longest ending of its path, moves its features k to k - "
         "d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to "
-        "1.5 px), and adds the pairs photograph-open, photograph-close and open-close. Rows of yours are "
-        "read, never written; one transaction, after a copy to DB.<time>.bak; a second run changes nothing. "
-        "Our rows are listed in the table blur2view_views. Where COLMAP has a prior, the project's focal "
-        "length is a hint; --camera project.db takes it for true. Whatever maps the project later sees the "
-        "views, too, unless it is limited to images (image_names) or given the backup. Databases up to "
-        "COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line",
+        "1.5 px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run "
+        "through all three. Rows of yours are read, never written; one transaction, after a copy to "
+        "DB.<time>.bak: killed at any moment it leaves the database as before or as after. A second run "
+        "changes nothing. Our rows are listed in the table blur2view_views, with how sure the direction of "
+        "time is. Where COLMAP has a prior, the project's focal length is a hint; --camera project.db takes "
+        "it for true. Whatever maps the project later sees the views, too, unless it is limited to images "
+        "(image_names) or given the backup. Databases up to COLMAP 4.2 are known; newer, locked, damaged and "
+        "foreign ones are refused in one line",
     ),
     (
         "--format matches",
