@@ -14,6 +14,15 @@ Conventions, used everywhere
 - Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
 - Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].
 
+First calls
+-----------
+- ``found = estimate(read_image("a.jpg"))``: the smears, the matches and ``found.geometry``, with F or None, the
+  configuration and its reason; with ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
+- ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
+- ``segment(found, image)``: what moves by itself, as `blur2view segment` has it.
+- ``write_database(Path("new.db"), [views_of("a.jpg", found)])``: what `blur2view to-colmap` writes.
+- ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
+
 The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,
 Viksten), called "the paper" in this package.
 """
