@@ -16,7 +16,7 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``found = estimate(read_image("a.jpg"))``: the smears, the matches and ``found.geometry``, with F or None, the
+- ``found = estimate(read_image("a.jpg"))``: smears, matches and ``found.geometry``, with F or None, the
   configuration and its reason; with ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
 - ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
 - ``segment(found, image)``: what moves by itself, as `blur2view segment` has it.
