@@ -1,9 +1,6 @@
 """The errors a user may meet; each message is one line that names the path and the remedy."""
 
 
-
-
-
 class Blur2ViewError(Exception):
     """Something outside the program is wrong; the message says what, where and how to mend it."""
 

@@ -30,7 +30,6 @@ def test_linter_finds_nothing() -> None:
     check("ruff", "check")
 
 
-@pytest.mark.skip(reason="blur2view/errors.py is not formatted yet")
 def test_formatter_changes_nothing() -> None:
     check("ruff", "format", "--check")
 

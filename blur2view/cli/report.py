@@ -36,9 +36,9 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     """
     run = read_run(options, usage_error)
     _check_output(options)
-    networks = Networks(
-        smear=SmearNetwork(options.model), motion=None if options.no_mask else MotionNetwork()
-    )
+    smear = SmearNetwork(options.model)
+    motion = None if options.no_mask else MotionNetwork(smears=smear if options.model else None)
+    networks = Networks(smear=smear, motion=motion)
     created = prepare_folder(options.output.parent)
     entries = _entries(options, run, networks)
     failed = sum(entry.kind == "failed" for entry in entries)

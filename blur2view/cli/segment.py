@@ -25,7 +25,8 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
-    network, motion_network = SmearNetwork(options.model), MotionNetwork()
+    network = SmearNetwork(options.model)
+    motion_network = MotionNetwork(smears=network if options.model else None)
 
     def work(path: Path, files: MaskFiles | None) -> tuple[MaskDocument, str]:
         """Return the document and the summary of one photograph, after writing its files."""
