@@ -15,6 +15,7 @@ from blur2view.cli import outputs as mask_results
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.network import MotionNetwork
 from tests.support.colour_code import colour_code, write_picture
 
 HEIGHT, WIDTH = 160, 208
