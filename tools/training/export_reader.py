@@ -25,7 +25,7 @@ from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
 from tools.training.spectra import STEP, Spectra, SpectraByProducts
-from tools.training.train_reader import load_average
+from tools.training.train_reader import WEIGHTS, load_average
 
 FORMAT = "2"
 LARGEST_DIFFERENCE = 2e-3
@@ -86,6 +86,7 @@ def export(checkpoint: Path, target: Path) -> None:
     graph = onnx.load(temporary)
     store_half(graph)
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()
+    store_weights(graph, network)
     onnx.helper.set_model_props(graph, metadata(state, digest))
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
@@ -132,6 +133,12 @@ def store_half(model: onnx.ModelProto) -> None:
         nodes.insert(k + 1, cast)
 
 
+def store_weights(model: onnx.ModelProto, network: Reader) -> None:
+    """Store the network's own weights beside the graph, which holds them rearranged, to train on from."""
+    for name, value in network.state_dict().items():
+        model.graph.initializer.append(onnx.numpy_helper.from_array(value.numpy(), f"{WEIGHTS}{name}"))
+
+
 def sample_picture() -> Tensor:
     """Return a rendered grey picture (1, 1, 256, 320) in [0, 1]."""
     scene = render(7, RenderOptions(size=(320, 256)))
@@ -146,7 +153,9 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
     coarser = torch.rand(shape, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
-    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # or it warns of every stored weight
+    session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
     actual, _ = session.run(None, {"grey": grey.numpy(), "coarser": coarser.numpy()})
     return float(np.abs(actual - expected.numpy()).max())
 

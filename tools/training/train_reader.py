@@ -21,9 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from torch import Tensor
 
+from blur2view.errors import ModelError
 from blur2view.metrics import DIRECTION_MIN_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
@@ -32,6 +34,8 @@ from tools.training.schedule import follow, warm_cosine
 
 Batch = dict[str, Tensor]
 
+WEIGHTS = "weights."
+"""Prefix of the names of the weights in an exported file."""
 KEYS = ("C0", "s0", "d0", "v0", "C1", "s1", "d1", "v1")
 FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
 WARM_UP_STEPS = 200
@@ -49,6 +53,8 @@ class ReaderTraining:
     ----------
     train, val, out : Path
         Folders of shards, of the shards that figures are of, and of checkpoint and log.
+    weights : Path, optional
+        An exported network, such as ``models/smear.onnx``, whose weights a fresh run starts from.
     steps, batch : int
         Optimiser steps and pictures in each.
     learning_rate : float
@@ -64,6 +70,7 @@ class ReaderTraining:
     train: Path
     val: Path
     out: Path
+    weights: Path | None = None
     steps: int = 9000
     batch: int = 16
     learning_rate: float = 2e-3
@@ -170,6 +177,8 @@ class Run:
         torch.manual_seed(options.seed)
         self.options = options
         self.network, self.average = Reader(), Reader()
+        if options.weights:
+            self.network.load_state_dict(exported_weights(options.weights))
         self.average.load_state_dict(self.network.state_dict())
         weights = self.network.parameters()
         self.optimiser = torch.optim.AdamW(weights, lr=options.learning_rate, weight_decay=1e-4)
@@ -221,6 +230,24 @@ class Run:
         return float(fine.detach())
 
 
+def exported_weights(path: Path) -> dict[str, Tensor]:
+    """Return the weights that `tools.training.export_reader` stored in a network file.
+
+    Raises
+    ------
+    ModelError
+        If the file holds none.
+    """
+    stored = [t for t in onnx.load(path).graph.initializer if t.name.startswith(WEIGHTS)]
+    if not stored:
+        raise ModelError(
+            f"{path}: holds no weights to train on from; use a file of tools.training.export_reader"
+        )
+    return {
+        t.name.removeprefix(WEIGHTS): torch.from_numpy(onnx.numpy_helper.to_array(t).copy()) for t in stored
+    }
+
+
 def load_average(checkpoint: Path) -> tuple[Reader, dict[str, Any]]:
     """Return the averaged network of a checkpoint, and all that the checkpoint says."""
     state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
@@ -265,6 +292,8 @@ def parse() -> ReaderTraining:
         name = f"--{field.name.replace('_', '-')}"
         if field.default is MISSING:
             parser.add_argument(name, type=Path, required=True)
+        elif field.default is None:
+            parser.add_argument(name, type=Path)
         else:
             kind = type(field.default)
             parser.add_argument(name, type=kind, default=field.default, help="(default: %(default)s)")

@@ -3,15 +3,17 @@
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
+from tests.support.colour_code import colour_code_network
 from tools.training import export_reader
 from tools.training.export_reader import difference, export, sample_picture
 from tools.training.reader import Reader, ReaderOptions
-from tools.training.train_reader import load_average
+from tools.training.train_reader import exported_weights, load_average
 
 pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
 SMALL = ReaderOptions(window=8, region=12)
@@ -52,6 +54,17 @@ def test_package_reads_it(exported: Path) -> None:
     image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)
     field = network.predict(image)
     assert field.shape == (190, 210) and np.isfinite(field.displacement).all()
+
+
+def test_training_starts_from_the_weights_of_a_file(exported: Path, checkpoint: Path, tmp_path: Path) -> None:
+    network, _ = load_average(checkpoint)
+    stored = exported_weights(exported)
+    assert stored.keys() == network.state_dict().keys()
+    for name, value in network.state_dict().items():
+        assert torch.equal(stored[name], value)
+    onnx.save(colour_code_network(), tmp_path / "other.onnx")
+    with pytest.raises(ModelError, match="holds no weights"):
+        exported_weights(tmp_path / "other.onnx")
 
 
 def test_file_that_differs_from_torch_replaces_nothing(
