@@ -37,7 +37,7 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     run = read_run(options, usage_error)
     _check_output(options)
     smear = SmearNetwork(options.model)
-    motion = None if options.no_mask else MotionNetwork(smears=smear if options.model else None)
+    motion = None if options.no_mask else MotionNetwork.beside(smear)
     networks = Networks(smear=smear, motion=motion)
     created = prepare_folder(options.output.parent)
     entries = _entries(options, run, networks)

@@ -26,7 +26,7 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
     network = SmearNetwork(options.model)
-    motion_network = MotionNetwork(smears=network if options.model else None)
+    motion_network = MotionNetwork.beside(network)
 
     def work(path: Path, files: MaskFiles | None) -> tuple[MaskDocument, str]:
         """Return the document and the summary of one photograph, after writing its files."""

@@ -18,7 +18,7 @@ from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
-_STRIP_CELLS = 64
+_STRIP_CELLS = 8
 
 
 class SmearNetwork:
@@ -92,7 +92,7 @@ class SmearNetwork:
         piece = min(height, width, options.tile_px) if tiling else min(height, width)
         levels = pyramid.count((piece, piece))
         step = self._reader.multiple_of(levels)
-        rows, columns = (spans(max(side, LEAST_PX), step, tiling) for side in (height, width))
+        rows, columns = (spans(max(side, LEAST_PX << levels - 1), step, tiling) for side in (height, width))
         shape = rows[-1].stop // stride, columns[-1].stop // stride
         total = np.zeros((*shape, self.info.channels), np.float32)
         weight = np.zeros((*shape, 1), np.float32)

@@ -75,6 +75,11 @@ class MotionNetwork:
         self._session = open_session(self.path, threads or usable_cores(), REMEDY)
         self.info = read_info(self.path, self._session)
 
+    @classmethod
+    def beside(cls, smears: SmearNetwork) -> MotionNetwork:
+        """Return the shipped network with these smears if they come in cells of 4 px, else with its own."""
+        return cls(smears=smears if smears.info.stride == STRIDE else None)
+
     def with_local_smears(self, found: Estimate, image: NDArray[np.float32]) -> Estimate:
         """Return the estimate with the smears that masks are made of."""
         return found if self.smears is None else replace(found, field=self.smears.predict(image))

@@ -99,9 +99,10 @@ def test_prediction_is_reproducible(grey_model: Path) -> None:
         (grey_code_network(cell=16), "cannot be run on 96x64 pixels|gives shape"),
         (grey_code_network(channels=3), r"gives shape \(1, 2, 3, 32, 3\)"),
         (grey_code_network(rows=16), rf"gives shape \(1, 2, 3, 16, ({BINS}|2)\)"),
+        (grey_code_network(bins=40), r"gives shape \(1, 2, 3, 32, 40\)"),
         (grey_code_network(stride="64", multiple_of="64"), "cannot be run on|gives shape"),
     ],
-    ids=["cells", "channels", "directions", "stride"],
+    ids=["cells", "channels", "directions", "bins", "stride"],
 )
 def test_network_that_breaks_its_promise_is_named_in_one_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], model: onnx.ModelProto, words: str
@@ -111,6 +112,27 @@ def test_network_that_breaks_its_promise_is_named_in_one_line(
         predict(grey_code(fan(64, 96)), tmp_path / "wrong.onnx")
     assert "wrong.onnx" in str(caught.value) and "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
+
+
+def test_network_without_a_fixed_number_of_features_is_refused(tmp_path: Path) -> None:
+    model = grey_code_network()
+    model.graph.input[1].type.tensor_type.shape.dim[4].dim_param = "C"
+    onnx.save(model, tmp_path / "wrong.onnx")
+    with pytest.raises(ModelError, match="does not fix the number of its features"):
+        SmearNetwork(tmp_path / "wrong.onnx")
+
+
+def test_octaves_may_be_smaller_than_a_window(grey_model: Path) -> None:
+    options = PyramidOptions(smallest_px=16)
+    for side in (64, 100, 128):
+        assert SmearNetwork(grey_model).predict(grey_code(fan(side, side)), None, options).shape == (
+            side,
+            side,
+        )
+        assert SmearNetwork(threads=1).predict(grey_code(fan(side, side)), None, options).shape == (
+            side,
+            side,
+        )
 
 
 def test_other_format_has_other_inputs(tmp_path: Path) -> None:

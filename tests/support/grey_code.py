@@ -29,13 +29,13 @@ def grey_code(directions_deg: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def grey_code_network(
-    cell: int = 32, rows: int = DIRECTIONS, channels: int = CHANNELS, **metadata: str
+    cell: int = 32, rows: int = DIRECTIONS, channels: int = CHANNELS, bins: int = BINS, **metadata: str
 ) -> onnx.ModelProto:
-    """Return the tiny network; with other cells, rows of directions or channels it breaks its promise."""
-    k, j = np.arange(rows)[:, None], np.arange(BINS)
+    """Return the tiny network; with other cells, directions, bins or channels it breaks its promise."""
+    k, j = np.arange(rows)[:, None], np.arange(bins)
     length = 1 + PER_OCTAVE * np.log2(CODE_LENGTH_PX / SHORTEST_PX)
     scale = 1 / (2 * LABEL_SPREAD**2)
-    slope = np.broadcast_to(scale * 2 * DIRECTIONS * k, (rows, BINS))  # of -(k - 32 m)^2
+    slope = np.broadcast_to(scale * 2 * DIRECTIONS * k, (rows, bins))  # of -(k - 32 m)^2
     known = -scale * (k**2 + (j - length) ** 2)
     constants = {
         "slope": slope,
@@ -58,7 +58,7 @@ def grey_code_network(
     ends: dict[str, list[str | int | None]] = {
         "grey": [1, 1, "H", "W"],
         "coarser": [1, "h", "w", DIRECTIONS, CHANNELS],
-        "logits": [1, "h2", "w2", rows, BINS],
+        "logits": [1, "h2", "w2", rows, bins],
         "features": [1, "h2", "w2", rows, channels],
     }
     infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items()]

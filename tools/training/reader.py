@@ -16,11 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.smears.likelihood import DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
-from tools.training.spectra import LAGS, SAMPLES, SCALARS
+from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
+from tools.training.spectra import SAMPLES, SCALARS
 
-BINS = LAGS + 2
-"""Logits per direction in one octave: anything shorter, the lengths, anything longer."""
 HIDDEN_WEIGHT = 0.25
 """Weight of truth where an end of the smear is hidden: it is known, but shows less."""
 

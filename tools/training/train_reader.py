@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
@@ -281,7 +280,7 @@ def report(run: Run, loss: float) -> None:
     line = json.dumps({"step": run.step, "loss": round(loss, 4), **run.figures})
     print(line, flush=True)
     with (run.options.out / "log.jsonl").open("a") as file:
-        file.write(line + os.linesep)
+        file.write(line + "\n")
 
 
 def parse() -> ReaderTraining:
@@ -302,7 +301,10 @@ def parse() -> ReaderTraining:
 
 def main() -> None:
     """Train."""
-    train(parse())
+    try:
+        train(parse())
+    except ModelError as error:
+        raise SystemExit(str(error)) from None
 
 
 if __name__ == "__main__":

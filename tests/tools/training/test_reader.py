@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 from tools.training.reader import (
-    BINS,
     HIDDEN_WEIGHT,
     Circular,
     Gathering,
