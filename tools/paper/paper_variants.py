@@ -35,11 +35,13 @@ from tools.paper.model import SmearUNet, decode
 from tools.paper.paper_loss import Representation, decoded, paper_loss
 from tools.paper.paper_network import PlainUNet, stem_network
 from tools.paper.validation import figures_of, validation_crops
-from tools.training.schedule import follow, warm_cosine
+from tools.training.run import TrainingRun
+from tools.training.schedule import warm_cosine
 
 NetworkName = Literal["stem", "plain", "factored"]
 ALPHA = 0.01
 STEPS, PLAIN_STEPS = 2000, 71
+LARGEST_GRADIENT = 2.0
 """Budget of one run; a step of the plain U-Net takes 28 times as long."""
 
 
@@ -75,34 +77,20 @@ ALPHA_STUDY = tuple(Variant(network="stem", alpha=alpha) for alpha in (0.005, 0.
 VARIANTS = {variant.name: variant for variant in (*TABLE_1, *ALPHA_STUDY)}
 
 
-@dataclass
-class VariantRun:
+@dataclass(kw_only=True)
+class VariantRun(TrainingRun):
     """Networks, optimiser and step of one run; `history` has the mean loss of every hundred steps."""
 
     variant: Variant
-    network: nn.Module
-    average: nn.Module
-    optimiser: torch.optim.Optimizer
-    step: int = 0
     history: list[float] = field(default_factory=list)
 
-    def parts(self) -> dict[str, Any]:
-        """Return what has a state to save."""
-        return {"network": self.network, "average": self.average, "optimiser": self.optimiser}
-
     def save(self, path: Path) -> None:
-        """Write a checkpoint; a run killed meanwhile keeps the one before."""
-        state = {name: part.state_dict() for name, part in self.parts().items()}
-        temporary = path.with_suffix(".tmp")
-        torch.save(state | {"step": self.step, "history": self.history}, temporary)
-        temporary.replace(path)
+        """Write a checkpoint."""
+        self.write(path, history=self.history)
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint."""
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        for name, part in self.parts().items():
-            part.load_state_dict(state[name])
-        self.step, self.history = int(state["step"]), list(state["history"])
+        self.history = list(self.restore(path)["history"])
 
 
 def build(variant: Variant) -> nn.Module:
@@ -152,16 +140,8 @@ def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
 
 def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
     """Make one step on a :func:`shared_input`; return the loss."""
-    for group in run.optimiser.param_groups:
-        group["lr"] = learning_rate_at(run.step, options)
     loss = loss_value(run.variant, raw_output(run.network, inputs), targets)
-    run.optimiser.zero_grad(set_to_none=True)
-    torch.autograd.backward(loss)
-    torch.nn.utils.clip_grad_norm_(run.network.parameters(), 2.0)
-    run.optimiser.step()
-    run.step += 1
-    follow(run.average, run.network, run.step)
-    return float(loss.detach())
+    return run.descend(loss, learning_rate_at(run.step, options), LARGEST_GRADIENT)
 
 
 def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes: Scenes) -> list[VariantRun]:

@@ -22,7 +22,8 @@ from torch.nn import functional as nnf
 from blur2view.errors import Blur2ViewError
 from tools.training.motion_data import LEAST_SHARE, STATIC, VALID, MotionExamples
 from tools.training.motion_model import MotionOptions, MotionUNet
-from tools.training.schedule import follow, warm_cosine
+from tools.training.run import TrainingRun
+from tools.training.schedule import warm_cosine
 from tools.training.stem import STRIDE
 
 Array = NDArray[Any]
@@ -36,6 +37,7 @@ MIRRORED = np.array(
     [1, -1, 1, -1], np.float32
 )  # what mirroring left to right, or up and down, does to angles
 TRANSPOSED = np.array([-1, 1, 1, -1], np.float32)
+LARGEST_GRADIENT = 2.0
 BAD_CHECKPOINT = (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, pickle.UnpicklingError)
 """What torch raises of a file that is missing, damaged or of another network."""
 
@@ -124,14 +126,12 @@ def loss_of(logits: Tensor, labels: Tensor) -> Tensor:
     return entropy + OVERLAP_WEIGHT * (1 - overlap)
 
 
-@dataclass
-class MotionRun:
-    """A network, the moving average of its weights, which ships, its optimiser and how far it came."""
+@dataclass(kw_only=True)
+class MotionRun(TrainingRun):
+    """A training of the motion segmentation network."""
 
     network: MotionUNet
     average: MotionUNet
-    optimiser: torch.optim.Optimizer
-    step: int = 0
 
     @classmethod
     def start(cls, options: MotionTraining, last: Path, examples: int) -> MotionRun:
@@ -153,11 +153,7 @@ class MotionRun:
     def go_on(self, last: Path, facts: dict[str, int]) -> None:
         """Go on from a checkpoint; Blur2ViewError if it is none of this network and training."""
         try:
-            state = torch.load(last, map_location="cpu", weights_only=True)
-            self.network.load_state_dict(state["network"])
-            self.average.load_state_dict(state["average"])
-            self.optimiser.load_state_dict(state["optimiser"])
-            self.step, before = int(state["step"]), state["training"]
+            before = self.restore(last)["training"]
         except BAD_CHECKPOINT:
             raise Blur2ViewError(f"{last}: is no checkpoint to go on from; move it away") from None
         if before != facts:
@@ -165,36 +161,16 @@ class MotionRun:
 
     def save(self, path: Path, options: MotionTraining, examples: int) -> None:
         """Write a checkpoint; a run killed meanwhile keeps the one before."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".tmp")
-        state = {
-            "network": self.network.state_dict(),
-            "average": self.average.state_dict(),
-            "model_options": self.network.options.as_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "step": self.step,
-            "training": options.facts(examples),
-        }
-        torch.save(state, temporary)
-        temporary.replace(path)
+        self.write(path, model_options=self.network.options.as_dict(), training=options.facts(examples))
 
     def advance(self, batch: Batch, rate: float) -> float:
-        """Make one step; give the loss."""
+        """Make one step; return the loss."""
         images, features, labels = batch
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
         with torch.no_grad():  # the inputs have no parameters
             inputs = self.network.inputs(images, features).contiguous(memory_format=torch.channels_last)
         with torch.autocast("cpu", dtype=torch.bfloat16):
             logits = self.network.body(inputs)
-        loss = loss_of(logits.float(), labels)
-        self.optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 2.0)
-        self.optimiser.step()
-        self.step += 1
-        follow(self.average, self.network, self.step)
-        return float(loss.detach())
+        return self.descend(loss_of(logits.float(), labels), rate, LARGEST_GRADIENT)
 
 
 def train(examples: MotionExamples, options: MotionTraining, last: Path) -> MotionRun:

@@ -29,7 +29,8 @@ from blur2view.metrics import DIRECTION_MIN_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
 from tools.training.reader_data import Example
-from tools.training.schedule import follow, warm_cosine
+from tools.training.run import TrainingRun
+from tools.training.schedule import warm_cosine
 
 Batch = dict[str, Tensor]
 
@@ -38,6 +39,7 @@ WEIGHTS = "weights."
 KEYS = ("C0", "s0", "d0", "v0", "C1", "s1", "d1", "v1")
 FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
 WARM_UP_STEPS = 200
+LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
 """Weight of the smaller octave's own loss."""
 LONGEST_PX = 60.0
@@ -169,63 +171,40 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     }
 
 
-class Run:
-    """Weights, their average, optimiser and step: what a checkpoint holds."""
+class Run(TrainingRun):
+    """A training of the reader; `figures` are those of the last validation."""
+
+    network: Reader
+    average: Reader
 
     def __init__(self, options: ReaderTraining) -> None:
         torch.manual_seed(options.seed)
         self.options = options
-        self.network, self.average = Reader(), Reader()
+        network, average = Reader(), Reader()
         if options.weights:
-            self.network.load_state_dict(exported_weights(options.weights))
-        self.average.load_state_dict(self.network.state_dict())
-        weights = self.network.parameters()
-        self.optimiser = torch.optim.AdamW(weights, lr=options.learning_rate, weight_decay=1e-4)
-        self.step = 0
+            network.load_state_dict(exported_weights(options.weights))
+        average.load_state_dict(network.state_dict())
+        optimiser = torch.optim.AdamW(network.parameters(), lr=options.learning_rate, weight_decay=1e-4)
+        super().__init__(network=network, average=average, optimiser=optimiser)
         self.figures: dict[str, dict[str, float]] = {}
         if self.path.exists():
-            self.resume(torch.load(self.path, weights_only=True))
+            self.figures = self.restore(self.path)["figures"]
 
     @property
     def path(self) -> Path:
         """The checkpoint."""
         return self.options.out / "last.pt"
 
-    def resume(self, state: dict[str, Any]) -> None:
-        """Go on where a checkpoint stands."""
-        self.network.load_state_dict(state["network"])
-        self.average.load_state_dict(state["average"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.step, self.figures = state["step"], state["figures"]
-
     def save(self) -> None:
-        """Write the checkpoint, whole or not at all."""
+        """Write the checkpoint."""
         options = {name: str(v) if isinstance(v, Path) else v for name, v in asdict(self.options).items()}
-        state = {
-            "network": self.network.state_dict(),
-            "average": self.average.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "widths": self.network.options.as_dict(),
-            "step": self.step,
-            "figures": self.figures,
-            "options": options,
-        }
-        temporary = self.path.with_suffix(".tmp")
-        torch.save(state, temporary)
-        temporary.replace(self.path)
+        self.write(self.path, widths=self.network.options.as_dict(), figures=self.figures, options=options)
 
     def advance(self, batch: Batch) -> float:
         """Make one optimiser step; return the loss."""
         rate = warm_cosine(self.step, self.options.steps, self.options.learning_rate, WARM_UP_STEPS)
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
         fine, coarse, _ = losses_of(self.network, batch, half=True)
-        self.optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(fine + COARSE_WEIGHT * coarse)
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self.optimiser.step()
-        self.step += 1
-        follow(self.average, self.network, self.step)
+        self.descend(fine + COARSE_WEIGHT * coarse, rate, LARGEST_GRADIENT)
         return float(fine.detach())
 
 
