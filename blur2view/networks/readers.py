@@ -64,7 +64,7 @@ class SmearReader:
 
 
 class LikelihoodReader:
-    """A network that reads the likelihood of smears in one octave (format 2), told what the smaller shows."""
+    """A network that reads the likelihood of smears in one octave, given the smaller one (format 2)."""
 
     def __init__(self, path: Path, session: Any, info: ModelInfo) -> None:
         self.path, self.session, self.info = path, session, info

@@ -35,7 +35,7 @@ def reweighted_motion(
     scale : callable
         Maps the lengths of the residuals (..., N) to the length of half the weight.
     start : ndarray of shape (..., k), optional
-        Weighs the first round if ``ordered``; without it all points weigh alike.
+        Weighs the first round if ``ordered``; without it all points have the same weight.
     ordered : bool
         If not, the sign of every flow is unknown: it is, anew in every round, the one that agrees better with
         the motion; the start decides the first ones.

@@ -1,4 +1,4 @@
-"""What the motion segmentation network is told of every smear, on the smear network's grid.
+"""What the motion segmentation network is given of every smear, on the smear network's grid.
 
 Beside the photograph it gets the direction which the camera's motion gives a smear of this length, and how
 smear, uncertainty and residual lie to it. So what it learns does not depend on which way the camera went.
@@ -67,18 +67,20 @@ def motion_features(found: Estimate, scored: MotionScore) -> NDArray[np.float32]
     across = nothing + np.pi / 2 if smears.sigma_rad is None else np.maximum(smears.sigma_rad, 1e-3)
     against = own * np.conj(unit(predicted))
     moves = geometry.F is not None, geometry.F is None and geometry.H is not None
-    told = [
+    features = [
         predicted.real, predicted.imag, against.real, against.imag, np.log1p(length) / LENGTH_UNIT,
         np.log(smears.sigma_px) / LENGTH_UNIT, np.log(across) / LENGTH_UNIT,
         *(np.minimum(np.sqrt(v.ravel()), LONGEST_SCORE) / LENGTH_UNIT for v in (score, reach)),
         *(nothing + float(is_so) for is_so in (*moves, not any(moves))),
         np.log1p(predicted_length) / LENGTH_UNIT,
     ]  # fmt: skip
-    return np.asarray(zero_where_unknown(np.stack(told)).astype(np.float32).reshape(CHANNELS, *score.shape))
+    return np.asarray(
+        zero_where_unknown(np.stack(features)).astype(np.float32).reshape(CHANNELS, *score.shape)
+    )
 
 
 def cell_pixels(side: int) -> NDArray[np.int_]:
-    """Give the pixels of one side nearest the centres of its cells, the upper or left ones of two."""
+    """Return the pixels of one side nearest the centres of its cells, the upper or left ones of two."""
     return np.minimum(np.arange(0, side, STRIDE) + (STRIDE - 1) // 2, side - 1)
 
 
@@ -106,7 +108,7 @@ def zero_where_unknown(values: Array) -> Array:
 
 
 def doubled(displacement: Array) -> Array:
-    """Give the unit double angle of displacements (N, 2), complex; 0 of none."""
+    """Return the unit double angle of displacements (N, 2), complex; 0 of none."""
     value = (displacement[:, 0] + 1j * displacement[:, 1]) ** 2
     return unit(value)
 

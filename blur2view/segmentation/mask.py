@@ -62,7 +62,7 @@ class MovingRegion:
     reason: str = ""
 
     def of(self, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Give this part of the mask (H, W) that it is from."""
+        """Return this part of the mask (H, W) that it is from."""
         _, part = cv2.connectedComponents(moving.astype(np.uint8), connectivity=4)
         return np.asarray(part == part[self.inside[1], self.inside[0]])
 
@@ -121,7 +121,7 @@ def segment(
     rng: np.random.Generator | None = None,
     network: MotionNetwork | None = None,
 ) -> MotionMask:
-    """Tell pixels that move by themselves from those that the camera's motion explains.
+    """Return which pixels move by themselves and which the camera's motion explains.
 
     Before a camera that moves, a network adds what it sees in the photograph and its smears, and may deny
     what their scores say; before one that stands still, or without the photograph, the scores decide alone.
@@ -220,11 +220,11 @@ def with_motions(
 ) -> tuple[MovingRegion, ...]:
     """Fit a motion to every connected part of a mask (H, W)."""
     rng = np.random.default_rng(0) if rng is None else rng
-    told = []
+    fitted = []
     for region in regions:
         own = object_motion(found, region.of(moving), options, rng)
-        told.append(replace(region, F=own.F, H=own.H, reason=f"{own.config.name}: {own.reason}"))
-    return tuple(told)
+        fitted.append(replace(region, F=own.F, H=own.H, reason=f"{own.config.name}: {own.reason}"))
+    return tuple(fitted)
 
 
 def to_pixels_plainly(grid: Array, shape: tuple[int, int]) -> NDArray[np.float32]:

@@ -85,7 +85,7 @@ class MotionNetwork:
         return found if self.smears is None else replace(found, field=self.smears.predict(image))
 
     def probability(self, found: Estimate, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Tell how probably every pixel moves by itself.
+        """Return how probably every pixel moves by itself.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class MotionNetwork:
         return np.asarray(1 / (1 + np.exp(np.minimum(-logits, 80))), np.float32)  # exp(89) overflows
 
     def _at_size(self, found: Estimate, image: NDArray[np.float32], longest: int) -> NDArray[np.float32]:
-        """Give the logits (H, W) that the network finds in a copy of the photograph, interpolated."""
+        """Return the logits (H, W) that the network finds in a copy of the photograph, interpolated."""
         height, width = reduced_shape(image.shape, longest)
         covered = upsample_grid(self.cells(found, image, longest)[..., None], self.info.stride)
         within = covered[:height, :width, 0]
@@ -124,7 +124,7 @@ class MotionNetwork:
     def cells(
         self, found: Estimate, image: NDArray[np.float32], longest: int = LONGEST_SIDES[0]
     ) -> NDArray[np.float32]:
-        """Give the logits (h, w) of cells of ``info.stride`` pixels of a photograph made smaller.
+        """Return the logits (h, w) of cells of ``info.stride`` pixels of a photograph made smaller.
 
         The last cells may reach beyond it.
         """

@@ -14,7 +14,7 @@ from blur2view.smears.field import SmearField
 
 
 def reduced_shape(shape: tuple[int, ...], longest: int) -> tuple[int, int]:
-    """Give height and width of a photograph (H, W) whose longer side is at most ``longest``, 1 at least."""
+    """Return height and width of a photograph (H, W) whose longer side is at most ``longest``, 1 at least."""
     scale = min(1.0, longest / max(shape[:2]))
     return max(round(shape[0] * scale), 1), max(round(shape[1] * scale), 1)
 
@@ -28,7 +28,7 @@ def reduced_image(image: NDArray[np.float32], longest: int) -> NDArray[np.float3
 
 
 def reduced_estimate(found: Estimate, shape: tuple[int, int]) -> Estimate:
-    """Tell an estimate in the pixels of a smaller copy of the photograph.
+    """Return an estimate in the pixels of a smaller copy of the photograph.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def reduced_estimate(found: Estimate, shape: tuple[int, int]) -> Estimate:
 
 
 def resizing(full: tuple[int, int], shape: tuple[int, int]) -> Array:
-    """Give the matrix (3, 3) that maps pixels (x, y, 1) of a photograph to those of a copy of another size.
+    """Return the matrix (3, 3) that maps pixels (x, y, 1) of a photograph to those of a copy of another size.
 
     Borders fall on borders: pixel centres are whole numbers, so corners lie at -1/2.
     """
@@ -77,5 +77,5 @@ def reduced_field(field: SmearField, shape: tuple[int, int]) -> SmearField:
 
 
 def _nearest(have: int, want: int) -> NDArray[np.int_]:
-    """Give the indices, of ``have``, nearest the centres of ``want`` pixels."""
+    """Return the indices, of ``have``, nearest the centres of ``want`` pixels."""
     return np.minimum(((np.arange(want) + 0.5) * have / want).astype(np.int_), have - 1)

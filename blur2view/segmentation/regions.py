@@ -1,10 +1,10 @@
 """From evidence per cell to moving parts: two thresholds, superpixels, rules for small and faint parts.
 
 A part moves where cells pass a low threshold and touch one that passes a high one. The network of moving
-things has looked at the photograph, so its probabilities are taken as they are. Scores of smears are not: the
-smear network's errors are alike over tens of pixels, so a superpixel is evidence once, whatever its size, and
-its score is the mean of its cells. That network smooths, too: before a still camera the smear of an object
-bleeds beyond it, and the object's edge is found by its colours.
+things has looked at the photograph, so its probabilities are taken as they are. Scores of smears are not:
+the smear network's errors are correlated over tens of pixels, so a superpixel is evidence once, whatever
+its size, and its score is the mean of its cells. That network smooths, too: before a still camera the
+smear of an object bleeds beyond it, and the object's edge is found by its colours.
 """
 
 from __future__ import annotations
@@ -187,10 +187,10 @@ def _fitted(region: Mask, height: Array, image: NDArray[np.uint8]) -> Mask:
     cut = np.zeros_like(region)
     cut[window] = (marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)
     cut = without_small(~without_small(~cut))
-    alike = (cut & region).sum() >= LEAST_OVERLAP * max(
+    similar = (cut & region).sum() >= LEAST_OVERLAP * max(
         cut.sum(), 1
     ) and cut.sum() >= LEAST_KEPT * region.sum()
-    return cut if alike else region
+    return cut if similar else region
 
 
 def without_small(mask: Mask) -> Mask:

@@ -1,10 +1,10 @@
 """How much each smear contradicts the camera's motion, on the network's grid.
 
-The score is a squared residual over its variance. The network's errors are alike over much of an image and
-in proportion to the smear's length, so their scale is taken from the photograph: that of the residuals of
-most smears, which are static ones. Against F the residual is the Sampson distance of the better order, whose
-error is that of the smear's direction; against a homography the end-point error; of a still camera the
-length of the smear itself.
+The score is a squared residual over its variance. The network's errors are correlated over much of an
+image and in proportion to the smear's length, so their scale is taken from the photograph: that of the
+residuals of most smears, which are static ones. Against F the residual is the Sampson distance of the
+better order, whose error is that of the smear's direction; against a homography the end-point error; of a
+still camera the length of the smear itself.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ HALF_NORMAL_60 = 0.8416  # its quantile 0.6: the scale holds while at most 40 % 
 FLOOR_PX = 1.0
 STILL_FLOOR_PX = 0.75  # of lengths before a still camera: on sharp photographs their median is 0.3 to 0.6 px
 LEAST_SCALE = 0.2  # errors over stated ones, at least
-SIGHT_PX = 6.0  # length of a smear that must be told from none where nothing else moves
+SIGHT_PX = 6.0  # length of a smear that must differ from none where nothing else moves
 STILL_SHARE = 0.5  # of the measurable image without smears from which the camera stands still
 MEDIAN_RAYLEIGH = 1.1774
 
@@ -42,7 +42,7 @@ class MotionScore:
         Squared residual over its variance.
     reach : ndarray of shape (h, w)
         The score that a smear of this length and certainty would have if it ran across what the camera's
-        motion predicts: where that is small nothing can be told.
+        motion predicts: where that is small the smear says nothing.
     reason : str
         What the score was measured against.
     still : bool
@@ -164,7 +164,7 @@ def _mapped(H: Array, points: Array) -> Array:
 
 
 def measured_ends(smears: GridSmears, camera: Camera | None) -> Array:
-    """Give the ends (N, 2, 2) as the camera's undistorted picture shows them, which F and H are of."""
+    """Return the ends (N, 2, 2) as the camera's undistorted picture shows them, which F and H are of."""
     ends = smear_ends(smears.points, smears.displacement)
     if camera is None or not camera.distorted:
         return ends

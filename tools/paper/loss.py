@@ -70,7 +70,7 @@ def target_parts(target: Tensor) -> Target:
 
 
 def smear_error(predicted: Tensor, target: Target) -> Tensor:
-    """Give EPE-S (N, 1, h, w), px, of decoded predictions (N, 3 or 4, h, w): min(|d - d*|, |d + d*|)."""
+    """Return EPE-S (N, 1, h, w), px, of decoded predictions (N, 3 or 4, h, w): min(|d - d*|, |d + d*|)."""
     double, length = predicted[:, :2], target.length
     mine = torch.sqrt((double * double).sum(1, keepdim=True) + 1e-12)
     cosine = ((double * target.unit).sum(1, keepdim=True) / mine).clamp(-1, 1)
@@ -79,19 +79,19 @@ def smear_error(predicted: Tensor, target: Target) -> Tensor:
 
 
 def orientation_loss(raw: Tensor, target: Target) -> Tensor:
-    """Give the chord (N, 1, h, w) between unit double angles, weighted down for tiny smears."""
+    """Return the chord (N, 1, h, w) between unit double angles, weighted down for tiny smears."""
     mine = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     chord = torch.sqrt(((mine - target.unit) ** 2).sum(1, keepdim=True) + 1e-4)
     return clarity(target) * chord
 
 
 def end_point_loss(decoded: Tensor, target: Target) -> Tensor:
-    """Give EPE-S over the length (N, 1, h, w) of decoded predictions, 2 CLEAR_PX added to the length."""
+    """Return EPE-S over the length (N, 1, h, w) of decoded predictions, 2 CLEAR_PX added to the length."""
     return smear_error(decoded, target) / (target.length + 2 * CLEAR_PX)
 
 
 def sigma_loss(raw: Tensor, target: Target, alpha: float) -> Tensor:
-    """Give the uncertainty's part (N, 1, h, w): Laplace likelihood where valid, the paper's bound elsewhere.
+    """Return sigma's part (N, 1, h, w): Laplace likelihood where valid, the paper's bound elsewhere.
 
     Laplace: the best sigma is the expected end-point error. The bound is ReLU(1 / sigma^2 - alpha).
     """
@@ -103,7 +103,7 @@ def sigma_loss(raw: Tensor, target: Target, alpha: float) -> Tensor:
 
 
 def angle_loss(raw: Tensor, target: Target) -> Tensor:
-    """Give the angular uncertainty's part (N, 1, h, w): Laplace likelihood, for all but tiny smears."""
+    """Return the angular uncertainty's part (N, 1, h, w): Laplace likelihood, for all but tiny smears."""
     mine = raw[:, :2] / torch.sqrt((raw[:, :2] ** 2).sum(1, keepdim=True) + 1e-4)
     cosine = (mine * target.unit).sum(1, keepdim=True).clamp(-0.9999, 0.9999)
     error = (torch.acos(cosine) / 2).detach()

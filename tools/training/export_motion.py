@@ -111,7 +111,7 @@ def write_graph(network: MotionUNet, path: Path) -> None:
 
 
 def difference(model: Path, network: MotionUNet) -> float:
-    """Give the largest difference between ONNX Runtime and torch, of logits."""
+    """Return the largest difference between ONNX Runtime and torch, of logits."""
     image, features = sample()
     with torch.no_grad():
         expected = network(image, features).numpy()

@@ -102,7 +102,7 @@ class MotionUNet(nn.Module):
         self.head.bias = nn.Parameter(torch.tensor([-2.0]))  # few things move
 
     def forward(self, image: Tensor, features: Tensor) -> Tensor:
-        """Give logits (N, 1, h, w) of RGB (N, 3, H, W) and features (N, CHANNELS, h, w)."""
+        """Return logits (N, 1, h, w) of RGB (N, 3, H, W) and features (N, CHANNELS, h, w)."""
         return self.body(self.inputs(image, features))
 
     def inputs(self, image: Tensor, features: Tensor) -> Tensor:

@@ -118,7 +118,7 @@ class OrientedStem(nn.Module):
         return torch.cat([self.energies(levels[k], k) for k in range(self.levels)], 1)
 
     def energies(self, level: Tensor, k: int) -> Tensor:
-        """Give level k's log energies (N, 8, H/4, W/4)."""
+        """Return level k's log energies (N, 8, H/4, W/4)."""
         padded = nnf.pad(level, (self.reach,) * 4, mode="replicate")
         even, odd = nnf.conv2d(padded, self.bank, stride=2 if k == 0 else 1).split(self.directions, 1)
         energy = even * even + odd * odd
@@ -180,7 +180,7 @@ class StructureStem(nn.Module):
         return nnf.conv2d(nnf.pad(level, (1, 1, 1, 1), mode="replicate"), self.sobel)
 
     def tensor_at(self, gradient: Tensor, k: int) -> tuple[Tensor, Tensor]:
-        """Give pyramid level k's normalised double angle (N, 2, h, w) and energy (N, 1, h, w) at stride 4."""
+        """Return level k's normalised double angle (N, 2, h, w) and energy (N, 1, h, w) at stride 4."""
         gx, gy = gradient[:, :1], gradient[:, 1:]
         products = torch.cat([gx * gx - gy * gy, 2 * gx * gy, gx * gx + gy * gy], 1)
         if k < 2:

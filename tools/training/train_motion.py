@@ -54,7 +54,7 @@ class MotionTraining:
     save_every: int = 250
 
     def facts(self, examples: int) -> dict[str, int]:
-        """Tell what a checkpoint must have in common with the run that goes on from it."""
+        """Return what a checkpoint must have in common with the run that goes on from it."""
         return {"seed": self.seed, "batch": self.batch, "examples": examples}
 
     def rate_at(self, step: int) -> float:
@@ -96,7 +96,7 @@ def window(
 
 
 def chances(examples: MotionExamples) -> Array:
-    """Give how often each photograph is drawn; those without a mover more seldom."""
+    """Return how often each photograph is drawn; those without a mover more seldom."""
     weight = np.where(examples.moving.mean(axis=(1, 2)) >= LEAST_SHARE, 1.0, WITHOUT_WEIGHT)
     return np.asarray(weight / weight.sum())
 
