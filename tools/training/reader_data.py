@@ -164,7 +164,9 @@ def make_shard(number: int, sources: Sources) -> Example:
 
 
 def write_shards(out: Path, numbers: range, sources: Sources) -> None:
-    """Write the shards that are missing; a reader sees all of one or nothing."""
+    """Write the shards that are missing, in one thread; a reader sees all of one or nothing."""
+    torch.set_num_threads(1)  # the number of threads decides how sums are rounded
+    cv2.setNumThreads(1)
     out.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         path = out / f"{number:06d}.npz"
@@ -191,8 +193,6 @@ def main() -> None:
     for kind, share in (("rendered", Sources.rendered_share), ("procedural", Sources.procedural_share)):
         parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
     arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
     sources = Sources(
         photos=load_photos(arguments.photos),
         scenes=require_shards(arguments.scenes) if arguments.scenes else [],
