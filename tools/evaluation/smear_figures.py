@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
@@ -16,6 +17,10 @@ from tools.datasets.testset import TestScene
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
+BLOCK_CELLS = 20
+"""Side of a block, 80 px in cells of 4: within it errors are alike."""
+LEAST_IN_BLOCK = 100
+"""Cells of a block, of at most 400, without which its median is not taken."""
 SIGMA_BINS = 10
 """Classes of equal size in which predicted and found errors are compared."""
 
@@ -48,7 +53,11 @@ class SigmaBin:
 
 @dataclass(frozen=True, kw_only=True)
 class SmearFigures:
-    """Quality of the predicted smears over the valid pixels of the split; lengths in pixels."""
+    """Quality of the predicted smears over the valid pixels of the split; lengths in pixels.
+
+    ``block_error_sigmas`` is the root mean square, over blocks of 80 px of static pixels, of the median
+    signed error of direction over the median of its sigma: 1 where a block's sigma says what it should.
+    """
 
     images: int
     epe_s: float
@@ -61,6 +70,7 @@ class SmearFigures:
     length_spread: float
     sparsification_area: float
     coherence_area: float
+    block_error_sigmas: float = math.nan
     octaves: tuple[OctaveFigures, ...] = ()
     bins: tuple[SigmaBin, ...] = ()
 
@@ -79,6 +89,8 @@ class Smears:
         Whether sigma is at most its median over the image.
     coherence : ndarray of shape (N,)
         See :func:`coherence`.
+    blocks : ndarray of shape (B,)
+        See :func:`block_errors`.
     """
 
     found: AnyArray
@@ -86,6 +98,7 @@ class Smears:
     sigma: AnyArray
     sure: AnyArray
     coherence: AnyArray
+    blocks: AnyArray
 
 
 def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
@@ -101,6 +114,26 @@ def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
     return np.asarray(whole[1::4, 1::4])
 
 
+def block_errors(scene: TestScene, field: SmearField) -> AnyArray:
+    """Return every block's median signed error of direction over the median of its sigma (B,).
+
+    Of static pixels that move by 4 px or more; without a sigma of directions, sigma over length.
+    """
+    found, true = (
+        d[..., 0] + 1j * d[..., 1] for d in (field.displacement[1::4, 1::4], scene.displacement.astype(float))
+    )
+    error = np.angle(found**2 * np.conj(true**2)) / 2
+    sigma = field.sigma_px / np.maximum(field.length_px, 1e-6) if field.sigma_rad is None else field.sigma_rad
+    used, sigma = scene.valid & scene.static & (abs(true) >= DIRECTION_MIN_PX), sigma[1::4, 1::4]
+    errors = []
+    for row, column in np.ndindex(*(-(-side // BLOCK_CELLS) for side in used.shape)):
+        block = np.s_[row * BLOCK_CELLS :, column * BLOCK_CELLS :]
+        e, s, u = (a[block][:BLOCK_CELLS, :BLOCK_CELLS] for a in (error, sigma, used))
+        if u.sum() >= LEAST_IN_BLOCK:
+            errors.append(np.median(e[u]) / np.median(s[u]))
+    return np.array(errors)
+
+
 def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]:
     """Return the valid pixels of all images, and the number of images."""
     parts = []
@@ -108,7 +141,8 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
         sigma = field.sigma_px[1::4, 1::4][scene.valid]
         found = field.displacement[1::4, 1::4][scene.valid]
         sure, classical = sigma <= np.median(sigma), coherence(read_image(scene.image_path))[scene.valid]
-        parts.append((found, scene.displacement[scene.valid], sigma, sure, classical))
+        blocks = block_errors(scene, field)
+        parts.append((found, scene.displacement[scene.valid], sigma, sure, classical, blocks))
     names, columns = [f.name for f in fields(Smears)], zip(*parts, strict=True)
     merged = {name: np.concatenate(column) for name, column in zip(names, columns, strict=True)}
     return Smears(**merged), len(parts)
@@ -131,6 +165,7 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
         length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
         sparsification_area=float(sparsification_area(error, smears.sigma)),
         coherence_area=float(sparsification_area(error, -smears.coherence)),
+        block_error_sigmas=float(np.sqrt((smears.blocks**2).mean())) if len(smears.blocks) else math.nan,
         octaves=tuple(by_octave(smears, error, angle, length)),
         bins=tuple(by_sigma(error, smears.sigma)),
     )

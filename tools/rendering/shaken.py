@@ -37,8 +37,8 @@ class ShakeOptions:
         Share that is photographed larger, as the smaller octaves are.
     """
 
-    size: tuple[int, int] = (320, 256)
-    smear_px: tuple[float, float] = (1.2, 90.0)
+    size: tuple[int, int] = (640, 512)
+    smear_px: tuple[float, float] = (1.2, 180.0)
     still_share: float = 0.1
     layer_share: float = 0.3
     upscaled_share: float = 0.12
@@ -115,7 +115,7 @@ def blob(rng: np.random.Generator, width: int, height: int) -> Array:
     """Draw the outline (height, width) of a second layer: polygon or thresholded noise, with a soft edge."""
     mask = np.zeros((height, width), np.float32)
     centre = rng.uniform(0.15, 0.85, 2) * (width, height)
-    radius = rng.uniform(0.12, 0.5) * height
+    radius = rng.uniform(0.06, 0.5) * height
     kind = rng.random()
     if kind < 0.7:
         corners = rng.integers(3, 9)
@@ -228,7 +228,7 @@ def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) ->
     if rng.random() < options.reduced_share:
         return reduced(rng, linear)
     if rng.random() < options.upscaled_share:
-        factor = rng.uniform(1.15, 1.8)
+        factor = rng.uniform(1.15, 2.5)
         size = (round(width / factor), round(height / factor))
         small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
         image = photograph(rng, np.asarray(small))

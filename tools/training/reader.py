@@ -91,12 +91,29 @@ class Gathering(nn.Module):
         return torch.cat([x, *means], -1)
 
 
+class Context(nn.Module):
+    """Add to each cell's features what those far from it say, in few channels; at first nothing."""
+
+    def __init__(self, channels: int, said: int, reaches: tuple[int, ...]) -> None:
+        super().__init__()
+        self.said = nn.Linear(channels, said)
+        self.gathering = Gathering(said, reaches)
+        self.heard = Circular(channels + said * (1 + len(reaches)), channels, 1)
+        self.share = nn.Parameter(torch.zeros(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return features (N, h, w, D, C) of the same shape."""
+        y: Tensor = x + self.share * torch.relu(self.heard(torch.cat([x, self.gathering(self.said(x))], -1)))
+        return y
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReaderOptions:
-    """Channels of the layers that see one window, and of those that see its region."""
+    """Channels of the layers that see one window, of those that see its region, and of what is told afar."""
 
     window: int = 64
     region: int = 64
+    said: int = 16
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for checkpoints."""
@@ -121,6 +138,7 @@ class Reader(nn.Module):
         self.fourth = Circular(o.region, o.region, 1)
         self.gather2 = Gathering(o.region, (1,))
         self.fifth = Circular(3 * o.region, o.region, 1)
+        self.context = Context(o.region, o.said, (2, 4, 8))
         self.last = nn.Linear(o.region, BINS)
         self.norms = nn.ModuleList([nn.LayerNorm(c) for c in (o.window, o.region)])
 
@@ -138,7 +156,7 @@ class Reader(nn.Module):
 
     def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
         """Compute logits (N, h, w, 32, 20) and features of an octave, given those of the smaller one."""
-        x = own + torch.relu(self.fifth(torch.cat([self.gather2(own), coarser], -1)))
+        x = self.context(own + torch.relu(self.fifth(torch.cat([self.gather2(own), coarser], -1))))
         return self.last(x).float(), x
 
     def forward(self, octaves: list[tuple[Tensor, Tensor]]) -> list[Tensor]:

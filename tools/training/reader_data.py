@@ -1,7 +1,8 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of 128 pictures of 320x256; shard k depends on k and the sources only. Run again it goes on;
+numbered shards of 128 rendered scenes of 320x256 in two octaves, or of 32 photographs and textures of 640x512
+in three; shard k depends on k and the sources only. Run again it goes on;
 several processes may share the work (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
 """
 
@@ -28,7 +29,9 @@ Array = NDArray[Any]
 Example = dict[str, Array]
 
 SHARD = 128
-OCTAVES = 2
+"""Pictures in a shard, and in a batch, of a quarter the size of :attr:`ShakeOptions.size`."""
+SCENE_OCTAVES, OCTAVES = 2, 3
+"""Octaves of rendered scenes and of pictures twice as large."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
@@ -49,7 +52,8 @@ class Sources:
     scenes : list of Path
         Shards of rendered scenes of 320x256.
     rendered_share, procedural_share : float
-        Shares of rendered scenes and of procedural textures; the rest are photographs under a moving camera.
+        Shares of shards of rendered scenes, and of procedural textures; the rest are photographs under a
+        moving camera.
     """
 
     photos: list[Array]
@@ -119,11 +123,11 @@ def cells_of(smears: Array, valid: Array, side: int) -> tuple[Array, Array]:
     return d.transpose(0, 2, 1, 3, 4).reshape(h, w, -1, 2), v.transpose(0, 2, 1, 3).reshape(h, w, -1)
 
 
-def example_of(spectra: Spectra, image: Array, smears: Array, valid: Array) -> Example:
+def example_of(spectra: Spectra, image: Array, smears: Array, valid: Array, count: int) -> Example:
     """Return features C (h, w, 32, 45), s (h, w, 5), truth d (h, w, 16, 2), v (h, w, 16) of each octave."""
     grey = torch.from_numpy(image.astype(np.float32) @ LUMA)[None, None]
     row: Example = {}
-    for k in range(OCTAVES):
+    for k in range(count):
         cepstra, scalars = (part[0].half().numpy() for part in spectra(grey))
         d, v = cells_of(smears / 2**k, valid, STEP // GRID * 2**k)
         row |= {f"C{k}": cepstra, f"s{k}": scalars, f"d{k}": d.astype(np.float16), f"v{k}": v}
@@ -148,18 +152,20 @@ def shaken_picture(
 def make_shard(number: int, sources: Sources) -> Example:
     """Return the examples of one shard, stacked."""
     rng, spectra, options = np.random.default_rng(number), Spectra(), ShakeOptions()
-    scenes = None
-    if sources.scenes:
+    rows = []
+    if sources.scenes and rng.random() < sources.rendered_share:
         with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
             scenes = Scenes(**{key: file[key] for key in file.files})
-    made = procedural(rng, 6)
-    rows = []
-    for _ in range(SHARD):
-        if scenes is not None and rng.random() < sources.rendered_share:
+        for _ in range(SHARD):
             linear, smears, valid = scene_picture(rng, scenes, int(rng.integers(len(scenes))))
-        else:
+            image = processed(rng, linear, options)
+            rows.append(example_of(spectra, image, smears, valid, SCENE_OCTAVES))
+    else:
+        made = procedural(rng, 3)
+        for _ in range(SHARD // 4):
             linear, smears, valid = shaken_picture(rng, sources, made, options)
-        rows.append(example_of(spectra, processed(rng, linear, options), smears, valid))
+            image = processed(rng, linear, options)
+            rows.append(example_of(spectra, image, smears, valid, OCTAVES))
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
@@ -177,7 +183,7 @@ def write_shards(out: Path, numbers: range, sources: Sources) -> None:
         with temporary.open("wb") as file:
             np.savez(file, **make_shard(number, sources))  # type: ignore[arg-type]  # names of arrays
         temporary.replace(path)
-        print(path, f"{SHARD / (time.perf_counter() - began):.1f} pictures a second", flush=True)
+        print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
 
 
 def main() -> None:

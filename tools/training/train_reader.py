@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from blur2view.errors import ModelError
 from blur2view.metrics import DIRECTION_MIN_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
-from tools.training.reader_data import Example
+from tools.training.reader_data import SHARD, Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
 
@@ -36,12 +37,11 @@ Batch = dict[str, Tensor]
 
 WEIGHTS = "weights."
 """Prefix of the names of the weights in an exported file."""
-KEYS = ("C0", "s0", "d0", "v0", "C1", "s1", "d1", "v1")
 FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
 WARM_UP_STEPS = 200
 LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
-"""Weight of the smaller octave's own loss."""
+"""Weight of the smaller octaves' own losses."""
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves read up to 76 px."""
 
@@ -99,15 +99,18 @@ class Pool:
                 self.shards[number] = load_shard(wait_for(self.folder / f"{number:06d}.npz"))
 
     def batch(self, rng: np.random.Generator, count: int) -> Batch:
-        """Return a batch of random examples, half of them mirrored."""
-        numbers = sorted(self.shards)
+        """Return random examples of one size, half of them mirrored: `count`, or a quarter of larger ones."""
+        kinds: dict[int, list[Example]] = {}
+        for _, shard in sorted(self.shards.items()):
+            kinds.setdefault(len(shard["v0"]), []).append(shard)
+        size = sorted(kinds)[int(rng.integers(len(kinds)))]
         rows = []
-        for _ in range(count):
-            shard = self.shards[numbers[int(rng.integers(len(numbers)))]]
+        for _ in range(count * size // SHARD):
+            shard = kinds[size][int(rng.integers(len(kinds[size])))]
             k = int(rng.integers(len(shard["v0"])))
-            row = {key: shard[key][k] for key in KEYS}
+            row = {key: array[k] for key, array in shard.items()}
             rows.append(mirrored(row) if rng.random() < 0.5 else row)
-        return {key: torch.from_numpy(np.stack([row[key] for row in rows])).float() for key in KEYS}
+        return {key: torch.from_numpy(np.stack([row[key] for row in rows])).float() for key in rows[0]}
 
 
 def wait_for(path: Path, poll_s: float = 2.0) -> Path:
@@ -120,26 +123,31 @@ def wait_for(path: Path, poll_s: float = 2.0) -> Path:
 def load_shard(path: Path) -> Example:
     """Return the arrays of a shard."""
     with np.load(path) as file:
-        return {key: file[key] for key in KEYS}
+        return {key: file[key] for key in file.files}
 
 
 def mirrored(row: Example) -> Example:
     """Mirror an example left to right: its cells, its directions (k becomes -k) and its truth."""
     back = (-np.arange(DIRECTIONS)) % DIRECTIONS
     flipped = {key: array[:, ::-1] for key, array in row.items()}
-    for k in "01":
+    for k in range(octaves_of(row)):
         flipped[f"C{k}"] = flipped[f"C{k}"][:, :, back]
         flipped[f"d{k}"] = flipped[f"d{k}"] * np.array([-1, 1], row[f"d{k}"].dtype)
     return flipped
 
 
-def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the losses of both octaves and the joint logits of the finer."""
+def octaves_of(row: Mapping[str, Any]) -> int:
+    """Return how many octaves an example, or a batch of them, holds."""
+    return sum(key.startswith("v") for key in row)
+
+
+def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], Tensor]:
+    """Return the losses of the octaves, finest first, and the joint logits of the finest."""
+    count = range(octaves_of(batch))
     with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
-        fine, coarse = network([(batch["C0"], batch["s0"]), (batch["C1"], batch["s1"])])
-    first = loss_of(fine, *target_of(batch["d0"], batch["v0"], fine.shape[-1]))
-    second = loss_of(coarse, *target_of(batch["d1"], batch["v1"], coarse.shape[-1]))
-    return first, second, fine
+        joint = network([(batch[f"C{k}"], batch[f"s{k}"]) for k in count])
+    targets = [target_of(batch[f"d{k}"], batch[f"v{k}"], joint[k].shape[-1]) for k in count]
+    return [loss_of(joint[k], *targets[k]) for k in count], joint[0]
 
 
 @torch.no_grad()
@@ -149,7 +157,7 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     losses, smears = [], []
     for first in range(0, len(shard["v0"]), 32):
         batch = {key: torch.from_numpy(array[first : first + 32]).float() for key, array in shard.items()}
-        loss, _, logits = losses_of(network, batch, half=False)
+        (loss, *_), logits = losses_of(network, batch, half=False)
         losses.append(float(loss))
         rows = read_smears(logits.flatten(0, 1).numpy())
         smears.append(rows.reshape(*logits.shape[:3], 4))
@@ -203,8 +211,8 @@ class Run(TrainingRun):
     def advance(self, batch: Batch) -> float:
         """Make one optimiser step; return the loss."""
         rate = warm_cosine(self.step, self.options.steps, self.options.learning_rate, WARM_UP_STEPS)
-        fine, coarse, _ = losses_of(self.network, batch, half=True)
-        self.descend(fine + COARSE_WEIGHT * coarse, rate, LARGEST_GRADIENT)
+        (fine, *smaller), _ = losses_of(self.network, batch, half=True)
+        self.descend(fine + COARSE_WEIGHT * torch.stack(smaller).sum(), rate, LARGEST_GRADIENT)
         return float(fine.detach())
 
 

@@ -14,7 +14,14 @@ from blur2view.smears.sampling import select_matches
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
-from tools.evaluation.smear_figures import SmearFigures, coherence, evaluate_smears, pooled, smear_tables
+from tools.evaluation.smear_figures import (
+    SmearFigures,
+    block_errors,
+    coherence,
+    evaluate_smears,
+    pooled,
+    smear_tables,
+)
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -52,6 +59,17 @@ def test_true_ends_fit_the_true_F_in_this_order(scene: TestScene) -> None:
     assert len(ends) == (scene.valid & scene.static).sum()
     assert scene.F is not None
     assert np.median(sampson(scene.F, ends[:, 0], ends[:, 1])) < 0.05**2
+
+
+def test_block_errors_are_in_sigmas_of_the_direction(scene: TestScene) -> None:
+    field, turn = field_of(scene), 0.02
+    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+    turned = field.displacement @ np.array([[c, s], [-s, c]])
+    wrong = SmearField(
+        displacement=turned, sigma_px=field.sigma_px, sigma_rad=np.full(SIZE[::-1], 0.01, np.float32)
+    )
+    assert block_errors(scene, wrong) == pytest.approx(2, rel=0.05)
+    assert evaluate_smears(*pooled([(scene, wrong)])).block_error_sigmas == pytest.approx(2, rel=0.05)
 
 
 def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
@@ -126,7 +144,7 @@ def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> No
     assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
     assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
     assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
-    assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
+    assert len(smear_tables(figures)) == 12 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
 
 
 def test_coherence_tells_stripes_from_noise() -> None:
