@@ -6,7 +6,7 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``8 + k / 30`` shards and waits until they are made: the two may
+Step k draws from the newest of the first ``88 + k / 40`` shards and waits until they are made: the two may
 run beside each other, and what is learned depends on the seed alone.
 """
 
@@ -29,15 +29,18 @@ from blur2view.errors import ModelError
 from blur2view.metrics import DIRECTION_MIN_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
-from tools.training.reader_data import SHARD, Example
+from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
+from tools.training.spectra import COMB_LAGS_PX
 
 Batch = dict[str, Tensor]
 
 WEIGHTS = "weights."
 """Prefix of the names of the weights in an exported file."""
-FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
+FIRST_SHARDS, STEPS_PER_SHARD = 88, 40
+PICTURE_CELLS = 80
+"""Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
 LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
@@ -57,11 +60,13 @@ class ReaderTraining:
     weights : Path, optional
         An exported network, such as ``models/smear.onnx``, whose weights a fresh run starts from.
     steps, batch : int
-        Optimiser steps and pictures in each.
+        Optimiser steps, and pictures of 320x256 in each, or as many cells of larger ones.
     learning_rate : float
         Peak of a cosine (AdamW).
     shards, pool : int
         Shards that there will be, and how many are held in memory, the newest.
+    cepstra : {"both", "comb", "trend"}
+        Which of the two cepstra of :mod:`tools.training.spectra` are shown, for ablations; else zeros.
     seed, threads : int
         Of weights and batches; threads of torch (two processes of one do more than one of two).
     save_every, validate_every : int
@@ -76,7 +81,8 @@ class ReaderTraining:
     batch: int = 16
     learning_rate: float = 2e-3
     shards: int = 400
-    pool: int = 70
+    pool: int = 300
+    cepstra: str = "both"
     seed: int = 0
     threads: int = 1
     save_every: int = 100
@@ -99,18 +105,23 @@ class Pool:
                 self.shards[number] = load_shard(wait_for(self.folder / f"{number:06d}.npz"))
 
     def batch(self, rng: np.random.Generator, count: int) -> Batch:
-        """Return random examples of one size, half of them mirrored: `count`, or a quarter of larger ones."""
+        """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones."""
         kinds: dict[int, list[Example]] = {}
         for _, shard in sorted(self.shards.items()):
-            kinds.setdefault(len(shard["v0"]), []).append(shard)
-        size = sorted(kinds)[int(rng.integers(len(kinds)))]
+            kinds.setdefault(cells_in(shard), []).append(shard)
+        cells = sorted(kinds, reverse=True)[int(rng.integers(len(kinds)))]
         rows = []
-        for _ in range(count * size // SHARD):
-            shard = kinds[size][int(rng.integers(len(kinds[size])))]
+        for _ in range(max(1, count * PICTURE_CELLS // cells)):
+            shard = kinds[cells][int(rng.integers(len(kinds[cells])))]
             k = int(rng.integers(len(shard["v0"])))
             row = {key: array[k] for key, array in shard.items()}
             rows.append(mirrored(row) if rng.random() < 0.5 else row)
         return {key: torch.from_numpy(np.stack([row[key] for row in rows])).float() for key in rows[0]}
+
+
+def cells_in(shard: Example) -> int:
+    """Return how many cells a picture of a shard has."""
+    return int(np.prod(shard["v0"].shape[1:3]))
 
 
 def wait_for(path: Path, poll_s: float = 2.0) -> Path:
@@ -139,6 +150,16 @@ def mirrored(row: Example) -> Example:
 def octaves_of(row: Mapping[str, Any]) -> int:
     """Return how many octaves an example, or a batch of them, holds."""
     return sum(key.startswith("v") for key in row)
+
+
+def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an example, or a batch, that shows only the comb's cepstrum, or only the trend's, or both."""
+    hidden = {"both": slice(0), "comb": slice(len(COMB_LAGS_PX), None), "trend": slice(len(COMB_LAGS_PX))}
+    shown = dict(row)
+    for k in range(octaves_of(row)):
+        shown[f"C{k}"] = shown[f"C{k}"] * 1
+        shown[f"C{k}"][..., hidden[cepstra]] = 0
+    return shown
 
 
 def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], Tensor]:
@@ -246,12 +267,13 @@ def train(options: ReaderTraining) -> Run:
     """Run the schedule to its end, printing figures and keeping ``out/last.pt`` fresh."""
     torch.set_num_threads(options.threads)
     options.out.mkdir(parents=True, exist_ok=True)
-    held = {path.stem: load_shard(path) for path in sorted(options.val.glob("*.npz"))}
+    paths = sorted(options.val.glob("*.npz"))
+    held = {path.stem: showing(options.cepstra, load_shard(path)) for path in paths}
     run, pool, losses = Run(options), Pool(options.train, options.pool), []
     while run.step < options.steps:
         pool.grow_to(min(FIRST_SHARDS + run.step // STEPS_PER_SHARD, options.shards))
         rng = np.random.default_rng([options.seed, run.step])
-        losses.append(run.advance(pool.batch(rng, options.batch)))
+        losses.append(run.advance(showing(options.cepstra, pool.batch(rng, options.batch))))
         done = run.step == options.steps
         if done or run.step % options.validate_every == 0:
             run.figures = {name: figures_of(run.average, shard) for name, shard in held.items()}

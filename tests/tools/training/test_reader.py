@@ -8,6 +8,7 @@ from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 from tools.training.reader import (
     HIDDEN_WEIGHT,
     Circular,
+    Context,
     Gathering,
     Reader,
     ReaderOptions,
@@ -70,6 +71,17 @@ def test_gathered_means_of_equal_cells_are_the_cells() -> None:
     assert y.shape == (2, 4, 5, DIRECTIONS, 18)
     torch.testing.assert_close(y[..., :6], x)
     torch.testing.assert_close(y[..., 6:], torch.cat([x, x], -1), atol=0.05, rtol=0.05)
+
+
+def test_context_says_nothing_before_it_is_trained_and_then_what_is_far() -> None:
+    torch.manual_seed(0)
+    context, x = Context(6, 3, (2, 4)), torch.randn(1, 4, 12, DIRECTIONS, 6)
+    torch.testing.assert_close(context(x), x)
+    torch.nn.init.ones_(context.share)
+    changed = x.clone()
+    changed[:, :, -1] += 1
+    moved = (context(changed) - context(x)).abs().amax((0, 1, 3, 4))
+    assert (moved[:7] == 0).all() and (moved[7:] > 0).all()
 
 
 @pytest.mark.parametrize(("inputs", "outputs", "reach"), [(3, 7, 2), (7, 3, 1), (5, 5, 1)])

@@ -12,7 +12,16 @@ from blur2view.smears.likelihood import DIRECTIONS
 from tools.training import reader_data, train_reader
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, procedural, write_shards
-from tools.training.train_reader import KEYS, ReaderTraining, Run, load_average, load_shard, mirrored, train
+from tools.training.train_reader import (
+    Pool,
+    ReaderTraining,
+    Run,
+    load_average,
+    load_shard,
+    mirrored,
+    showing,
+    train,
+)
 
 pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
 
@@ -28,10 +37,10 @@ def sources() -> Sources:
 
 @pytest.fixture(scope="module")
 def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
-    """Return a folder of two shards of two examples."""
+    """Return a folder of two shards of four examples."""
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reader_data, "SHARD", 2)
+        patch.setattr(reader_data, "SHARD", 16)
         write_shards(folder, range(2), sources)
     return folder
 
@@ -39,19 +48,19 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
 def test_shard_depends_on_its_number_alone(
     shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reader_data, "SHARD", 2)
+    monkeypatch.setattr(reader_data, "SHARD", 16)
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
-    assert set(again) == set(KEYS)
-    for key in KEYS:
+    assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
+    for key in again:
         assert once[key].dtype == again[key].dtype and once[key].tobytes() == again[key].tobytes()
     assert once["C0"].tobytes() != load_shard(shards / "000001.npz")["C0"].tobytes()
 
 
 def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> None:
     shard = load_shard(shards / "000001.npz")
-    for k, (h, w) in enumerate([(8, 10), (4, 5)]):
-        assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
-        assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
+    for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
+        assert shard[f"C{k}"].shape == (4, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (4, h, w, 5)
+        assert shard[f"d{k}"].shape == (4, h, w, 16, 2) and shard[f"v{k}"].shape == (4, h, w, 16)
     assert all(np.isfinite(array).all() for array in shard.values())
 
 
@@ -85,13 +94,31 @@ def test_procedural_textures_are_pictures() -> None:
 
 def test_mirrored_twice_is_the_identity(shards: Path) -> None:
     shard = load_shard(shards / "000000.npz")
-    row = {key: shard[key][0] for key in KEYS}
+    row = {key: array[0] for key, array in shard.items()}
     once = mirrored(row)
     assert not np.array_equal(once["C0"], row["C0"])
     np.testing.assert_array_equal(once["C0"][:, 0, 3], row["C0"][:, -1, -3])
     np.testing.assert_array_equal(once["d1"][:, 0, :, 0], -row["d1"][:, -1, :, 0])
     for key, array in mirrored(once).items():
         np.testing.assert_array_equal(array, row[key])
+
+
+def test_batches_have_as_many_cells_of_either_size(shards: Path) -> None:
+    large = load_shard(shards / "000000.npz")
+    small = {key: array[:, : array.shape[1] // 2, : array.shape[2] // 2] for key, array in large.items()}
+    small = {key: array for key, array in small.items() if not key.endswith("2")}
+    pool = Pool(shards, 2)
+    pool.shards = {0: large, 1: small}
+    shapes = {tuple(pool.batch(np.random.default_rng(k), 8)["v0"].shape[:3]) for k in range(8)}
+    assert shapes == {(2, 16, 20), (8, 8, 10)}
+
+
+def test_ablated_examples_hide_one_cepstrum(shards: Path) -> None:
+    shard = load_shard(shards / "000000.npz")
+    comb, trend = (showing(kind, shard) for kind in ("comb", "trend"))
+    for k in range(3):
+        assert comb[f"C{k}"].any() and trend[f"C{k}"].any()
+        np.testing.assert_array_equal(comb[f"C{k}"] + trend[f"C{k}"], shard[f"C{k}"])
 
 
 def quick(shards: Path, out: Path) -> ReaderTraining:
