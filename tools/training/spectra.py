@@ -137,10 +137,10 @@ class SpectraByProducts(nn.Module):
         rows, columns = frequency_grid()
         hann, place = np.hanning(WINDOW), np.arange(WINDOW)
         wave = hann * np.exp(-2j * np.pi * np.outer(columns, place) / WINDOW)  # (41, 96), along x
-        across = np.concatenate([wave.real, wave.imag])[:, None, None]
+        across = np.stack([wave.real, wave.imag], 1).reshape(-1, 1, 1, WINDOW)
         wave = hann * np.exp(-2j * np.pi * np.outer(rows, place) / WINDOW)  # (81, 96), along y
-        real, imaginary = np.hstack([wave.real, -wave.imag]), np.hstack([wave.imag, wave.real])
-        down = np.concatenate([real, imaginary])  # (162, 192): from real and imaginary parts to both
+        real, imaginary = np.stack([wave.real, -wave.imag], 1), np.stack([wave.imag, wave.real], 1)
+        down = np.concatenate([real, imaginary])[..., None]  # (162, 2, 96, 1)
         keep = np.zeros(len(rows) * len(columns))
         keep[power_bins().numpy()] = 1 / len(power_bins())
         size = (len(rows), len(columns))
@@ -150,23 +150,19 @@ class SpectraByProducts(nn.Module):
         self.register_buffer("across", torch.from_numpy(across.astype(np.float32)), persistent=False)
         self.register_buffer("down", torch.from_numpy(down.astype(np.float32)), persistent=False)
         self.register_buffer("map", torch.from_numpy(maps[kept].astype(np.float16)), persistent=False)
-        mean = np.ascontiguousarray(keep.reshape(size).T.reshape(-1, 1)[kept], np.float32)
+        mean = np.ascontiguousarray(keep.reshape(size).T.reshape(1, -1)[:, kept], np.float32)
         self.register_buffer("mean", torch.from_numpy(mean), persistent=False)
 
     def forward(self, grey: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the features; rows of a window are transformed once for all windows that share them."""
         padded = padded_picture(grey)
-        x = nnf.conv2d(padded, self.across, stride=(1, STEP))  # (1, 82, H + 64, w)
-        w, parts = x.shape[3], 2 * (FREQUENCIES + 1)
-        blocks = x.reshape(1, parts, -1, STEP, w)
-        x = torch.cat([blocks[:, :, :-2], blocks[:, :, 1:-1], blocks[:, :, 2:]], 3)  # (1, 82, h, 96, w)
-        h = x.shape[2]
-        x = x.reshape(2, FREQUENCIES + 1, h, WINDOW, w).permute(1, 2, 0, 3, 4)
-        y = torch.matmul(self.down, x.reshape(FREQUENCIES + 1, h, 2 * WINDOW, w))  # (41, h, 162, w)
-        real, imaginary = y.chunk(2, 2)
-        power = (real * real + imaginary * imaginary).permute(1, 3, 0, 2).reshape(h * w, -1)
-        power = torch.index_select(power, 1, self.kept)
-        return features_of(power, power @ self.mean, self.map.float(), padded, (1, h, w))
+        x = nnf.conv2d(padded, self.across, stride=(1, STEP))[0]  # (41 * 2, H + 64, w)
+        x = x.reshape(FREQUENCIES + 1, 2, -1, x.shape[-1])
+        y = nnf.conv2d(x, self.down, stride=(STEP, 1))  # (41, 2 * 81, h, w)
+        h, w = y.shape[2:]
+        power = (y * y).reshape(FREQUENCIES + 1, 2, -1, h * w).sum(1).reshape(-1, h * w)
+        power = torch.index_select(power, 0, self.kept)
+        return features_of(power.T, (self.mean @ power).T, self.map.float(), padded, (1, h, w))
 
 
 def padded_picture(grey: Tensor) -> Tensor:
