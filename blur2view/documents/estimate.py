@@ -110,10 +110,13 @@ class EstimateDocument(Document):
         shutter-close, or the reverse: one photograph does not show the direction of time, so F and its
         transpose are one answer. With lens distortion F, H and E hold for undistorted pixels.
     H : 3x3 or null
-        Homography of the same points, points2 ~ H points1, where one explains the smears; beside F it says
-        that parallax is not proven.
+        Homography of the same points, points2 ~ H points1, where one explains the smears; beside F parallax
+        is open.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    parallax : str
+        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
+        of errors only) or absent (H alone, or no motion).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
@@ -163,6 +166,7 @@ class EstimateDocument(Document):
     F: Matrix | None
     H: Matrix | None
     config: str
+    parallax: str
     reason: str
     motion_model: str
     scores: dict[str, float]
@@ -196,6 +200,7 @@ class EstimateDocument(Document):
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
+            parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),
             scores={str(name): cost for name, cost in geometry.scores},

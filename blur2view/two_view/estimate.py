@@ -24,7 +24,7 @@ from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
-# An F goes with PARALLAX, ASSUMED and OPEN, and with SEVERAL that of the motion which most smears follow.
+# An F goes with PARALLAX and OPEN, and with SEVERAL that of the motion which most smears follow.
 CONFIGURATIONS = {
     Structure.NOTHING: Configuration.UNDEFINED,
     Structure.STILL: Configuration.DEGENERATE,
@@ -32,7 +32,6 @@ CONFIGURATIONS = {
     Structure.PLANE: Configuration.PLANAR,
     Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
     Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.ASSUMED: Configuration.UNCALIBRATED,
     Structure.PARALLAX: Configuration.UNCALIBRATED,
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
@@ -156,7 +155,7 @@ def judge(
     if F is not None:
         F = problem.pixels(F)
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
-        reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
+        reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
         ordered = transfer_orders(verdict.A, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
