@@ -51,7 +51,7 @@ class PoseDocument(Document):
     rotation : 3x3
         The rotation matrix R.
     translation : list of 3 float
-        The vector t, of unit length; zero for a pure rotation.
+        The vector t, of unit length; zero unless parallax is proven.
     """
 
     rotation: Matrix
@@ -135,15 +135,15 @@ class EstimateDocument(Document):
     E : 3x3 or null
         Essential matrix of known intrinsics.
     cam2_from_cam1 : object or null
-        Pose of known intrinsics: rotation (3x3) and translation (unit length, zero for PANORAMIC), or its
-        inverse.
+        Pose of known intrinsics: rotation (3x3) and translation (unit length), or its inverse. Unless
+        parallax is proven the rotation is the one that explains the smears alone, and the translation zero.
     rotation_deg : float or null
         Angle of that rotation, degrees.
     angular_velocity_rad_s : list of 3 float, or null
         Its rotation vector over the exposure time.
     pose_covariance : object or null
         Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
-        tangents), tangents, rotation_sigma_deg, translation_sigma_deg.
+        tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown).
     exposure_s : float or null
         Exposure time in seconds, from --exposure or EXIF.
     num_matches : int

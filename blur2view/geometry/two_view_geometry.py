@@ -88,10 +88,11 @@ class TwoViewGeometry:
         Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
         pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. The
-        translation is zero for a pure rotation.
+        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. Unless
+        parallax is proven it is the rotation that explains the smears alone, the translation zero: E, of F,
+        has another rotation.
     covariance : PoseCovariance or None
-        Of the pose.
+        Of the pose; where parallax is open it allows for a translation that is not seen.
     """
 
     F: Array | None

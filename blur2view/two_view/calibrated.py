@@ -168,7 +168,9 @@ class CalibratedFit:
         """Return the covariance of the pose: an M-estimator's sandwich, for errors that neighbours share."""
         data = self.linearised
         terms = self.options.data_weight * data.jacobian[:POSE] * data.weight * data.residual
-        gradient = np.stack([np.bincount(data.smear, row, len(self.inliers)) for row in terms])  # by smear
+        gradient: Array = np.stack(
+            [np.bincount(data.smear, row, len(self.inliers)) for row in terms]
+        )  # by smear
         prior = self.point.prior()[1][:, :POSE]
         sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
         scatter = prior.T @ prior

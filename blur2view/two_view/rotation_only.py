@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
@@ -87,7 +88,7 @@ class RotationFit:
             ordered=False,
         )[0]
 
-    def ordered_by(self, swapped: Array) -> Array:
+    def ordered_by(self, swapped: NDArray[np.bool_]) -> Array:
         """Return the rotation vector (3,) of the flip of time in which ends[:, 1] is open where swapped."""
         predicted = np.einsum("k,kfn->fn", self.vector, self.rows)
         agreement = np.where(swapped, -1.0, 1.0) * (predicted * self.measured).sum(axis=0)
@@ -110,7 +111,7 @@ class RotationFit:
         covariance: Array = inverse @ scatter @ inverse
         return covariance
 
-    def pose(self, swapped: Array, translates: bool) -> tuple[RigidTransform, PoseCovariance]:
+    def pose(self, swapped: NDArray[np.bool_], translates: bool) -> tuple[RigidTransform, PoseCovariance]:
         """Return the pose without translation, and its covariance.
 
         Parameters

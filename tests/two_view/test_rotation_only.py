@@ -16,7 +16,9 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.rotation_only import RotationFit, rotation_alone
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 
-TURNS = {"length_px": 15, "rotation_share": np.inf}
+
+def turning(rng: np.random.Generator) -> Scene:
+    return make_scene(rng, count=1500, length_px=15, rotation_share=np.inf)
 
 
 def problem_of(scene: Scene, sigma_px: float = 1.0, independent: float = 1.0) -> SmearProblem:
@@ -27,14 +29,14 @@ def problem_of(scene: Scene, sigma_px: float = 1.0, independent: float = 1.0) ->
 
 def test_a_pure_rotation_is_found_without_orders() -> None:
     for seed in range(5):
-        scene = make_scene(np.random.default_rng(seed), **TURNS)
+        scene = turning(np.random.default_rng(seed))
         problem, true = problem_of(scene), rotation_vector(scene.R)
         for vector in (rotation_alone(problem), RotationFit(problem=problem).vector):
             assert np.linalg.norm(vector * np.sign(vector @ true) - true) < 0.01 * np.linalg.norm(true)
 
 
 def test_its_time_is_that_of_the_orders() -> None:
-    scene = make_scene(np.random.default_rng(1), **TURNS)
+    scene = turning(np.random.default_rng(1))
     fit, true = RotationFit(problem=problem_of(scene)), rotation_vector(scene.R)
     forward, backward = fit.ordered_by(scene.swapped), fit.ordered_by(~scene.swapped)
     assert np.linalg.norm(forward - true) < 0.01 * np.linalg.norm(true)
@@ -46,7 +48,7 @@ def test_errors_that_neighbours_share_are_in_the_covariance() -> None:
     held = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        scene = disturb(make_scene(rng, **TURNS), rng, direction_deg=4.0, length_share=0.1)
+        scene = disturb(turning(rng), rng, direction_deg=4.0, length_share=0.1)
         problem = problem_of(scene, 0.5 * 0.12 * 15, independent=0.03)
         pose, covariance = RotationFit(problem=problem).pose(scene.swapped, translates=False)
         true = RigidTransform(rotation=scene.R, translation=np.zeros(3))
@@ -56,7 +58,7 @@ def test_errors_that_neighbours_share_are_in_the_covariance() -> None:
 
 
 def test_a_translation_that_is_not_seen_widens_the_rotation() -> None:
-    scene = make_scene(np.random.default_rng(2), **TURNS)
+    scene = turning(np.random.default_rng(2))
     fit = RotationFit(problem=problem_of(scene))
     alone, unseen = (fit.pose(scene.swapped, translates)[1] for translates in (False, True))
     assert (unseen.rotation_sigma_deg > 5 * alone.rotation_sigma_deg).all()
@@ -66,7 +68,7 @@ def test_a_translation_that_is_not_seen_widens_the_rotation() -> None:
 def test_where_parallax_is_open_the_whole_rotation_is_given() -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        scene = disturb(make_scene(rng, count=1500, **TURNS), rng, direction_deg=3.0, length_share=0.1)
+        scene = disturb(turning(rng), rng, direction_deg=3.0, length_share=0.1)
         matches = SmearMatches(ends=scene.ends, sigma_px=0.3 * scene.length_px, image_size=IMAGE_SIZE)
         camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
         geometry = estimate_two_view(matches, camera=camera)
