@@ -17,7 +17,8 @@ Conventions, used everywhere
 First calls
 -----------
 - ``found = estimate(read_image("a.jpg"))``: smears, matches and ``found.geometry``, with F or None, the
-  configuration and its reason; with ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
+  configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))`` E and
+  the pose.
 - ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
 - ``segment(found, image)``: what moves by itself, as `blur2view segment` has it.
 - ``write_database(Path("new.db"), [views_of("a.jpg", found)])``: what `blur2view to-colmap` writes.
@@ -46,7 +47,12 @@ if TYPE_CHECKING:
     )
     from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
     from blur2view.geometry.pose import PoseCovariance, RigidTransform
-    from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+    from blur2view.geometry.two_view_geometry import (
+        Configuration,
+        MotionModel,
+        Parallax,
+        TwoViewGeometry,
+    )
     from blur2view.networks.model_file import ModelInfo
     from blur2view.networks.octaves import PyramidOptions
     from blur2view.networks.smear_network import SmearNetwork, predict
@@ -81,6 +87,7 @@ __all__ = [
     "MotionNetwork",
     "MovingRegion",
     "OutputError",
+    "Parallax",
     "Placement",
     "PoseCovariance",
     "PyramidOptions",
@@ -119,7 +126,7 @@ _PUBLIC = {
     "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
     "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
     "geometry.pose": ("PoseCovariance", "RigidTransform"),
-    "geometry.two_view_geometry": ("Configuration", "MotionModel", "TwoViewGeometry"),
+    "geometry.two_view_geometry": ("Configuration", "MotionModel", "Parallax", "TwoViewGeometry"),
     "networks.model_file": ("ModelInfo",),
     "networks.octaves": ("PyramidOptions",),
     "networks.smear_network": ("SmearNetwork", "predict"),

@@ -124,5 +124,5 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
         return f"{name}: {one.action} {one.config}, no matches: {one.reason}"
     time = f"open first (confidence {one.time_confidence:.0%})" if one.time_known else "open or close first"
     counts = f"{one.num_inliers} inliers of {one.num_matches} matches"
-    line = f"{name}: {one.action} {one.config}, {counts}, {time}"
+    line = f"{name}: {one.action} {one.config}, parallax {one.parallax}, {counts}, {time}"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

@@ -70,6 +70,7 @@ class PhotographViews:
             views=list(views.names),
             action=action or ("add" if plan is None else plan.step.value),
             config=views.geometry.config.name,
+            parallax=str(views.geometry.parallax),
             reason=views.geometry.reason,
             num_keypoints=len(views.points_open),
             num_matches=int(self.usable.sum()) if self.usable is not None else len(matched(views)),

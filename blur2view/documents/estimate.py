@@ -51,7 +51,7 @@ class PoseDocument(Document):
     rotation : 3x3
         The rotation matrix R.
     translation : list of 3 float
-        The vector t, of unit length; zero for a pure rotation.
+        The vector t, of unit length; zero unless parallax is proven.
     """
 
     rotation: Matrix
@@ -110,10 +110,13 @@ class EstimateDocument(Document):
         shutter-close, or the reverse: one photograph does not show the direction of time, so F and its
         transpose are one answer. With lens distortion F, H and E hold for undistorted pixels.
     H : 3x3 or null
-        Homography of the same points, points2 ~ H points1, where one explains the smears; beside F it says
-        that parallax is not proven.
+        Homography of the same points, points2 ~ H points1, where one explains the smears; beside F parallax
+        is open.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    parallax : str
+        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
+        of errors only) or absent (H alone, or no motion).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
@@ -132,15 +135,15 @@ class EstimateDocument(Document):
     E : 3x3 or null
         Essential matrix of known intrinsics.
     cam2_from_cam1 : object or null
-        Pose of known intrinsics: rotation (3x3) and translation (unit length, zero for PANORAMIC), or its
-        inverse.
+        Pose of known intrinsics: rotation (3x3) and translation (unit length), or its inverse. Unless
+        parallax is proven the rotation is the one that explains the smears alone, and the translation zero.
     rotation_deg : float or null
         Angle of that rotation, degrees.
     angular_velocity_rad_s : list of 3 float, or null
         Its rotation vector over the exposure time.
     pose_covariance : object or null
         Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
-        tangents), tangents, rotation_sigma_deg, translation_sigma_deg.
+        tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown).
     exposure_s : float or null
         Exposure time in seconds, from --exposure or EXIF.
     num_matches : int
@@ -163,6 +166,7 @@ class EstimateDocument(Document):
     F: Matrix | None
     H: Matrix | None
     config: str
+    parallax: str
     reason: str
     motion_model: str
     scores: dict[str, float]
@@ -196,6 +200,7 @@ class EstimateDocument(Document):
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
+            parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),
             scores={str(name): cost for name, cost in geometry.scores},

@@ -68,6 +68,8 @@ class MaskDocument(Document):
         Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    parallax : str
+        proven, open or absent.
     geometry_reason : str
         One sentence with the figures that decided on the configuration.
     reason : str
@@ -96,6 +98,7 @@ class MaskDocument(Document):
     F: Matrix | None
     H: Matrix | None
     config: str
+    parallax: str
     geometry_reason: str
     reason: str
     labels: dict[str, int]
@@ -129,6 +132,7 @@ class MaskDocument(Document):
             F=estimate.F,
             H=estimate.H,
             config=estimate.config,
+            parallax=estimate.parallax,
             geometry_reason=estimate.reason,
             reason=mask.reason,
             labels={label.name.lower(): int(label) for label in MotionLabel},

@@ -25,6 +25,8 @@ class ViewsDocument(Document):
         add, replace (with --replace) or skip (with --skip-degenerate).
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    parallax : str
+        proven, open or absent.
     reason : str
         One sentence with the figures that decided.
     num_keypoints : int
@@ -44,6 +46,7 @@ class ViewsDocument(Document):
     views: list[str]
     action: str
     config: str
+    parallax: str
     reason: str
     num_keypoints: int
     num_matches: int

@@ -28,6 +28,17 @@ class Configuration(StrEnum):
     MULTIPLE = "MULTIPLE"
 
 
+class Parallax(StrEnum):
+    """Whether smears show things at different depths, which F and a translation follow from."""
+
+    PROVEN = "proven"
+    """No homography explains the smears, errors alike over neighbours allowed for."""
+    OPEN = "open"
+    """Parallax and errors alike over neighbours look the same here."""
+    ABSENT = "absent"
+    """A homography leaves nothing to explain, or no motion is seen."""
+
+
 class MotionModel(StrEnum):
     """Model of the motion that F or, without F, H is from; in brackets its number of parameters."""
 
@@ -72,15 +83,16 @@ class TwoViewGeometry:
         Penalised cost of every model that was fitted, homographies too, best first.
     H : ndarray of shape (3, 3) or None
         ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
-        where a homography explains the smears; beside an F it means that parallax is not proven.
+        where a homography explains the smears; beside an F parallax is open.
     E : ndarray of shape (3, 3) or None
         Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
         pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. The
-        translation is zero for a pure rotation.
+        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. Unless
+        parallax is proven it is the rotation that explains the smears alone, the translation zero: E, of F,
+        has another rotation.
     covariance : PoseCovariance or None
-        Of the pose.
+        Of the pose; where parallax is open it allows for a translation that is not seen.
     """
 
     F: Array | None
@@ -100,6 +112,15 @@ class TwoViewGeometry:
     def support(self) -> float:
         """Share of the smears that agree with F, or without F with H."""
         return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
+
+    @property
+    def parallax(self) -> Parallax:
+        """Whether parallax is proven, which makes a geometry CALIBRATED or UNCALIBRATED, open or absent."""
+        if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
+            return Parallax.PROVEN
+        if self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
+            return Parallax.OPEN
+        return Parallax.ABSENT if self.F is None else Parallax.OPEN
 
     @property
     def runner_up(self) -> tuple[MotionModel, float] | None:

@@ -15,13 +15,14 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
 from blur2view.geometry.rotation import plane_basis, rotation_matrix, rotation_vector
-from blur2view.robust.independence import autocorrelation, coherent_residuals
+from blur2view.robust.independence import ALIKE, block_scatter, slow_errors
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import Linearised, WeightedPoint
 from blur2view.robust.residuals import RefineOptions
-from blur2view.two_view.calibrated_start import ROUGH_COUNT, rotation_prior, translation_search
+from blur2view.two_view.calibrated_start import rotation_prior, translation_search
+from blur2view.two_view.rotation_only import ROUGH_COUNT
 
 POSE = 5  # of a camera's parameters, the first: two of t, three of R
 STEPS, ROUGH_STEPS = 16, 6  # of expectation-maximisation, each with one Levenberg-Marquardt step
@@ -30,6 +31,7 @@ AT_REST = 1e-3  # a step below this many standard deviations ends it
 SCALES, ODDS = (0.03, 4.0), (0.01, 3.0)  # limits of the noise's scale, and of the odds of an outlier
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 MISSED = 1.1  # the regions of white noise hold what they should with variances larger by this
+SLOW_STEP = 0.05  # of slow errors, by which the gradient is differenced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,37 +145,40 @@ class CalibratedFit:
         plain = self.state.matches.residuals(F)
         return oriented_pose(F, self.problem.ends, plain.forward_share, self.inliers)
 
-    def autocorrelation(self) -> tuple[float, float]:
-        """Return `autocorrelation` of the inliers' residuals: near zero, and the distance of its half."""
-        sure = np.flatnonzero(self.inliers > 0.5)
-        residual = coherent_residuals(self.problem, self.point.matrix())[sure] / self.noise.scale
-        return autocorrelation(residual, self.problem.ends.mean(axis=1)[sure])
+    def slow_gradients(self) -> Array:
+        """Return the change (POSE, 6) of the gradient by each of `slow_errors`."""
+        columns = []
+        for error in SLOW_STEP * slow_errors(self.problem):
+            half = np.stack([-0.5 * error, 0.5 * error], axis=1)
+            ahead, behind = (
+                replace(
+                    self, problem=replace(self.problem, ends=self.problem.ends + sign * half)
+                ).gradient_there()
+                for sign in (1.0, -1.0)
+            )
+            columns.append((ahead - behind) / (2 * SLOW_STEP))
+        return np.stack(columns, axis=1)
 
-    @cached_property
-    def cluster_size(self) -> float:
-        """Number of smears that err as one: theirs is the variance of so many times fewer independent ones.
-
-        From the autocorrelation of the residuals, as of a Gaussian; the problem's count, which knows only
-        clusters up to the size of a block, suffices where half of the smears are independent.
-        """
-        counted = 1 / self.options.data_weight
-        if counted < 2:
-            return counted
-        near, half = self.autocorrelation()
-        middle = self.problem.ends.mean(axis=1)
-        area = float(np.prod(np.ptp(middle, axis=0)))
-        cluster = near * len(middle) * 2 * np.pi * (half**2 / (2 * np.log(2))) / max(area, TINY)
-        independent = len(middle) / max(cluster, counted)
-        return float(len(middle) / max(independent - POSE, 1.0))  # what the pose has taken up cannot be seen
+    def gradient_there(self) -> Array:
+        """Return the gradient (POSE,) of half the cost for the smears of ``problem``."""
+        there = CalibratedFit.at(self.problem, self.point, self.state.sign, self.noise, self.options)
+        return there.normal_equations()[1]
 
     def covariance(self) -> PoseCovariance:
         """Return the covariance of the pose: an M-estimator's sandwich, for errors that neighbours share."""
         data = self.linearised
         terms = self.options.data_weight * data.jacobian[:POSE] * data.weight * data.residual
-        gradient = np.stack([np.bincount(data.smear, row, len(self.inliers)) for row in terms])  # by smear
+        gradient: Array = np.stack(
+            [np.bincount(data.smear, row, len(self.inliers)) for row in terms]
+        )  # by smear
         prior = self.point.prior()[1][:, :POSE]
         sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
-        scatter = MISSED * self.cluster_size * gradient @ gradient.T + prior.T @ prior
+        scatter = prior.T @ prior
+        if self.options.data_weight < ALIKE:
+            slow = self.slow_gradients()
+            scatter += block_scatter(gradient, self.problem.ends.mean(axis=1)) + slow @ slow.T
+        else:
+            scatter += MISSED / self.options.data_weight * gradient @ gradient.T
         return pose_covariance(self.curvature(), scatter, sign * plane_basis(self.point.t))
 
 

@@ -15,8 +15,8 @@ from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.reweighted import reweighted_motion
+from blur2view.two_view.rotation_only import rotation_alone
 
-ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
 # Where errors are correlated and far below what is stated, as a network's, the noise is not known, and smears
 # separate a rotation from a sideways translation badly. Then a hand-held camera is assumed: its rotation is
 # this share of the one that explains the smears alone, to within a share of the smears' length over the
@@ -25,28 +25,12 @@ ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
 CORRELATED, STATED = 0.25, 0.3
 EXACT = 0.022  # errors below this share of the length are not those of a network (the tenth percentile there)
 ROTATION_SHARE, ROTATION_SPREAD = 0.75, 0.05
-ROTATION_STEPS, AXES = 12, 13  # of reweighting, from so many axes
-ROTATION_ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
 DIRECTIONS = 80  # half a sphere in steps of about 9 degrees; basins of exact scenes reach as far
 SMEARS = 250  # of which the rotations are found, if there are more: every n-th, so up to twice as many
 RINGS_DEG = (5.0, 2.5, 1.2, 0.6)  # about the best of the grid, and then of each ring
 RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 STEPS = 3  # of reweighting
 LEAST = 1e-3  # share of its length to which a smear is believed at best
-
-
-def rotation_alone(problem: SmearProblem) -> Array:
-    """Return the rotation vector (3,) that explains most smears without translation; up to sign."""
-    part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
-    d = (part.ends[:, 1] - part.ends[:, 0]).T  # (2, N)
-    length = np.maximum(np.linalg.norm(d, axis=0), TINY)
-    rows = np.swapaxes(rotation_flow(part.ends.mean(axis=1)) / length, 0, 1)  # (3, 2, N)
-    starts = half_sphere(AXES)
-    every = np.broadcast_to(rows, (AXES, *rows.shape)), np.broadcast_to(d / length, (AXES, *d.shape))
-    rotations, missed = reweighted_motion(
-        *every, steps=ROTATION_STEPS, scale=lambda _: ROTATION_ERROR, start=starts, ordered=False
-    )
-    return np.asarray(rotations[int(np.argmin((missed**2 / (missed**2 + ROTATION_ERROR**2)).sum(axis=1)))])
 
 
 def rotation_prior(problem: SmearProblem) -> CameraPrior:

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
@@ -21,10 +19,11 @@ from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess, collinear
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.rotation_only import RotationFit
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
-# An F goes with PARALLAX, ASSUMED and OPEN, and with SEVERAL that of the motion which most smears follow.
+# An F goes with PARALLAX and OPEN, and with SEVERAL that of the motion which most smears follow.
 CONFIGURATIONS = {
     Structure.NOTHING: Configuration.UNDEFINED,
     Structure.STILL: Configuration.DEGENERATE,
@@ -32,7 +31,6 @@ CONFIGURATIONS = {
     Structure.PLANE: Configuration.PLANAR,
     Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
     Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.ASSUMED: Configuration.UNCALIBRATED,
     Structure.PARALLAX: Configuration.UNCALIBRATED,
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
@@ -99,13 +97,36 @@ def with_pose(
     fits: list[Fit],
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
-    """Return a geometry of known intrinsics with E, the pose and its covariance."""
-    if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
-        return replace(geometry, cam2_from_cam1=rotation_of(geometry.H, problem.T))
+    """Return a geometry of known intrinsics with the pose and its covariance, with F also E.
+
+    The translation is zero unless parallax is proven.
+    """
+    if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
+        return geometry
+    if geometry.F is not None:
+        geometry = calibrated(geometry, matches, problem, fits, options)
+    if geometry.parallax is Parallax.PROVEN:
+        return geometry
+    translates = geometry.config is not Configuration.PANORAMIC
+    pose, covariance = RotationFit(problem=problem).pose(geometry.swapped, translates)
+    return replace(
+        geometry,
+        cam2_from_cam1=pose,
+        covariance=covariance,
+        reason=f"{geometry.reason}; the pose is the rotation that explains the smears without translation",
+    )
+
+
+def calibrated(
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Return a geometry with F refitted to known intrinsics, E, the pose and its covariance."""
     points = {fit.model: fit.point for fit in fits}
     start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
-    if geometry.F is None or geometry.config is Configuration.MULTIPLE:
-        return geometry
     if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
         raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
     refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
@@ -113,26 +134,19 @@ def with_pose(
     oriented = fit.oriented()
     F = problem.pixels(oriented.pose.essential)
     tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
-    proven = geometry.config is Configuration.UNCALIBRATED
+    proven = geometry.parallax is Parallax.PROVEN
     return replace(
         geometry,
         F=F,
         E=oriented.pose.essential,
         cam2_from_cam1=oriented.pose,
         covariance=fit.covariance(),
-        reason=f"{geometry.reason}; E and the pose were then fitted to the known intrinsics",
+        reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model=MotionModel.CALIBRATED,
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
         swapped=oriented.swapped,
     )
-
-
-def rotation_of(H: Array, T: Array) -> RigidTransform:
-    """Return the rotation nearest to a homography of pixels, T (3, 3) being the inverse of K."""
-    normalised = T @ H @ np.linalg.inv(T)
-    U, _, Vt = np.linalg.svd(normalised * np.sign(np.linalg.det(normalised)))
-    return RigidTransform(rotation=U @ Vt, translation=np.zeros(3))
 
 
 def judge(
@@ -156,7 +170,7 @@ def judge(
     if F is not None:
         F = problem.pixels(F)
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
-        reason = f"{figures}; {verdict.sentence}; {chosen(verdict, scores)}"
+        reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
         ordered = transfer_orders(verdict.A, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px

@@ -131,7 +131,9 @@ def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
     scores = ((MotionModel.PLANE, fit.score + gain - needed),)
     figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
-        return Verdict(structure=Structure.PARALLAX, sentence=f"parallax {figures}", fit=fit, scores=scores)
-    sentence = f"parallax is not proven, it {figures}"
+        return Verdict(
+            structure=Structure.PARALLAX, sentence=f"parallax is proven: it {figures}", fit=fit, scores=scores
+        )
+    sentence = f"parallax is open: it {figures}"
     A = plane.generator()
     return Verdict(structure=Structure.OPEN, sentence=sentence, fit=fit, A=A, scores=scores)

@@ -16,7 +16,6 @@ class Structure(StrEnum):
     STILL = "no motion"
     PARALLAX = "parallax"
     OPEN = "parallax or none"
-    ASSUMED = "parallax, not proven"
     ROTATION = "rotation"
     PLANE = "plane"
     ROTATION_OR_PLANE = "rotation or plane"

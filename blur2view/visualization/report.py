@@ -142,10 +142,10 @@ def _title(entries: Sequence[Entry]) -> str:
 
 
 def _count(entries: Sequence[Entry]) -> str:
-    """Return how many photographs there are and how many have an F."""
+    """Return how many photographs there are and in how many parallax is proven."""
     failed = sum(not entry.content for entry in entries)
-    with_F = sum(entry.kind == "found" for entry in entries)
-    said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{with_F} with F"]
+    proven = sum(entry.kind == "found" for entry in entries)
+    said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
     return ", ".join(said + [f"{failed} failed"] * bool(failed))
 
 

@@ -1,6 +1,6 @@
 """The configurations in plain words, as the report and the summaries have them."""
 
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 
 # Configuration -> kind of verdict (its colour and place in the order) and what it means, in plain words.
 VERDICTS = {
@@ -13,17 +13,21 @@ VERDICTS = {
         "open",
         "Two motions share the picture: F is that of the one most smears follow.",
     ),
-    Configuration.PLANAR_OR_PANORAMIC: ("open", "It is open whether there is parallax."),
+    Configuration.PLANAR_OR_PANORAMIC: (
+        "flat",
+        "A plane or a rotation explains the smears: no F, but a homography.",
+    ),
     Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
     Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
     Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
     Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
 }
-UNPROVEN = "The camera moved: F is given, but that things lie at different depths is not proven."
+OPEN = "Parallax is open: F is given, but one homography, H, explains the smears, too."
 VERDICT_ORDER = [config.name for config in VERDICTS]
 
 
 def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:
     """Return the kind of a geometry's verdict, and what its configuration means in one sentence."""
     kind, meaning = VERDICTS[geometry.config]
-    return kind, UNPROVEN if kind == "found" and geometry.H is not None else meaning
+    beside_F = geometry.config is Configuration.PLANAR_OR_PANORAMIC and geometry.parallax is Parallax.OPEN
+    return ("open", OPEN) if beside_F else (kind, meaning)

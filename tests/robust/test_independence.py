@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from blur2view.robust.independence import autocorrelation, independence
+from blur2view.robust.independence import block_scatter, independence, slow_errors
+from blur2view.robust.problem import build_problem
 
 
 def test_white_noise_is_independent_and_a_smooth_field_is_not() -> None:
@@ -24,10 +25,26 @@ def test_values_that_are_not_used_do_not_count() -> None:
     assert independence(wild, used, middle) == independence(values, used, middle)
 
 
-def test_autocorrelation_reaches_as_far_as_the_errors() -> None:
+def test_scatter_of_blocks_is_that_of_sums_that_err_alike() -> None:
     rng = np.random.default_rng(2)
     middle = rng.uniform(0, 400, (2000, 2))
-    near, half = autocorrelation(np.sqrt(2) * np.sin(middle[:, 0] / 20), middle)
-    assert near > 0.7
-    assert 10 < half < 50  # halved after a sixth of the period of 126 or so, as directions are averaged
-    assert autocorrelation(rng.normal(size=2000), middle)[0] < 0.2
+    white = rng.normal(size=(2, 2000))
+    ratio = np.diag(block_scatter(white, middle)) / 2000
+    assert (ratio > 0.4).all() and (ratio < 2).all()
+    alike = np.sign(np.sin(middle.T / 60))
+    assert (np.diag(block_scatter(alike, middle)) > 20 * 2000).all()
+
+
+def test_slow_errors_are_of_the_stated_size() -> None:
+    rng = np.random.default_rng(3)
+    middle, d = rng.uniform(0, 400, (500, 2)), np.tile([3.0, 4.0], (500, 1))
+    ends = np.stack([middle - d / 2, middle + d / 2], axis=1)
+    problem = build_problem(ends, np.full(500, 0.25), (400, 400)).rescaled(0.1)
+    errors = slow_errors(problem) * problem.unit_px
+    assert errors.shape == (6, 500, 2)
+    np.testing.assert_allclose(np.linalg.norm(errors[:2], axis=2), 2**0.5 * 0.25)  # alike everywhere
+    np.testing.assert_allclose(np.abs(errors[0] @ [0.6, 0.8]), 2**0.5 * 0.25)  # of lengths
+    np.testing.assert_allclose(errors[1] @ [0.6, 0.8], 0, atol=1e-12)  # of directions
+    for error, axis in zip(errors[2:], (0, 0, 1, 1), strict=True):
+        size = np.linalg.norm(error, axis=1)
+        assert np.corrcoef(size, np.abs(middle[:, axis] - np.median(middle[:, axis])))[0, 1] > 0.99

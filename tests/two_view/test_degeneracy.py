@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.degeneracy import collinear, within_errors
@@ -42,7 +42,7 @@ def test_no_parallax_gives_H_and_no_F(kind: Kind, config: Configuration, model: 
         scene = draw_scene(kind, seed)
         geometry = solve(scene)
         assert geometry.F is None and geometry.H is not None
-        assert geometry.config is config
+        assert geometry.config is config and geometry.parallax is Parallax.ABSENT
         assert geometry.model == model
         assert model in geometry.reason and "explains" in geometry.reason
         assert np.isclose(np.linalg.norm(geometry.H), 1)
@@ -69,7 +69,8 @@ def test_parallax_gives_F_and_no_H() -> None:
         assert geometry.config is Configuration.UNCALIBRATED
         assert geometry.F is not None and geometry.H is None
         assert np.median(rho(geometry.F, scene.true_ends)) < 0.03
-        assert "parallax gains" in geometry.reason
+        assert geometry.parallax is Parallax.PROVEN
+        assert geometry.reason.startswith("parallax is proven: it gains")
         assert dict(geometry.scores)[MotionModel.PLANE] > dict(geometry.scores)[geometry.model]
 
 
@@ -79,6 +80,7 @@ def test_still_camera_is_no_motion_whatever_its_noise() -> None:
         assert geometry.config is Configuration.DEGENERATE
         assert geometry.F is None and geometry.H is None
         assert "no motion" in geometry.reason
+        assert geometry.parallax is Parallax.ABSENT
 
 
 @pytest.mark.slow
@@ -133,7 +135,7 @@ def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
 
 
 @pytest.mark.slow
-def test_with_overstated_errors_F_is_given_but_said_not_to_be_proven() -> None:
+def test_with_overstated_errors_F_is_given_but_parallax_is_open() -> None:
     """Real smears err far less than their sigma says: then nothing tells errors from small parallax."""
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -146,9 +148,10 @@ def test_with_overstated_errors_F_is_given_but_said_not_to_be_proven() -> None:
         sigma_px = 0.8 * scene.length_px
         matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
         geometry = estimate_two_view(matches)
-        assert geometry.config is Configuration.UNCALIBRATED
+        assert geometry.config is Configuration.PLANAR_OR_PANORAMIC
         assert geometry.F is not None and geometry.H is not None
-        assert "not proven" in geometry.reason
+        assert geometry.parallax is Parallax.OPEN
+        assert geometry.reason.startswith("parallax is open")
 
 
 def test_without_an_image_size_a_rotation_is_not_told_from_a_plane() -> None:

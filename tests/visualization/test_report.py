@@ -5,7 +5,6 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -268,8 +267,12 @@ def test_every_configuration_has_words() -> None:
         assert f">{config.name}</span>" in page
 
 
-def test_proof_of_parallax_is_not_claimed_beside_a_homography() -> None:
-    one = made_up(F=turning_F())
-    geometry = replace(one.estimate.geometry, H=np.eye(3))
-    beside = replace(one, estimate=replace(one.estimate, geometry=geometry))
-    assert "not proven" in photograph(beside)["meaning"] and "not proven" not in photograph(one)["meaning"]
+def test_open_parallax_is_said_first() -> None:
+    proven = made_up(F=turning_F())
+    beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)
+    assert photograph(beside_H)["meaning"].startswith("Parallax is open")
+    assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("open", "found")
+    either = made_up(config=Configuration.PLANAR_OR_PANORAMIC)
+    assert photograph(either)["kind"] == "flat" and "open" not in photograph(either)["meaning"]
+    for one, parallax in ((proven, "proven"), (beside_H, "open"), (either, "absent")):
+        assert json.loads(photograph(one)["document"])["parallax"] == parallax

@@ -231,9 +231,8 @@ def main() -> None:
     photographs = []
     if options.scenes is not None:
         photographs = [
-            "Photographs of the rendered test split through the network, by what is true of them. The reason "
-            "of every F that has an H beside it says that parallax is not proven: errors of the smears and "
-            "small parallax look alike."
+            "Photographs of the rendered test split through the network, by what is true of them. Where an F "
+            "has an H beside it parallax is open: errors of the smears and small parallax look alike."
         ]
         photographs += ["", *photograph_table(options.scenes), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)

@@ -18,7 +18,7 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import Array
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.field import smear_ends
 from tools.rendering.exposure import grid_points
@@ -31,22 +31,20 @@ GOOD_RHO = 0.1
 
 
 def verdict(geometry: TwoViewGeometry) -> str:
-    """Return the configuration, and whether F comes with a homography (parallax not proven)."""
-    if geometry.F is not None and geometry.H is not None:
-        return f"{geometry.config.name}, parallax not proven"
-    return geometry.config.name
+    """Return the configuration and whether parallax is proven, open or absent."""
+    return f"{geometry.config.name}, parallax {geometry.parallax}"
 
 
 def correct(scene: FailureScene, geometry: TwoViewGeometry) -> bool:
     """Whether the verdict does not mislead.
 
-    Of one plane and of a pure rotation: no F, or one whose parallax is called not proven. Of many movers: no
-    F, several motions, or an F that fits what stands still (median rho below GOOD_RHO).
+    Of one plane and of a pure rotation: no proven parallax. Of many movers: no F, several motions, or an F
+    that fits what stands still (median rho below GOOD_RHO).
     """
+    if scene.kind != "many movers":
+        return geometry.parallax is not Parallax.PROVEN
     if geometry.F is None:
         return True
-    if scene.kind != "many movers":
-        return geometry.H is not None
     good = float(np.median(rho(geometry.F, static_ends(scene.rendering)))) < GOOD_RHO
     return good or geometry.config is Configuration.MULTIPLE
 

@@ -172,8 +172,8 @@ def failures(document: Any) -> list[str]:
     return [
         *failure_cases.markdown(document["kinds"]),
         "",
-        "Not misled: of one plane and of a pure rotation no F, or one whose parallax is called not proven; "
-        "of many movers no F, several motions, or an F that fits what stands still (median rho below 0.1).",
+        "Not misled: of one plane and of a pure rotation no proven parallax; of many movers no F, "
+        "several motions, or an F that fits what stands still (median rho below 0.1).",
         "",
         *pictures,
         "",

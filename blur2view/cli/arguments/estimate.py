@@ -25,12 +25,12 @@ essential matrix and the pose. Where no F can be trusted the configuration and i
 summary of two lines for each photograph; with -o writes files beside each other.
 """
 CONFIGURATIONS = (
-    ("UNCALIBRATED", 'the camera moved: F; with H beside it "parallax is not proven"'),
+    ("UNCALIBRATED", "parallax is proven: F"),
     ("CALIBRATED", "the same with known intrinsics: E and the pose, too"),
     ("MULTIPLE", "two motions share the picture: F is that of the one most smears follow; no pose"),
     (
         "PLANAR_OR_PANORAMIC",
-        "with F: it is open whether there is parallax; without: a plane or a rotation, H",
+        "with F: parallax is open, H explains the smears, too; without: a plane or a rotation, H",
     ),
     ("PLANAR", "one plane: H, no F"),
     ("PANORAMIC", "the camera only rotated: H, no F; with known intrinsics the rotation"),

@@ -35,6 +35,7 @@ function countsOf({ facts, medianPx, lens }) {
   const pairs = [
     ["photograph", `${facts.width} x ${facts.height}`],
     ["smears used", String(facts.num_matches)],
+    ["parallax", facts.parallax],
     ["inliers", facts.F || facts.H ? `${facts.num_inliers} (${Math.round(100 * facts.support)} %)` : "-"],
     ["median length", medianPx === null ? "-" : `${medianPx.toFixed(1)} px`],
     ["network", facts.model_id],
