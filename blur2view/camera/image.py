@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from blur2view.errors import ImageError
+from blur2view.input_files import read_regular
 
 # Four cells of the network's grid: anything smaller shows no smear.
 MIN_SIDE_PX = 16
@@ -68,15 +69,13 @@ class _Decoded:
 def _read_bytes(path: Path) -> bytes:
     """Return the file's content or raise ImageError."""
     try:
-        if path.exists() and not path.is_file() and not path.is_dir():  # a pipe or a device may never end
-            raise ImageError(f"{path}: is no regular file; name a photograph")
-        encoded = path.read_bytes()
+        encoded = read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
         raise ImageError(f"{path}: is a directory; name the images in it, for example {path}/*.jpg") from None
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = getattr(error, "strerror", None) or str(error)
+    except OSError as error:
+        reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
     if not encoded:
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
