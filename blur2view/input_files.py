@@ -4,6 +4,7 @@ import errno
 from pathlib import Path
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
+MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 
 
 def read_regular(path: Path) -> bytes:

@@ -33,7 +33,10 @@ def run_each(
 
     With ``--json`` the one document of ``collect`` is printed at the end.
     """
-    created = [] if options.output is None else prepare_folder(options.output)
+    folders = {
+        path.parent for files in plan if files and not isinstance(files, OutputError) for path in files.paths
+    }
+    created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
     jobs, say = progress(list(zip(options.images, plan, strict=True)))
     documents: list[Made] = []
     failures: list[FailureDocument] = []
@@ -49,7 +52,7 @@ def run_each(
         documents.append(document)
         if not options.json and options.verbosity > QUIET:
             say(summary)
-    remove_empty(created)  # where nothing succeeded nothing is left behind
+    remove_empty(sorted(created, reverse=True))  # where nothing succeeded nothing is left behind
     if options.json:
         print(collect(documents, failures).to_json())
     return FAILED if failures else DONE

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.output_files import below_shared_folder
 from blur2view.pipeline import Run, estimate
 
 
@@ -100,14 +100,8 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
 
 
 def fresh_names(paths: Sequence[Path]) -> list[str]:
-    """Return names of photographs: their paths below the folder that all files share, with slashes.
-
-    A path at which there is no file changes no other's name.
-    """
-    absolute = [os.path.abspath(path) for path in paths]
-    there = [path for path in absolute if os.path.isfile(path)] or absolute
-    folder = os.path.commonpath([os.path.dirname(path) for path in there])
-    return [Path(os.path.relpath(path, folder)).as_posix() for path in absolute]
+    """Return names of photographs: their paths below the folder that all files share, with slashes."""
+    return [path.as_posix() for path in below_shared_folder(paths)]
 
 
 def failure(path: Path, error: Blur2ViewError, say: Say = print) -> FailureDocument:
@@ -135,7 +129,8 @@ def _views(
     database: Path | None, photograph: NamedPhotograph, network: SmearNetwork, run: Run
 ) -> PhotographViews:
     """Return the views of one photograph."""
-    image = read_image(photograph.path, as_stored=True)  # COLMAP does not turn pictures upright
+    # COLMAP does not turn pictures upright
+    image = read_image(photograph.path, as_stored=True, max_memory_gib=run.max_memory_gib)
     size = (image.shape[1], image.shape[0])
     camera = _camera(database, photograph, run, size)
     rng = np.random.default_rng(run.seed)

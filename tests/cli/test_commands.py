@@ -206,7 +206,7 @@ def test_many_photographs_show_progress_to_a_person(
 def test_interrupt_is_no_traceback(
     run: Any, still: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupt(path: Path) -> None:
+    def interrupt(path: Path, **options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline, "read_image", interrupt)
@@ -242,6 +242,45 @@ def test_control_characters_of_a_name_are_printed_as_escapes(
     printed = capsys.readouterr()
     assert "two\\nlines\\x1b[31m.png: DEGENERATE" in printed.out and len(printed.out.splitlines()) == 2
     assert len(printed.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["estimate", "-o", "a\0"],
+        ["segment", "-o", "a\0"],
+        ["report", "-o", "a\0"],
+        ["to-colmap", "--db", "a\0"],
+        ["to-colmap", "--format", "hloc", "-o", "a\0"],
+        ["estimate", "--camera", "PINH\0OLE 4 4 4"],
+        ["estimate", "--camera", "\x1b[31m\n"],
+    ],
+)
+def test_what_no_path_holds_is_wrong_usage(
+    words: list[str], still: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main([*words, str(still)])
+    assert caught.value.code == 2
+    printed = capsys.readouterr().err
+    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and "error: " in printed.splitlines()[-1]
+
+
+def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(
+    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("a\0.png", still) == 1
+    assert cli.main(["estimate", str(still), "--model", "a\0"]) == 1
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 2 and "DEGENERATE" in printed.out
+
+
+def test_photographs_beyond_the_memory_are_refused_with_the_remedy(
+    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(still, "--max-memory", 1e-5) == 1
+    assert "--max-memory 1" in capsys.readouterr().err
+    assert run(still, "--max-memory", 1) == 0
 
 
 @pytest.mark.slow
