@@ -98,10 +98,10 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             # colour of 16 bits, which Pillow would cut to 8
             deep = len(photo.getbands()) > 1 and ";16" in stored
             tags = getattr(photo, "tag_v2", {})  # of TIFF
-            if deep and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:  # which OpenCV takes for pixels
-                raise ImageError(
-                    f"{path}: has 16-bit colours in separate planes; save it with interleaved ones"
-                )
+            bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
+            if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
+                # neither decoder reads these right
+                raise ImageError(f"{path}: has 16-bit colour in separate planes; save it with RGB pixels")
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):

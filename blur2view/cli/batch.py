@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from blur2view.cli.terminal import QUIET, complain, progress
 from blur2view.documents.document import Document, FailureDocument
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError, OutputError, within_memory
 from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder, remove_empty
 
 DONE, FAILED = 0, 1
@@ -44,7 +44,8 @@ def run_each(
         try:
             if isinstance(files, OutputError):
                 raise files
-            document, summary = work(image, files)
+            with within_memory(image):
+                document, summary = work(image, files)
         except Blur2ViewError as error:
             failures.append(FailureDocument(image=str(image), error=str(error)))
             complain(error, say)

@@ -10,7 +10,7 @@ from blur2view import __version__
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, complain, printable, progress
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError, OutputError, within_memory
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
 from blur2view.pipeline import FileEstimate, Run, estimate_file
@@ -68,8 +68,9 @@ def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[
     entries = []
     for image in jobs:
         try:
-            one = estimate_file(image, networks.smear, run)
-            entries.append(_entry(one, networks.motion, timings=not options.no_timings))
+            with within_memory(image):
+                one = estimate_file(image, networks.smear, run)
+                entries.append(_entry(one, networks.motion, timings=not options.no_timings))
         except Blur2ViewError as error:
             entries.append(Entry.failed(str(image), str(error)))
             complain(error, say)

@@ -21,7 +21,7 @@ from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links
 from blur2view.colmap.project import storable
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.to_colmap import ViewsDocument
-from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, within_memory
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
@@ -119,7 +119,8 @@ def make_views(
     failures: list[FailureDocument] = []
     for photograph in jobs:
         try:
-            made.append(_views(options.db, photograph, network, run))
+            with within_memory(photograph.path):
+                made.append(_views(options.db, photograph, network, run))
         except Blur2ViewError as error:
             failures.append(failure(photograph.path, error, say))
     return made, failures
