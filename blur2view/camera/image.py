@@ -24,6 +24,7 @@ MAX_PIXELS = 175_000_000
 BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
 BACKDROP = 0.5
+DNG_VERSION, NEW_SUBFILE_TYPE = 50706, 254  # tags of TIFF; a subfile of odd type is a smaller copy of another
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -98,6 +99,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             # colour of 16 bits, which Pillow would cut to 8
             deep = len(photo.getbands()) > 1 and ";16" in stored
             tags = getattr(photo, "tag_v2", {})  # of TIFF
+            if tags.get(DNG_VERSION) and tags.get(NEW_SUBFILE_TYPE, 0) & 1:
+                raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
             bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
             if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
                 # neither decoder reads these right

@@ -155,6 +155,16 @@ def test_grey_whose_zero_is_white_is_no_negative(tmp_path: Path) -> None:
     np.testing.assert_allclose(image[..., 0], 1 - RGB16[..., 0] / 65535, atol=1e-6)
 
 
+def test_thumbnail_of_a_raw_file_is_no_photograph(tmp_path: Path) -> None:
+    tags = {50706: bytes([1, 4, 0, 0]), 254: 1}  # DNGVersion; NewSubfileType: of reduced resolution
+    path = tmp_path / "a.dng"
+    Image.fromarray(RGB8).save(path, "TIFF", tiffinfo=tags)
+    with pytest.raises(ImageError, match="thumbnail of a raw file; develop"):
+        read_image(path)
+    Image.fromarray(RGB8).save(path, "TIFF", tiffinfo=tags | {254: 0})
+    np.testing.assert_array_equal(read_image(path), RGB8 / np.float32(255))
+
+
 def test_photograph_that_takes_too_much_memory_is_refused_before_it_is_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
