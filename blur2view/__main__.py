@@ -1,7 +1,28 @@
-"""``python -m blur2view``."""
+"""The program: ``blur2view`` and ``python -m blur2view``."""
 
+import os
 import sys
+import warnings
 
-from blur2view.cli.commands import main
 
-sys.exit(main())
+def program() -> int:
+    """Return the exit code of the command line in a process of its own, where nobody else prints."""
+    try:
+        for name in ("stdin", "stdout", "stderr"):
+            if getattr(sys, name) is None:  # closed: the next file opened would take its place
+                setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
+        if not sys.warnoptions:
+            warnings.simplefilter("ignore")
+        # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led
+        sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        from blur2view.cli.commands import main
+
+        return main()
+    except KeyboardInterrupt:  # during an import
+        print("blur2view: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(program())

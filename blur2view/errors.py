@@ -1,5 +1,11 @@
 """The errors a user may meet; each message is one line that names the path and the remedy."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
+
 
 class Blur2ViewError(Exception):
     """Something outside the program is wrong; the message says what, where and how to mend it."""
@@ -23,3 +29,20 @@ class CameraError(Blur2ViewError):
 
 class DatabaseError(Blur2ViewError):
     """A COLMAP database or model cannot be read or written."""
+
+
+@contextmanager
+def within_memory(path: Path) -> Iterator[None]:
+    """Raise what a library says of too little memory as one line that names the photograph.
+
+    Raises
+    ------
+    ImageError
+        In place of a MemoryError, which NumPy and OpenCV raise as a subclass or another type.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, MemoryError) or getattr(error, "code", None) == OPENCV_NO_MEMORY:
+            raise ImageError(f"{path}: does not fit in memory; resize it") from None
+        raise

@@ -2,13 +2,22 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
 from blur2view.errors import OutputError
 
+SIGNED_BY = "blur2view"  # the PNG text "Software"
+# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
+SIGNS = (
+    b'"model_id":',
+    b"displacement.npy",
+    b"Software\0" + SIGNED_BY.encode(),
+    b'name="generator" content="blur2view ',
+)
 Write = Callable[[BinaryIO], object]
 
 
@@ -72,36 +81,72 @@ def plan_outputs(
     folder : Path
         Where the files go.
     overwrite : bool
-        Whether files of an earlier call may be replaced. Photographs of this call never are.
+        Whether files of an earlier call may be replaced. Photographs and files of others never are.
     kind : ResultKind
         What a photograph's files are, such as :class:`OutputFiles`.
 
     Returns
     -------
     list of Files or OutputError
-        One per photograph. A second photograph of the same stem is refused, so that no result is lost.
+        One per photograph. Photographs of one stem get subfolders as they have, or else keep their suffix.
     """
     inputs = {os.path.realpath(image) for image in images}
-    first_of: dict[str, Path] = {}
+    first_of: dict[Path, Path] = {}
     plan: list[Files | OutputError] = []
-    for image in images:
-        files = kind(folder=folder, stem=image.stem)
-        taken = [path for path in files.paths if os.path.lexists(path)]
-        hit = [path for path in files.paths if os.path.realpath(path) in inputs]
-        if image.stem in first_of:
-            other = first_of[image.stem]
-            plan.append(OutputError(f"{image}: its results would replace those of {other}; use another -o"))
-            continue
-        first_of[image.stem] = image
-        if hit:
-            plan.append(
-                OutputError(f"{image}: a result would replace the photograph {hit[0]}; use another -o")
-            )
-        elif taken and not overwrite:
-            plan.append(OutputError(f"{image}: {taken[0]} exists; use another -o or add --overwrite"))
-        else:
-            plan.append(files)
+    for image, name in zip(images, result_names(images), strict=True):
+        files = kind(folder=folder / name.parent, stem=name.name)
+        other = next((first_of[path] for path in files.paths if path in first_of), None)
+        first_of |= dict.fromkeys(files.paths, image)
+        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite)
+        if other is not None:
+            refusal = f"its results would replace those of {other}; use another -o"
+        plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan
+
+
+def _refusal(image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool) -> str | None:
+    """Return why the files of a photograph must not be written, if so."""
+    taken = [path for path in paths if os.path.lexists(path)]
+    foreign = [path for path in taken if not is_ours(path)]
+    hit = [path for path in paths if os.path.realpath(path) in inputs]
+    if hit:
+        return f"a result would replace the photograph {hit[0]}; use another -o"
+    if taken and not overwrite:
+        return f"{taken[0]} exists; use another -o or add --overwrite"
+    if foreign and not is_ours(paths[-1]):  # of 0.1.0 the document alone tells that they are ours
+        return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
+    return None
+
+
+def is_ours(path: Path) -> bool:
+    """Return whether a file says that blur2view wrote it."""
+    if not path.is_file():
+        return False
+    with suppress(OSError), path.open("rb") as file:
+        start = file.read(1 << 20)
+        return any(sign in start for sign in SIGNS)
+    return False
+
+
+def result_names(images: Sequence[Path]) -> list[Path]:
+    """Return each photograph's stem, with its subfolder where two have one, and its suffix if need be."""
+    below = [Path(*(part for part in path.parts if part != "..")) for path in below_shared_folder(images)]
+    distinct = dict(zip(map(os.path.abspath, images), below, strict=True)).values()
+    stems = Counter(path.stem for path in distinct)
+    wholes = Counter(path.parent / path.stem for path in distinct)
+    names = []
+    for path in below:
+        whole = path.parent / path.stem
+        names.append(Path(path.stem) if stems[path.stem] == 1 else whole if wholes[whole] == 1 else path)
+    return names
+
+
+def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
+    """Return paths below the folder that all files share; one at which there is none changes no other's."""
+    absolute = [os.path.abspath(path) for path in paths]
+    there = [path for path in absolute if os.path.isfile(path)] or absolute
+    folder = os.path.commonpath([os.path.dirname(path) for path in there])
+    return [Path(os.path.relpath(path, folder)) for path in absolute]
 
 
 def write_atomically(path: Path, write: Write) -> None:

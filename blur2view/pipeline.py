@@ -12,6 +12,7 @@ from blur2view.camera.exif import read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
@@ -22,13 +23,25 @@ from blur2view.two_view.options import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """The options of a call, the same for every photograph."""
+    """The options of a call, the same for every photograph.
+
+    Raises
+    ------
+    ValueError
+        If the memory that an estimate may take is not positive.
+    """
 
     select: SelectOptions
     options: EstimatorOptions
     seed: int
     intrinsics: Intrinsics = field(default_factory=Intrinsics)
     exposure_s: float | None = None
+    max_memory_gib: float = MAX_MEMORY_GIB
+
+    def __post_init__(self) -> None:
+        """Check what no field checks itself."""
+        if not self.max_memory_gib > 0:
+            raise ValueError(f"the memory must be positive, got {self.max_memory_gib} GiB")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +186,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
         If the file cannot be read, its camera cannot be determined or the network cannot be run.
     """
     start = time.perf_counter()
-    image = read_image(path)
+    image = read_image(path, max_memory_gib=run.max_memory_gib)
     read_s = time.perf_counter() - start
     exif = read_exif(path)
     camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)

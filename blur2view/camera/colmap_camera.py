@@ -90,8 +90,10 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     if not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
         raise CameraError(f"camera {text!r}: needs a positive width and height below {MAX_SIDE} pixels")
     camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
-    if not np.isfinite(params).all() or model == "EQUIRECTANGULAR":
-        raise CameraError(f"camera {text!r}: needs finite parameters and a planar image")
+    if not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
+        raise CameraError(
+            f"camera {text!r}: needs finite parameters up to {FOCAL_PX[1]:g} and a planar image"
+        )
     if not all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
         raise CameraError(f"camera {text!r}: the focal length must be {FOCAL_RANGE}")
     return camera

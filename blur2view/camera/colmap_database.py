@@ -31,6 +31,7 @@ HINTS = {
     "unable to open": "check permissions of the file and its folder",
     "Permission": "check permissions of the file and its folder",
     "disk is full": "make room",
+    "image_id_check": "its image ids are used up; extract features into a new database",
 }
 
 CameraRow = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, params

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from blur2view.cli.terminal import QUIET, complain, progress
 from blur2view.documents.document import Document, FailureDocument
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError, OutputError, within_memory
 from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder, remove_empty
 
 DONE, FAILED = 0, 1
@@ -33,7 +33,10 @@ def run_each(
 
     With ``--json`` the one document of ``collect`` is printed at the end.
     """
-    created = [] if options.output is None else prepare_folder(options.output)
+    folders = {
+        path.parent for files in plan if files and not isinstance(files, OutputError) for path in files.paths
+    }
+    created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
     jobs, say = progress(list(zip(options.images, plan, strict=True)))
     documents: list[Made] = []
     failures: list[FailureDocument] = []
@@ -41,7 +44,8 @@ def run_each(
         try:
             if isinstance(files, OutputError):
                 raise files
-            document, summary = work(image, files)
+            with within_memory(image):
+                document, summary = work(image, files)
         except Blur2ViewError as error:
             failures.append(FailureDocument(image=str(image), error=str(error)))
             complain(error, say)
@@ -49,7 +53,7 @@ def run_each(
         documents.append(document)
         if not options.json and options.verbosity > QUIET:
             say(summary)
-    remove_empty(created)  # where nothing succeeded nothing is left behind
+    remove_empty(sorted(created, reverse=True))  # where nothing succeeded nothing is left behind
     if options.json:
         print(collect(documents, failures).to_json())
     return FAILED if failures else DONE

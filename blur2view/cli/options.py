@@ -10,6 +10,8 @@ from blur2view.pipeline import Run
 from blur2view.smears.sampling import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
+SHORTEST_S = 1e-9  # of flashes; a rate over less overflows
+
 
 def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
     """Return the options as dataclasses; a wrong value is a usage error."""
@@ -17,8 +19,8 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
     try:
         if options.seed < 0:
             raise ValueError(f"seed must not be negative, got {options.seed}")
-        if exposure_s is not None and not 0 < exposure_s < math.inf:
-            raise ValueError(f"exposure must be positive and finite, got {exposure_s}")
+        if exposure_s is not None and not SHORTEST_S < exposure_s < math.inf:
+            raise ValueError(f"exposure must be above {SHORTEST_S:g} s and finite, got {exposure_s}")
         if exposure_s is not None and options.focal is None and options.camera is None:
             raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
         return Run(
@@ -27,6 +29,7 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             seed=options.seed,
             intrinsics=Intrinsics(focal_px=options.focal, camera=options.camera),
             exposure_s=exposure_s,
+            max_memory_gib=options.max_memory,
         )
     except (ValueError, CameraError) as error:
         usage_error(str(error))

@@ -6,21 +6,21 @@ from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
-from blur2view.output_files import Write, unwritable, write_together
+from blur2view.output_files import SIGNED_BY, Write, unwritable, write_together
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.visualization.mask_overlay import PINK, draw_motion
 from blur2view.visualization.overlay import draw_overlay
 
 # The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
-_PNG_EFFORT = [cv2.IMWRITE_PNG_COMPRESSION, 3]
+_PNG_EFFORT = 3
 PALETTE = {MotionLabel.STATIC: (0, 0, 0), MotionLabel.MOVING: PINK, MotionLabel.UNOBSERVABLE: (110, 110, 110)}
 
 
@@ -79,7 +79,7 @@ def write_results(files: OutputFiles, document: EstimateDocument, one: FileEstim
     """
     geometry, matches, field = one.estimate.geometry, one.estimate.matches, one.estimate.field
     picture = draw_overlay(one.image, field, matches, geometry)
-    encoded = cv2.imencode(".png", picture[..., ::-1], _PNG_EFFORT)[1].tobytes()
+    encoded = png(Image.fromarray(picture))
     arrays: dict[str, Any] = {
         "displacement": field.displacement,
         "sigma_px": field.sigma_px,
@@ -162,8 +162,8 @@ def write_mask(
     levels = np.round(255 * mask.probability).astype(np.uint8)
     encoded = {
         files.mask: indexed_png(mask),
-        files.probability: cv2.imencode(".png", levels)[1].tobytes(),
-        files.picture: cv2.imencode(".png", draw_motion(image, mask)[..., ::-1])[1].tobytes(),
+        files.probability: png(Image.fromarray(levels)),
+        files.picture: png(Image.fromarray(draw_motion(image, mask))),
         files.document: (document.to_json() + "\n").encode(),
     }
     _write(files.folder, {path: methodcaller("write", encoded[path]) for path in files.paths})
@@ -173,6 +173,12 @@ def indexed_png(mask: MotionMask) -> bytes:
     """Return the labels as a PNG whose pixels are `MotionLabel`, with a palette to look at."""
     picture = Image.fromarray(mask.labels)
     picture.putpalette([level for label in MotionLabel for level in PALETTE[label]])
-    stream = io.BytesIO()
-    picture.save(stream, "PNG")
+    return png(picture)
+
+
+def png(picture: Image.Image) -> bytes:
+    """Return a picture as a PNG that says who wrote it, which `output_files.is_ours` looks for."""
+    text, stream = PngInfo(), io.BytesIO()
+    text.add_text("Software", SIGNED_BY)
+    picture.save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)
     return stream.getvalue()

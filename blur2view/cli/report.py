@@ -10,9 +10,9 @@ from blur2view import __version__
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, complain, printable, progress
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError, OutputError, within_memory
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.output_files import prepare_folder, remove_empty, unwritable, write_atomically
+from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.segmentation.mask import segment
 from blur2view.segmentation.network import MotionNetwork
@@ -58,6 +58,8 @@ def _check_output(options: argparse.Namespace) -> None:
         raise OutputError(f"{target}: is a folder; name the page, for example -o {target / 'report.html'}")
     if os.path.lexists(target) and not options.overwrite:
         raise OutputError(f"{target}: exists; name another page with -o or add --overwrite")
+    if os.path.lexists(target) and not is_ours(target):
+        raise OutputError(f"{target}: is no page of an earlier call; name another with -o or remove it")
 
 
 def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[Entry]:
@@ -66,8 +68,9 @@ def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[
     entries = []
     for image in jobs:
         try:
-            one = estimate_file(image, networks.smear, run)
-            entries.append(_entry(one, networks.motion, timings=not options.no_timings))
+            with within_memory(image):
+                one = estimate_file(image, networks.smear, run)
+                entries.append(_entry(one, networks.motion, timings=not options.no_timings))
         except Blur2ViewError as error:
             entries.append(Entry.failed(str(image), str(error)))
             complain(error, say)

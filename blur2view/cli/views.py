@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,12 +21,13 @@ from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links
 from blur2view.colmap.project import storable
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.to_colmap import ViewsDocument
-from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, within_memory
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.output_files import below_shared_folder
 from blur2view.pipeline import Run, estimate
 
 
@@ -101,14 +101,8 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
 
 
 def fresh_names(paths: Sequence[Path]) -> list[str]:
-    """Return names of photographs: their paths below the folder that all files share, with slashes.
-
-    A path at which there is no file changes no other's name.
-    """
-    absolute = [os.path.abspath(path) for path in paths]
-    there = [path for path in absolute if os.path.isfile(path)] or absolute
-    folder = os.path.commonpath([os.path.dirname(path) for path in there])
-    return [Path(os.path.relpath(path, folder)).as_posix() for path in absolute]
+    """Return names of photographs: their paths below the folder that all files share, with slashes."""
+    return [path.as_posix() for path in below_shared_folder(paths)]
 
 
 def failure(path: Path, error: Blur2ViewError, say: Say = print) -> FailureDocument:
@@ -126,7 +120,8 @@ def make_views(
     failures: list[FailureDocument] = []
     for photograph in jobs:
         try:
-            made.append(_views(options.db, photograph, network, run))
+            with within_memory(photograph.path):
+                made.append(_views(options.db, photograph, network, run))
         except Blur2ViewError as error:
             failures.append(failure(photograph.path, error, say))
     return made, failures
@@ -136,7 +131,8 @@ def _views(
     database: Path | None, photograph: NamedPhotograph, network: SmearNetwork, run: Run
 ) -> PhotographViews:
     """Return the views of one photograph."""
-    image = read_image(photograph.path, as_stored=True)  # COLMAP does not turn pictures upright
+    # COLMAP does not turn pictures upright
+    image = read_image(photograph.path, as_stored=True, max_memory_gib=run.max_memory_gib)
     size = (image.shape[1], image.shape[0])
     camera = _camera(database, photograph, run, size)
     rng = np.random.default_rng(run.seed)

@@ -68,7 +68,9 @@ def _matched_points(database: sqlite3.Connection, name1: str, name2: str) -> tup
         index = read_matches(database, "matches", id1, id2)
     points1, points2 = (from_colmap(read_keypoints(database, image_id)) for image_id in (id1, id2))
     inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
-    return points1[index[inside, 0]], points2[index[inside, 1]]
+    points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
+    finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
+    return points1[finite], points2[finite]
 
 
 def image_id_of(database: sqlite3.Connection, name: str) -> int | None:

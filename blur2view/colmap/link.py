@@ -11,7 +11,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -27,8 +27,9 @@ from blur2view.colmap.project import (
     open_project,
     own_views,
     read_image,
+    views_are_whole,
 )
-from blur2view.colmap.rows import Pair, add_image, put_keypoints, put_pair
+from blur2view.colmap.rows import Pair, add_image, put_keypoints, put_pair, set_camera
 from blur2view.colmap.schema import VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
@@ -116,9 +117,10 @@ def _plan_one(
             )
     if not own or replace:
         return LinkStep(step=Step.REPLACE if own else Step.ADD, image=image)
-    if len(own) == 2 and all(source == digest(image) for _, source in own.values()):
+    unchanged = len(own) == 2 and all(source == digest(image) for _, source in own.values())
+    if unchanged and views_are_whole(database, image.image_id, ours):
         return LinkStep(step=Step.KEEP, image=image)
-    return DatabaseError(f"{path}: {name} has changed since its views were made; add --replace")
+    return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
 
 
 def digest(image: ProjectImage) -> bytes:
@@ -150,13 +152,17 @@ def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> 
     """
     if not jobs:
         return None
-    with open_project(path, write=True) as database:
-        for job in jobs:
-            _require_unchanged(path, database, job.plan)
-        copy = back_up(path) if backup else None
-        database.execute(VIEWS_TABLE)
-        for job in jobs:
-            _write_link(database, job)
+    with ExitStack() as undo:
+        with open_project(path, write=True) as database:
+            for job in jobs:
+                _require_unchanged(path, database, job.plan)
+            copy = back_up(path) if backup else None
+            if copy is not None:
+                undo.callback(copy.unlink)  # it equals the database if that stays as it was
+            database.execute(VIEWS_TABLE)
+            for job in jobs:
+                _write_link(database, job)
+        undo.pop_all()
     return copy
 
 
@@ -178,7 +184,10 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     ids = []
     for role, (name, points) in sides.items():
         there = own[role][0] if role in own else None
-        number = there or add_image(database, name, image.camera_id, with_frame=frames)
+        if there is None:
+            number = add_image(database, name, image.camera_id, with_frame=frames)
+        else:
+            number = set_camera(database, there, image.camera_id, with_frame=frames)
         put_keypoints(database, number, points, replace=there is not None)
         ids.append(number)
     first, last = ids

@@ -9,9 +9,10 @@ original would lose what others write meanwhile, and would come apart from a log
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,14 @@ from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.camera.colmap_database import connect, database_errors, open_read_only
-from blur2view.colmap.schema import COLUMNS, NEWEST_KNOWN, RIG_COLUMNS, keypoints_from_blob
+from blur2view.colmap.schema import (
+    COLUMNS,
+    MAX_IMAGES,
+    NEWEST_KNOWN,
+    RIG_COLUMNS,
+    keypoints_from_blob,
+    pair_id,
+)
 from blur2view.errors import DatabaseError
 
 OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
@@ -139,6 +147,8 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
         "WHERE name = ?"
     )
     image_id, camera_id, prior = database.execute(sql, (name,)).fetchone()
+    if not 0 <= image_id < MAX_IMAGES:
+        raise DatabaseError(f"{path}: image {name} has the id {image_id}; COLMAP's are below {MAX_IMAGES}")
     row = database.execute(
         "SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image_id,)
     ).fetchone()
@@ -177,3 +187,15 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
         "WHERE photograph = ? AND name = photograph || '#' || role"
     )
     return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
+
+
+def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
+    """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
+    ids = sorted([image_id, *views])
+    tables = ["keypoints WHERE image_id"] + (["frame_data WHERE data_id"] if has_frames(database) else [])
+    wanted = [(table, view) for table in tables for view in views]
+    pairs = [pair_id(one, other) for one, other in combinations(ids, 2)]
+    wanted += [
+        (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
+    ]
+    return all(database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone() for table, key in wanted)

@@ -107,12 +107,31 @@ def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bo
     """Insert an image, and a frame of its own unless the project has none; return its id."""
     image_id = _inserted(database, "INSERT INTO images(name, camera_id) VALUES (?, ?)", (name, camera_id))
     if with_frame:
-        rig = rig_of(database, camera_id)
-        frame = _inserted(database, "INSERT INTO frames(rig_id) VALUES (?)", (rig,))
-        row = (frame, image_id, camera_id, CAMERA_SENSOR)
-        sql = "INSERT INTO frame_data(frame_id, data_id, sensor_id, sensor_type) VALUES (?, ?, ?, ?)"
-        database.execute(sql, row)
+        _add_frame(database, image_id, camera_id)
     return image_id
+
+
+def set_camera(database: Connection, image_id: int, camera_id: int, *, with_frame: bool) -> int:
+    """Give an image that is there this camera, and a frame if it has none of it; return the image's id."""
+    database.execute("UPDATE images SET camera_id = ? WHERE image_id = ?", (camera_id, image_id))
+    sql = (
+        "SELECT 1 FROM frame_data JOIN frames USING (frame_id) "
+        "WHERE data_id = ? AND sensor_id = ? AND sensor_type = ?"
+    )
+    row = (image_id, camera_id, CAMERA_SENSOR)
+    if with_frame and not database.execute(sql, row).fetchone():
+        sql = "DELETE FROM frame_data WHERE data_id = ? AND sensor_type = ?"
+        database.execute(sql, (image_id, CAMERA_SENSOR))
+        _add_frame(database, image_id, camera_id)
+    return image_id
+
+
+def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
+    """Insert a frame that holds this image alone."""
+    frame = _inserted(database, "INSERT INTO frames(rig_id) VALUES (?)", (rig_of(database, camera_id),))
+    row = (frame, image_id, camera_id, CAMERA_SENSOR)
+    sql = "INSERT INTO frame_data(frame_id, data_id, sensor_id, sensor_type) VALUES (?, ?, ?, ?)"
+    database.execute(sql, row)
 
 
 def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:

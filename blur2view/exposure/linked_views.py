@@ -54,7 +54,8 @@ def keypoint_views(
     name : str
         Of the photograph in the project.
     keypoints : ndarray of shape (N, 2)
-        Pixels. What lies beyond the picture or is not finite stays where it is and is not usable.
+        Pixels. What lies beyond the picture stays where it is and is not usable; what is not
+        finite is put at 0.
     estimate : Estimate
     options : EstimatorOptions, optional
         Those of the estimate: what counts as an inlier.
@@ -70,11 +71,11 @@ def keypoint_views(
     known = geometry.F is not None or geometry.H is not None
     usable = sampled.certain & known
     fits = usable & _fits(order, ends, sampled.weighed_px(estimate.matches), options)
-    moved = sampled.inside[:, None]
+    moved, still = sampled.inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     views = replace(
         views_of(name, estimate),
-        points_open=np.where(moved, first, np.nan_to_num(keypoints)),
-        points_close=np.where(moved, last, np.nan_to_num(keypoints)),
+        points_open=np.where(moved, first, still),
+        points_close=np.where(moved, last, still),
         sigma_px=sampled.sigma_px,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.errors import ModelError
+from blur2view.input_files import read_regular
 
 _Nodes = list[tuple[str, str, int, int | None]]  # name, type, axes, channels where the file fixes them
 FORMATS: dict[str, tuple[_Nodes, list[_Nodes], str]] = {
@@ -23,6 +24,7 @@ FORMATS: dict[str, tuple[_Nodes, list[_Nodes], str]] = {
 }
 """Inputs, outputs, both in words: of a network that gives smears, of one that reads likelihoods."""
 SHIPPED = {"default": "smear.onnx"}
+MOST_PX = 1024  # photographs are padded to a multiple of this at most
 REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
 
 
@@ -79,10 +81,9 @@ def shipped_file(name: str) -> Path:
 
 def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
     """Open an ONNX Runtime session or raise ModelError, which names the remedy."""
-    import onnxruntime  # 0.2 s, so only when a network is used
-
+    onnxruntime = _onnxruntime()
     try:
-        content = path.read_bytes()
+        content = read_regular(path)
     except OSError as error:
         raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
     options = onnxruntime.SessionOptions()
@@ -97,6 +98,15 @@ def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
         )
     except session_errors():
         raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+
+
+def _onnxruntime() -> Any:
+    """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME."""
+    # read on import; disable_telemetry_events() comes too late: the device has its id by then (1.31)
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime  # 0.2 s, so only when a network is used
+
+    return onnxruntime
 
 
 def usable_cores() -> int:
@@ -147,9 +157,9 @@ def read_info(path: Path, session: Any) -> ModelInfo:
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, RecursionError) as error:
         raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
-    if info.stride < 1 or info.multiple_of < 1 or info.multiple_of % info.stride:
+    if not 1 <= info.stride <= info.multiple_of <= MOST_PX or info.multiple_of % info.stride:
         raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
     return info
 

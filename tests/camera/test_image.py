@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, TiffImagePlugin
 
 from blur2view.camera.image import BACKDROP, read_image
 from blur2view.errors import ImageError
@@ -121,6 +121,58 @@ def test_truncated_lossless_file_is_refused(tmp_path: Path, suffix: str, depth: 
     path.write_bytes(encoded[: len(encoded) // 2])
     with pytest.raises(ImageError, match="cut"):
         read_image(path)
+
+
+def tiff(path: Path, data: bytes, *, bits: int, photometric: int = 1, planes: int = 1) -> Path:
+    """Write a TIFF of 30x20 pixels whose data lie as they are given, one strip per plane."""
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[256], tags[257], tags[278] = 30, 20, 20
+    tags[258], tags[277], tags[259], tags[262] = (bits,) * planes, planes, 1, photometric
+    tags[284] = 1 if planes == 1 else 2
+    size = len(data) // planes
+    tags[273], tags[279] = tuple(range(0, len(data), size)), (size,) * planes  # Pillow adds where they end
+    path.write_bytes(b"II*\0\x08\0\0\0" + tags.tobytes(8) + data)
+    return path
+
+
+def test_colour_of_16_bits_in_planes_is_refused(tmp_path: Path) -> None:
+    data = np.moveaxis(RGB16, 2, 0).astype("<u2").tobytes()
+    with pytest.raises(ImageError, match="separate planes; save it with RGB pixels"):
+        read_image(tiff(tmp_path / "a.tif", data, bits=16, photometric=2, planes=3))
+
+
+def test_grey_of_12_bits_keeps_its_brightness(tmp_path: Path) -> None:
+    grey = RGB16[..., 0] >> 4
+    even, odd = grey[:, ::2], grey[:, 1::2]
+    packed = np.stack([even >> 4, (even & 15) << 4 | odd >> 8, odd & 255], axis=-1).astype(np.uint8)
+    image = read_image(tiff(tmp_path / "a.tif", packed.tobytes(), bits=12))
+    np.testing.assert_allclose(image[..., 0], grey / 4095, atol=1e-6)
+
+
+def test_grey_whose_zero_is_white_is_no_negative(tmp_path: Path) -> None:
+    data = RGB16[..., 0].astype("<u2").tobytes()
+    image = read_image(tiff(tmp_path / "a.tif", data, bits=16, photometric=0))
+    np.testing.assert_allclose(image[..., 0], 1 - RGB16[..., 0] / 65535, atol=1e-6)
+
+
+def test_thumbnail_of_a_raw_file_is_no_photograph(tmp_path: Path) -> None:
+    tags = {50706: bytes([1, 4, 0, 0]), 254: 1}  # DNGVersion; NewSubfileType: of reduced resolution
+    path = tmp_path / "a.dng"
+    Image.fromarray(RGB8).save(path, "TIFF", tiffinfo=tags)
+    with pytest.raises(ImageError, match="thumbnail of a raw file; develop"):
+        read_image(path)
+    Image.fromarray(RGB8).save(path, "TIFF", tiffinfo=tags | {254: 0})
+    np.testing.assert_array_equal(read_image(path), RGB8 / np.float32(255))
+
+
+def test_photograph_that_takes_too_much_memory_is_refused_before_it_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = saved(tmp_path / "a.png", RGB8)
+    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", lambda picture: pytest.fail("decoded"))
+    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.size", (13000, 13000))
+    with pytest.raises(ImageError, match=r"13000x13000 .* 10\.1 GiB .* --max-memory 11$"):
+        read_image(path, max_memory_gib=2)
 
 
 def nothing(path: Path) -> None:

@@ -1,6 +1,6 @@
 """``blur2view estimate -o``: what is replaced, refused or left alone."""
 
-import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
+from blur2view.cli import commands as cli
 from blur2view.cli import outputs as results
 from tests.support.colour_code import colour_code, write_picture
 
@@ -24,8 +25,33 @@ def test_nothing_is_overwritten_without_being_asked(
         "moving.png", "still.json", "still.png", "still.smear.npz"
     ]  # fmt: skip
     assert (out / "moving.png").read_text() == "mine"
+
+
+def test_only_results_of_an_earlier_call_are_overwritten(
+    run: Any, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run(moving, "-o", out) == 0
     assert run(moving, "-o", out, "--overwrite") == 0
-    assert (out / "moving.json").exists()
+    (out / "moving.json").unlink()  # as a kill leaves it
+    assert run(moving, "-o", out, "--overwrite") == 0
+    for name in ("moving.json", "moving.png"):
+        (out / "moving.json").unlink()
+        (out / name).write_text("mine")
+        assert run(moving, "-o", out, "--overwrite") == 1
+        assert (out / name).read_text() == "mine"
+        assert f"{out / name} is no result of an earlier call" in capsys.readouterr().err
+
+
+def test_device_is_never_replaced_by_a_page(
+    still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "page.html").write_text("mine")
+    for name in ("pipe", "page.html"):
+        assert cli.main(["report", str(still), "-o", str(tmp_path / name), "--overwrite"]) == 1
+        assert "is no page of an earlier call" in capsys.readouterr().err
+    assert (tmp_path / "pipe").is_fifo() and (tmp_path / "page.html").read_text() == "mine"
 
 
 def test_full_disk_while_overwriting_keeps_the_old_results(
@@ -76,13 +102,21 @@ def test_photograph_is_never_replaced_by_its_own_overlay(
     assert "would replace the photograph" in capsys.readouterr().err
 
 
-def test_second_photograph_of_the_same_name_is_refused(
+def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
     run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = write_picture(tmp_path / "still.tif", colour_code(np.zeros((48, 64, 2)), 1.0))
-    assert run(still, other, "-o", tmp_path / "out", "--overwrite") == 1
-    assert f"{other}: its results would replace those of {still}" in capsys.readouterr().err
-    assert json.loads((tmp_path / "out" / "still.json").read_text())["image"] == str(still)
+    pixels = colour_code(np.zeros((48, 64, 2)), 1.0)
+    images = [tmp_path / name for name in ("a/x.tif", "b/x.tif", "b/x.png", "c/x.tif")]
+    for image in images[:3]:
+        image.parent.mkdir(exist_ok=True)
+        write_picture(image, pixels)
+    out = tmp_path / "out"
+    assert run(*images, still, still, "-o", out) == 1
+    found = {str(path.relative_to(out)) for path in out.rglob("*.json")}
+    assert found == {"a/x.json", "b/x.tif.json", "b/x.png.json", "still.json"}
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and f"{still}: its results would replace those of {still}" in lines[1]
+    assert not (out / "c").exists()
 
 
 @pytest.mark.parametrize("below", ["", "deeper"])

@@ -99,12 +99,14 @@ def test_nothing_is_overwritten_without_being_asked(
     run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    out.mkdir()
-    (out / "a.motion.png").write_bytes(b"mine")
+    assert run(walker, "-o", out) == 0
     assert run(walker, "-o", out) == 1
     assert "--overwrite" in capsys.readouterr().err
-    assert (out / "a.motion.png").read_bytes() == b"mine"
     assert run(walker, "-o", out, "--overwrite") == 0
+    (out / "a.motion.json").unlink()
+    (out / "a.motion.png").write_bytes(b"mine")
+    assert run(walker, "-o", out, "--overwrite") == 1
+    assert (out / "a.motion.png").read_bytes() == b"mine"
 
 
 def test_full_disk_leaves_nothing(

@@ -1,6 +1,7 @@
 """Views added to a project of the user: what is written, and that nothing of the user's changes."""
 
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from blur2view.camera.colmap_database import longest_suffix
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import image_names, open_project
 from blur2view.errors import DatabaseError
@@ -152,6 +154,98 @@ def test_new_features_ask_for_replace(tmp_path: Path) -> None:
     assert isinstance(plan, LinkStep) and plan.step is Step.REPLACE
 
 
+FRAMELESS = "DELETE FROM frame_data WHERE data_id > 3"
+GONE = "DELETE FROM images WHERE name = 'a_001.jpg#close'"
+ANEW = (
+    "CREATE TEMP TABLE kept AS SELECT * FROM keypoints WHERE image_id = 2",
+    "DELETE FROM images WHERE image_id = 2",
+    "INSERT INTO images(image_id, name, camera_id) VALUES (60, 'a_001.jpg', 1)",
+    "INSERT INTO keypoints SELECT 60, rows, cols, data FROM kept",
+)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        [GONE],
+        ANEW,
+        [FRAMELESS],
+        ["DELETE FROM keypoints WHERE image_id = 4"],
+        ["DELETE FROM matches WHERE pair_id > 2147483647 * 4"],
+        ["DELETE FROM two_view_geometries WHERE pair_id > 2147483647 * 4"],
+    ],
+)
+def test_a_project_edited_by_hand_can_be_linked_again(tmp_path: Path, edits: Sequence[str]) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    link(path, "a_001.jpg")
+    _run(path, *edits)
+    before = user_rows(path)
+    assert "add --replace" in str(only_plan(path))
+    link(path, "a_001.jpg", replace=True)
+    assert user_rows(path) == before
+    plan = only_plan(path)
+    assert isinstance(plan, LinkStep) and plan.step is Step.KEEP
+    assert not [line for line in check_database(path) if "#" in line]  # what is said of our views
+
+
+def test_views_follow_the_camera_of_their_photograph(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    link(path, "a_001.jpg")
+    _run(
+        path,
+        "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
+        "UPDATE images SET camera_id = 9 WHERE image_id = 2",
+    )
+    link(path, "a_001.jpg", replace=True)
+    with closing(sqlite3.connect(path)) as database:
+        cameras = database.execute("SELECT camera_id FROM images WHERE name LIKE '%#%'").fetchall()
+        sensors = database.execute("SELECT sensor_id FROM frame_data WHERE data_id > 3").fetchall()
+    assert cameras == sensors == [(9,), (9,)]
+
+
+def test_an_id_that_colmap_never_gives_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path, ProjectOptions(wal=False))
+    with closing(sqlite3.connect(path)) as database:  # as a table of other tools, which has no such check
+        (sql,) = database.execute("SELECT sql FROM sqlite_master WHERE name = 'images'").fetchone()
+        database.executescript(
+            "PRAGMA writable_schema = 1;"
+            "UPDATE sqlite_master SET sql = replace(sql, '< 2', '< 9') WHERE name = 'images'"
+        )
+        assert "< 2147483647" in sql
+    _run(path, "PRAGMA foreign_keys = OFF", "UPDATE images SET image_id = 1 << 32 WHERE image_id = 2")
+    plan = only_plan(path)
+    assert isinstance(plan, DatabaseError) and "has the id 4294967296; COLMAP's are below" in str(plan)
+
+
+def test_a_failed_link_leaves_no_backup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "project.db"
+    make_project(path, ProjectOptions(wal=False))
+    _run(path, "UPDATE sqlite_sequence SET seq = 2147483646 WHERE name = 'images'")
+    before = path.read_bytes()
+    with pytest.raises(DatabaseError, match="its image ids are used up"):
+        link(path, "a_001.jpg", backup=True)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["project.db"]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_matches_of_points_that_are_nowhere_are_left_out(tmp_path: Path, value: float) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    with closing(sqlite3.connect(path)) as database:
+        (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = 1").fetchone()
+        points = np.frombuffer(data, "<f4").copy()
+        points[::12] = value
+        database.execute("UPDATE keypoints SET data = ? WHERE image_id = 1", (points.tobytes(),))
+        database.commit()
+    found = DatabaseMatcher(path, ["a_000.jpg", "a_001.jpg"])(0, 1)
+    assert 0 < len(found[0]) == len(found[1]) < FEATURES
+    assert np.isfinite(found).all()
+
+
 @pytest.mark.parametrize("end", ["open", "close"])
 def test_a_view_that_was_deleted_is_made_again(tmp_path: Path, end: str) -> None:
     path = tmp_path / "project.db"
@@ -173,11 +267,11 @@ def test_a_view_that_was_deleted_is_made_again(tmp_path: Path, end: str) -> None
     }
 
 
-def _run(path: Path, sql: str) -> None:
-    with closing(sqlite3.connect(path)) as database:
+def _run(path: Path, *edits: str) -> None:
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA foreign_keys = ON")
-        database.execute(sql)
-        database.commit()
+        for sql in edits:
+            database.execute(sql)
 
 
 def test_a_backup_is_what_was_there(tmp_path: Path) -> None:

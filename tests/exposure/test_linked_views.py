@@ -88,7 +88,7 @@ def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarr
     )
     linked = keypoint_views("a.jpg", keypoints, estimate)
     np.testing.assert_array_equal(linked.views.points_open[[0, 2]], keypoints[[0, 2]])
-    assert np.isfinite(linked.views.points_close).all()
+    assert np.abs(linked.views.points_close[[3, 4]]).max() < 2e30  # float32, as COLMAP's, holds them
     assert linked.usable[[0, 2, 3, 4]].sum() == 0
     assert linked.usable[5]
 

@@ -1,5 +1,7 @@
 """The smear network: what it computes, on whole photographs and on tiles, and what it refuses."""
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -241,6 +243,8 @@ def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
         (colour_code_network(stride="0").SerializeToString(), "damaged metadata"),
         (colour_code_network(multiple_of="30").SerializeToString(), "damaged metadata"),
         (colour_code_network(training="{").SerializeToString(), "damaged metadata"),
+        (colour_code_network(training="[" * 200_000).SerializeToString(), "damaged metadata"),
+        (colour_code_network(multiple_of="4000000000").SerializeToString(), "damaged metadata"),
     ],
 )
 def test_wrong_network_file_is_named_in_one_line(
@@ -253,6 +257,29 @@ def test_wrong_network_file_is_named_in_one_line(
         SmearNetwork(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")  # ONNX Runtime adds no lines of its own
+
+
+def test_pipe_is_no_network(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.onnx")
+    for path in (tmp_path / "pipe.onnx", Path("/dev/zero")):
+        with pytest.raises(ModelError, match="is no regular file"):
+            SmearNetwork(path)
+
+
+def test_file_of_absurd_size_is_no_network(tmp_path: Path) -> None:
+    with (tmp_path / "huge.onnx").open("wb") as file:
+        file.truncate(1 << 34)  # sparse
+    with pytest.raises(ModelError, match="is larger than 1 GiB"):
+        SmearNetwork(tmp_path / "huge.onnx")
+
+
+def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_path: Path) -> None:
+    code = "import sys; from blur2view.networks.smear_network import SmearNetwork; SmearNetwork(sys.argv[1])"
+    hidden = ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    environment |= {"HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    subprocess.run([sys.executable, "-c", code, tiny_model], env=environment, check=True)
+    assert list(tmp_path.rglob("*")) == []  # its device id and what it sends lie there
 
 
 def test_network_that_breaks_its_promise_is_refused(tmp_path: Path) -> None:

@@ -142,7 +142,9 @@ def test_nothing_is_replaced_unasked(
     assert call(moving, "-o", tmp_path) == 1
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3 and all(" -o" in line for line in lines)
-    assert call(moving, "--overwrite") == 0 and page.read_bytes().startswith(b"<!doctype html>")
+    page.unlink()
+    assert call(moving) == 0 and call(moving) == 1 and call(moving, "--overwrite") == 0
+    assert page.read_bytes().startswith(b"<!doctype html>")
 
 
 @pytest.mark.slow

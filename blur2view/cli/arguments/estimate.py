@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 from blur2view.cli.arguments.shared import (
     CommandParser,
@@ -12,6 +11,7 @@ from blur2view.cli.arguments.shared import (
     add_verbosity,
     epilog,
     keys,
+    output_path,
     paragraph,
     table,
 )
@@ -68,7 +68,7 @@ def describe(parser: CommandParser) -> None:
     add(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="DIR",
         help="write DIR/<stem>.json, .smear.npz and .png, see below",
     )

@@ -11,6 +11,7 @@ from blur2view.cli.arguments.shared import (
     add_photographs,
     add_verbosity,
     epilog,
+    output_path,
     paragraph,
     table,
 )
@@ -50,7 +51,7 @@ def describe(parser: CommandParser) -> None:
     add(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         default=Path("report.html"),
         metavar="HTML",
         help="the page (default: %(default)s)",

@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 from blur2view.cli.arguments.shared import (
     CommandParser,
@@ -12,6 +11,7 @@ from blur2view.cli.arguments.shared import (
     add_verbosity,
     epilog,
     keys,
+    output_path,
     paragraph,
     table,
 )
@@ -53,7 +53,7 @@ def describe(parser: CommandParser) -> None:
     add(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="DIR",
         help="write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below",
     )

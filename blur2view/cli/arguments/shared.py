@@ -6,7 +6,9 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from inspect import cleandoc
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+
+from blur2view.cli.terminal import printable
 
 NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
 EXIT_CODES = (
@@ -38,6 +40,17 @@ class CommandParser(argparse.ArgumentParser):
             describe, self._describe = self._describe, None
             describe(self)
         return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with the usage and the message, in which what a terminal would obey is written as escapes."""
+        super().error(printable(message))
+
+
+def output_path(text: str) -> Path:
+    """Return the path of what will be written."""
+    if "\0" in text:
+        raise argparse.ArgumentTypeError("a path has no null character")
+    return Path(text)
 
 
 def width() -> int:
@@ -143,6 +156,7 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
 
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """Describe the options of the estimator; their defaults are those of its dataclasses."""
+    from blur2view.input_files import MAX_MEMORY_GIB
     from blur2view.smears.matches import STRIDE
     from blur2view.smears.sampling import SelectOptions
     from blur2view.two_view.options import EstimatorOptions
@@ -180,6 +194,14 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         default=0,
         metavar="N",
         help="of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)",
+    )
+    add(
+        "--max-memory",
+        type=float,
+        default=MAX_MEMORY_GIB,
+        metavar="GIB",
+        help="refuse photographs whose estimate takes more memory; masks take up to three times as much "
+        "(default: %(default)s, enough for 32 megapixels)",
     )
     add(
         "--model",

@@ -2,7 +2,6 @@
 
 import argparse
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from blur2view.cli.arguments.shared import (
@@ -13,6 +12,7 @@ from blur2view.cli.arguments.shared import (
     add_verbosity,
     epilog,
     keys,
+    output_path,
     paragraph,
     table,
 )
@@ -88,7 +88,7 @@ def describe(parser: CommandParser) -> None:
 
 def _add_target(add: Any) -> None:
     """Describe where the views go."""
-    add("--db", type=Path, metavar="DB", help="the database: a new one, or with --link yours")
+    add("--db", type=output_path, metavar="DB", help="the database: a new one, or with --link yours")
     add("--link", action="store_true", help="add to a database that holds the photographs and their features")
     add(
         "--replace",
@@ -107,7 +107,7 @@ def _add_target(add: Any) -> None:
         help="instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files "
         "(default: %(default)s)",
     )
-    add("-o", "--output", type=Path, metavar="DIR", help="where --format matches and hloc write")
+    add("-o", "--output", type=output_path, metavar="DIR", help="where --format matches and hloc write")
     add("--dry-run", action="store_true", help="estimate, say what would be written, and write nothing")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
 

@@ -1,0 +1,25 @@
+"""Files that a user names: read whole, if they are files and of a possible size."""
+
+import errno
+from pathlib import Path
+
+MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
+MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
+
+
+def read_regular(path: Path) -> bytes:
+    """Return a file's content.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; if it is a pipe or a device, which may never end, or of more than 1 GiB.
+    """
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise OSError(errno.EINVAL, "is no regular file")
+        if path.is_file() and path.stat().st_size > MAX_BYTES:
+            raise OSError(errno.EFBIG, f"is larger than {MAX_BYTES >> 30} GiB")
+        return path.read_bytes()
+    except ValueError as error:  # a null character in the path
+        raise OSError(errno.EINVAL, str(error)) from None
