@@ -208,7 +208,7 @@ def triangulate_exposure(database: Path, name: str) -> Any:
     Raises
     ------
     DatabaseError
-        If the database lacks the views or a pose between them.
+        If the database lacks the views or a pose between them, or that pose has no translation.
     """
     import pycolmap
 
@@ -221,6 +221,10 @@ def triangulate_exposure(database: Path, name: str) -> Any:
             geometry = opened.read_two_view_geometry(*image_ids)
         if geometry.cam2_from_cam1 is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
+        if not geometry.cam2_from_cam1.translation.any():
+            raise DatabaseError(
+                f"{database}: parallax of {name} is not proven: nothing to triangulate"
+            )
         model = pycolmap.Reconstruction()
         model.add_camera_with_trivial_rig(camera)
         for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):

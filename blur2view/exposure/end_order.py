@@ -66,7 +66,9 @@ class MotionOrder:
 def motion_order(
     geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
 ) -> MotionOrder:
-    """Return the motion to order smears by; where no pose is known, one of an approximate or guessed camera.
+    """Return the motion to order smears by: that of F, where the pose has no translation or is not known.
+
+    Without intrinsics it is that of an approximate or guessed camera.
 
     Parameters
     ----------
@@ -79,8 +81,9 @@ def motion_order(
         Width and height of the photograph, pixels.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
-    if geometry.cam2_from_cam1 is not None or geometry.F is None or len(matches) == 0:
-        return MotionOrder(geometry=geometry, camera=camera, pose=geometry.cam2_from_cam1)
+    pose = geometry.cam2_from_cam1
+    if (pose is not None and pose.translation.any()) or geometry.F is None or len(matches) == 0:
+        return MotionOrder(geometry=geometry, camera=camera, pose=pose)
     E = camera.K.T @ geometry.F @ camera.K
     forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sigma_px)
     inliers = geometry.inlier_mask.astype(float)

@@ -13,12 +13,12 @@ from blur2view.smears.matches import SmearMatches
 
 
 def share_in_front(views: ExposureViews) -> float:
-    """Return the share of the inliers in front of both cameras of the pose (cheirality); 0 without a pose."""
-    geometry, camera = views.geometry, views.camera
-    if geometry.cam2_from_cam1 is None or camera is None or not geometry.inlier_mask.any():
+    """Return the share of the inliers in front of both cameras (cheirality); 0 without a translation."""
+    geometry, camera, pose = views.geometry, views.camera, views.geometry.cam2_from_cam1
+    if pose is None or not pose.translation.any() or camera is None or not geometry.inlier_mask.any():
         return 0.0
     rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
-    return float(before_both(geometry.cam2_from_cam1, *rays).mean())
+    return float(before_both(pose, *rays).mean())
 
 
 def other_translation(views: ExposureViews) -> ExposureViews | None:
@@ -36,7 +36,9 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
     swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sigma_px)
-    known, covariance = geometry.cam2_from_cam1 is not None, geometry.covariance
+    known, covariance = geometry.cam2_from_cam1, geometry.covariance
+    if known is not None and known.translation.any():
+        known = pose
     if covariance is not None:
         covariance = replace(covariance, tangents=-covariance.tangents)
     return replace(
@@ -46,7 +48,7 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
         geometry=replace(
             geometry,
             E=None if geometry.E is None else -geometry.E,
-            cam2_from_cam1=pose if known else None,
+            cam2_from_cam1=known,
             covariance=covariance,
             swapped=geometry.swapped ^ swapped,
         ),

@@ -1,11 +1,14 @@
 """Depth orders smears that F leaves open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from blur2view import Camera, SmearMatches, TwoViewGeometry, estimate_two_view
+from blur2view import Camera, ExposureViews, RigidTransform, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.exposure.end_order import forward_share, motion_order
+from blur2view.exposure.translation_sign import other_translation, share_in_front
 from blur2view.geometry.sampson import sampson
 from tests.support.lens import distorted_points
 from tests.support.scenes import Scene, disturb, make_scene
@@ -53,6 +56,26 @@ def test_order_follows_F_and_not_its_transpose() -> None:
         assert given.F is not None
         residual = sampson(given.F, scene.ends[index, swapped], scene.ends[index, 1 - swapped])
         assert np.median(residual) < 0.01
+
+
+def test_pose_without_translation_orders_as_its_F_does() -> None:
+    scene = make_scene(np.random.default_rng(1), count=400, length_px=30)
+    camera = Camera.from_focal(scene.K[0, 0], scene.image_size, "test")
+    matches, geometry = found_in(scene, camera)
+    assert geometry.cam2_from_cam1 is not None and geometry.F is not None
+    still = RigidTransform(rotation=geometry.cam2_from_cam1.rotation, translation=np.zeros(3))
+    open_geometry = replace(geometry, cam2_from_cam1=still, covariance=None)
+    order = motion_order(open_geometry, matches, camera, scene.image_size)
+    assert order.pose is not None and order.pose.translation.any()
+    swapped = order.swapped(scene.ends, matches.sigma_px)
+    assert right_share(swapped, scene) > 0.98
+    views = ExposureViews(
+        name="a", size=scene.image_size, points_open=scene.ends[:, 0], points_close=scene.ends[:, 1],
+        sigma_px=matches.sigma_px, geometry=open_geometry, camera=camera,
+    )  # fmt: skip
+    other = other_translation(views)
+    assert share_in_front(views) == 0 and other is not None
+    assert other.geometry.cam2_from_cam1 is still
 
 
 def test_rotation_orders_by_its_homography() -> None:

@@ -1,5 +1,6 @@
 """Two-image models: which photographs count, how motions are compared, and one exposure through COLMAP."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,11 @@ def test_exposure_without_intrinsics_has_no_pose_to_keep(tmp_path: Path) -> None
     )  # fmt: skip
     assert keep_poses(views) is None
     write_database(tmp_path / "a.db", [views])
+    turned = RigidTransform(rotation=np.eye(3), translation=np.zeros(3))
+    still = replace(views, name="c.png", geometry=replace(geometry, cam2_from_cam1=turned))
+    write_database(tmp_path / "c.db", [still])
+    with pytest.raises(DatabaseError, match="not proven"):
+        triangulate_exposure(tmp_path / "c.db", "c.png")
     for name, why in (("a.png", "--focal"), ("b.png", "no views of b.png")):
         with pytest.raises(DatabaseError, match=why):
             triangulate_exposure(tmp_path / "a.db", name)
