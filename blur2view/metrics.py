@@ -131,16 +131,17 @@ def _angle_deg(R: Array) -> float:
 
 
 def translation_direction_error_deg(t: Array, t_true: Array) -> float:
-    """Angle between undirected translations (3,), degrees in [0, 90].
+    """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first says nothing, is zero.
 
     Raises
     ------
     ValueError
-        If one of them is zero.
+        If the true one is zero.
     """
-    norms = np.linalg.norm(t) * np.linalg.norm(t_true)
-    if not norms > 0:
+    if not np.linalg.norm(t_true) > 0:
         raise ValueError("a zero translation has no direction")
+    if not np.linalg.norm(t) > 0:
+        return 90.0
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
 
 

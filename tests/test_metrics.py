@@ -72,6 +72,7 @@ def test_pose_errors_up_to_the_flip_of_time() -> None:
     x, y = np.eye(3)[:2]
     assert np.isclose(metrics.translation_direction_error_deg(x, -3 * x), 0)
     assert np.isclose(metrics.translation_direction_error_deg(x, x + y), 45)
+    assert metrics.translation_direction_error_deg(np.zeros(3), np.ones(3)) == 90
     with pytest.raises(ValueError, match="zero translation"):
         metrics.translation_direction_error_deg(x, 0 * x)
 

@@ -8,7 +8,7 @@ from blur2view.cli.terminal import SHORT, printable
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
-from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.mask_overlay import headline
@@ -131,10 +131,8 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
         rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s"
     if not any(pose.translation):
-        return [
-            rotation
-            + (", no translation" if document.parallax == Parallax.ABSENT else ", translation unknown")
-        ]
+        turned = document.config == Configuration.PANORAMIC.name
+        return [f"{rotation}, {'no translation' if turned else 'translation unknown'}"]
     direction = ", ".join(f"{value:.3f}" for value in pose.translation)
     translation = f"translation towards ({direction})"
     if covariance is not None:

@@ -19,12 +19,15 @@ The exposures of a fresh database, each by itself, which makes a model of two im
 
     pycolmap.incremental_mapping("new.db", ".", "exposures", blur2view.mapper_options())
 
-One exposure with the pose that was estimated, only its points triangulated::
+One exposure with the pose that was estimated, only its points triangulated, where parallax is proven::
 
     from pathlib import Path
     import blur2view
 
-    model = blur2view.triangulate_exposure(Path("new.db"), "a.jpg")
+    try:
+        model = blur2view.triangulate_exposure(Path("new.db"), "a.jpg")
+    except blur2view.DatabaseError as error:
+        print(error)
 
 The views of a linked project, which join a model of its photographs and leave it as it is::
 
@@ -222,9 +225,7 @@ def triangulate_exposure(database: Path, name: str) -> Any:
         if geometry.cam2_from_cam1 is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
         if not geometry.cam2_from_cam1.translation.any():
-            raise DatabaseError(
-                f"{database}: parallax of {name} is not proven: nothing to triangulate"
-            )
+            raise DatabaseError(f"{database}: parallax of {name} is not proven: nothing to triangulate")
         model = pycolmap.Reconstruction()
         model.add_camera_with_trivial_rig(camera)
         for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):

@@ -36,7 +36,7 @@ class Parallax(StrEnum):
     OPEN = "open"
     """Parallax and errors alike over neighbours look the same here."""
     ABSENT = "absent"
-    """A homography leaves nothing to explain, or no motion is seen."""
+    """A homography leaves nothing to explain, or too little motion is seen to tell any."""
 
 
 class MotionModel(StrEnum):

@@ -20,7 +20,8 @@ TRAINED_OCTAVES = 3
 """Octaves whose joined logits were fitted to the truth; further ones say partly the same."""
 TEMPER = 0.25
 """Exponent of the share of evidence left to each of more octaves: of 0, 0.25 and 0.5 that with which medians
-over blocks were off by one sigma when two octaves were trained (1.6, 1.06, 0.6; development scenes)."""
+over blocks were off by one sigma when two octaves were trained (1.6, 1.06, 0.6; development scenes); not
+measured again for the fourth, which alone it governs now."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
 

@@ -42,7 +42,7 @@ def figures_of(field: SmearField, smear: AnyArray) -> GyroscopeFigures:
     true = smear[: read.shape[0], : read.shape[1]].astype(float)
     found, measured = (d[..., 0] + 1j * d[..., 1] for d in (read, true))
     error_deg = np.degrees(np.angle(found**2 * np.conj(measured**2))) / 2
-    ratio = np.log(np.maximum(abs(found), 1e-2) / abs(measured))
+    ratio = np.log(np.maximum(abs(found), 1e-2) / np.maximum(abs(measured), 1e-2))
     sure = sigma <= np.median(sigma)
     return GyroscopeFigures(
         length_px=float(np.median(abs(measured))),

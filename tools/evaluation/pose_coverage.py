@@ -112,7 +112,7 @@ def outcome(case: Case, seed: int) -> Outcome:
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    if pose is None or covariance is None:
+    if pose is None or covariance is None or not pose.translation.any():
         return Outcome(case=case, held=None)
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
     pose_held, rotation_held, translation_held = (

@@ -28,8 +28,10 @@ from tools.training.spectra import STEP, Spectra, halved
 Array = NDArray[Any]
 Example = dict[str, Array]
 
-SHARD = 128
-"""Pictures in a shard, and in a batch, of a quarter the size of :attr:`ShakeOptions.size`."""
+SCENES, PICTURES = 128, 32
+"""Rendered scenes in a shard, or pictures of four times their size."""
+TEXTURES = 3
+"""Procedural textures that the pictures of a shard share."""
 SCENE_OCTAVES, OCTAVES = 2, 3
 """Octaves of rendered scenes and of pictures twice as large."""
 SAMPLES = 4
@@ -156,13 +158,13 @@ def make_shard(number: int, sources: Sources) -> Example:
     if sources.scenes and rng.random() < sources.rendered_share:
         with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
             scenes = Scenes(**{key: file[key] for key in file.files})
-        for _ in range(SHARD):
+        for _ in range(SCENES):
             linear, smears, valid = scene_picture(rng, scenes, int(rng.integers(len(scenes))))
             image = processed(rng, linear, options)
             rows.append(example_of(spectra, image, smears, valid, SCENE_OCTAVES))
     else:
-        made = procedural(rng, 3)
-        for _ in range(SHARD // 4):
+        made = procedural(rng, TEXTURES)
+        for _ in range(PICTURES):
             linear, smears, valid = shaken_picture(rng, sources, made, options)
             image = processed(rng, linear, options)
             rows.append(example_of(spectra, image, smears, valid, OCTAVES))

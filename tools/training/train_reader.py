@@ -6,7 +6,7 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``88 + k / 40`` shards and waits until they are made: the two may
+Step k draws from the newest of the first ``8 + k / 30`` shards and waits until they are made: the two may
 run beside each other, and what is learned depends on the seed alone.
 """
 
@@ -38,7 +38,7 @@ Batch = dict[str, Tensor]
 
 WEIGHTS = "weights."
 """Prefix of the names of the weights in an exported file."""
-FIRST_SHARDS, STEPS_PER_SHARD = 88, 40
+FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
@@ -46,7 +46,7 @@ LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
 """Weight of the smaller octaves' own losses."""
 LONGEST_PX = 60.0
-"""Smears up to this length count in the figures: two octaves read up to 76 px."""
+"""Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class ReaderTraining:
     learning_rate : float
         Peak of a cosine (AdamW).
     shards, pool : int
-        Shards that there will be, and how many are held in memory, the newest.
+        Shards that there will be, and how many are held in memory, the newest; 40 MB each.
     cepstra : {"both", "comb", "trend"}
         Which of the two cepstra of :mod:`tools.training.spectra` are shown, for ablations; else zeros.
     seed, threads : int
@@ -81,12 +81,17 @@ class ReaderTraining:
     batch: int = 16
     learning_rate: float = 2e-3
     shards: int = 400
-    pool: int = 300
+    pool: int = 100
     cepstra: str = "both"
     seed: int = 0
     threads: int = 1
     save_every: int = 100
     validate_every: int = 250
+
+    def __post_init__(self) -> None:
+        """Check the choice."""
+        if self.cepstra not in ("both", "comb", "trend"):
+            raise ValueError(f"expected cepstra both, comb or trend, got {self.cepstra}")
 
 
 class Pool:
@@ -154,10 +159,12 @@ def octaves_of(row: Mapping[str, Any]) -> int:
 
 def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
     """Return an example, or a batch, that shows only the comb's cepstrum, or only the trend's, or both."""
-    hidden = {"both": slice(0), "comb": slice(len(COMB_LAGS_PX), None), "trend": slice(len(COMB_LAGS_PX))}
+    hidden = {"comb": slice(len(COMB_LAGS_PX), None), "trend": slice(len(COMB_LAGS_PX))}
     shown = dict(row)
+    if cepstra == "both":
+        return shown
     for k in range(octaves_of(row)):
-        shown[f"C{k}"] = shown[f"C{k}"] * 1
+        shown[f"C{k}"] = shown[f"C{k}"] * 1  # a copy, of an array or a tensor
         shown[f"C{k}"][..., hidden[cepstra]] = 0
     return shown
 

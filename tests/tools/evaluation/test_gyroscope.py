@@ -29,7 +29,7 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
 
 
 def test_the_surer_half_is_judged_apart() -> None:
-    field = field_of((20, 0), np.repeat(np.float32([[0.1] * 24 + [0.5] * 24]), 32, 0))
+    field = field_of((20, 0), np.repeat(np.array([[0.1] * 24 + [0.5] * 24], np.float32), 32, 0))
     smear = np.zeros((8, 12, 2), np.float32)
     smear[:, :6], smear[:, 6:] = (20, 0), (0, 20)
     figures = figures_of(field, smear)
