@@ -75,7 +75,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
         return f"{document.num_matches} smears used"
     parts = [f"{document.num_inliers} of {document.num_matches} smears fit ({document.support:.0%})"]
     if document.cam2_from_cam1 is not None:
-        parts.append(_rotation(document))
+        parts.append(_rotation(document) + _untold(document))
         if document.angular_velocity_rad_s is not None:
             parts.append(f"{np.linalg.norm(document.angular_velocity_rad_s):.3g} rad/s")
     elif geometry.F is not None:
@@ -121,6 +121,13 @@ def _rotation(document: EstimateDocument) -> str:
     return angle
 
 
+def _untold(document: EstimateDocument) -> str:
+    """Return why a pose's translation is zero; nothing if it is not."""
+    if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
+        return ""
+    return ", no translation" if document.config == Configuration.PANORAMIC.name else ", translation unknown"
+
+
 def _pose_lines(document: EstimateDocument) -> list[str]:
     """Return rotation and translation with their standard deviations, up to the flip of time."""
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
@@ -131,8 +138,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
         rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s"
     if not any(pose.translation):
-        turned = document.config == Configuration.PANORAMIC.name
-        return [f"{rotation}, {'no translation' if turned else 'translation unknown'}"]
+        return [rotation + _untold(document)]
     direction = ", ".join(f"{value:.3f}" for value in pose.translation)
     translation = f"translation towards ({direction})"
     if covariance is not None:

@@ -135,7 +135,7 @@ class EstimateDocument(Document):
     E : 3x3 or null
         Essential matrix of known intrinsics.
     cam2_from_cam1 : object or null
-        Pose of known intrinsics: rotation (3x3) and translation (unit length), or its inverse. Unless
+        Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. Unless
         parallax is proven the rotation is the one that explains the smears alone, and the translation zero.
     rotation_deg : float or null
         Angle of that rotation, degrees.
