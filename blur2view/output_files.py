@@ -12,12 +12,12 @@ from blur2view.errors import OutputError
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
-SIGNS = (
-    b'"model_id":',
-    b"displacement.npy",
-    b"Software\0" + SIGNED_BY.encode(),
-    b'name="generator" content="blur2view ',
-)
+SIGNS = {
+    ".json": b'"model_id":',
+    ".npz": b"displacement.npy",
+    ".png": b"Software\0" + SIGNED_BY.encode(),
+    ".html": b'name="generator" content="blur2view ',
+}
 Write = Callable[[BinaryIO], object]
 
 
@@ -113,18 +113,18 @@ def _refusal(image: Path, paths: Sequence[Path], inputs: Container[str], *, over
         return f"a result would replace the photograph {hit[0]}; use another -o"
     if taken and not overwrite:
         return f"{taken[0]} exists; use another -o or add --overwrite"
-    if foreign and not is_ours(paths[-1]):  # of 0.1.0 the document alone tells that they are ours
+    if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether a file says that blur2view wrote it."""
+    """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
     if not path.is_file():
         return False
+    sign = SIGNS.get(path.suffix.lower(), SIGNS[".html"])  # a report has any name
     with suppress(OSError), path.open("rb") as file:
-        start = file.read(1 << 20)
-        return any(sign in start for sign in SIGNS)
+        return sign in file.read(1 << 20)
     return False
 
 

@@ -35,12 +35,13 @@ def test_only_results_of_an_earlier_call_are_overwritten(
     assert run(moving, "-o", out, "--overwrite") == 0
     (out / "moving.json").unlink()  # as a kill leaves it
     assert run(moving, "-o", out, "--overwrite") == 0
-    for name in ("moving.json", "moving.png"):
-        (out / "moving.json").unlink()
+    for name in ("moving.png", "moving.json"):  # the others are ours
+        ours = (out / name).read_bytes()
         (out / name).write_text("mine")
         assert run(moving, "-o", out, "--overwrite") == 1
         assert (out / name).read_text() == "mine"
         assert f"{out / name} is no result of an earlier call" in capsys.readouterr().err
+        (out / name).write_bytes(ours)
 
 
 def test_device_is_never_replaced_by_a_page(
