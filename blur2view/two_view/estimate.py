@@ -104,7 +104,7 @@ def with_pose(
     if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
         return geometry
     if geometry.F is not None:
-        geometry = calibrated(geometry, matches, problem, fits, options)
+        geometry = with_essential(geometry, matches, problem, fits, options)
     if geometry.parallax is Parallax.PROVEN:
         return geometry
     translates = geometry.config is not Configuration.PANORAMIC
@@ -117,14 +117,14 @@ def with_pose(
     )
 
 
-def calibrated(
+def with_essential(
     geometry: TwoViewGeometry,
     matches: SmearMatches,
     problem: SmearProblem,
     fits: list[Fit],
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
-    """Return a geometry with F refitted to known intrinsics, E, the pose and its covariance."""
+    """Return a geometry with F refitted to known intrinsics, E and, of proven parallax, its pose."""
     points = {fit.model: fit.point for fit in fits}
     start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
     if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
@@ -139,8 +139,8 @@ def calibrated(
         geometry,
         F=F,
         E=oriented.pose.essential,
-        cam2_from_cam1=oriented.pose,
-        covariance=fit.covariance(),
+        cam2_from_cam1=oriented.pose if proven else None,
+        covariance=fit.covariance() if proven else None,
         reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model=MotionModel.CALIBRATED,
