@@ -25,12 +25,12 @@ from tools.training.train_reader import ReaderTraining, train
 SHARD = 50
 """Scenes in one file."""
 READ_SIZE = (320, 256)
-"""Width and height of the reader's pictures."""
+"""Width and height of the rendered scenes that the reader is shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """What the shipped networks were made of.
+    """What networks of the shipped kind are made of; the shipped reader was trained in stages.
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class Recipe:
     size: tuple[int, int] = READ_SIZE
     val_scenes: int = 100
     val_seed: int = 900_000
-    shards: int = 125
-    steps: int = 6000
+    shards: int = 200
+    steps: int = 9000
     processes: int = 2
     motion_scenes: int = 5150
     motion_size: tuple[int, int] = RenderOptions.size
