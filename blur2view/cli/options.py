@@ -10,7 +10,7 @@ from blur2view.pipeline import Run
 from blur2view.smears.sampling import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
-SHORTEST_S = 1e-9  # of flashes; a rate over less overflows
+SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 
 def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:

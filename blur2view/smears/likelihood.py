@@ -89,8 +89,8 @@ def _smears(likelihood: Floats) -> tuple[Floats, Floats]:
     weight = likelihood @ bins  # (h, w, 32): the mean double angle is of displacements, not of directions
     x, y = weight @ np.cos(doubled), weight @ np.sin(doubled)
     mean = np.arctan2(y, x) / 2
-    # errs less than either: the mean length is too long where nothing moves, the mean displacement too short
-    # where directions are open (24 development scenes, Kodak: tools/results/training_log.md)
+    # of both, for the mean length is too long where nothing moves, the mean displacement too short where
+    # directions are open (24 development scenes, Kodak: tools/results/training_log.md)
     mean_length = np.sqrt(weight.sum(-1) * np.hypot(x, y))
     sure = mass >= SURE
     return np.where(sure, direction, mean), np.where(sure, length, mean_length)

@@ -168,17 +168,15 @@ class CalibratedFit:
         """Return the covariance of the pose: an M-estimator's sandwich, for errors that neighbours share."""
         data = self.linearised
         terms = self.options.data_weight * data.jacobian[:POSE] * data.weight * data.residual
-        gradient: Array = np.stack(
-            [np.bincount(data.smear, row, len(self.inliers)) for row in terms]
-        )  # by smear
+        by_smear: Array = np.stack([np.bincount(data.smear, row, len(self.inliers)) for row in terms])
         prior = self.point.prior()[1][:, :POSE]
         sign = np.copysign(1.0, self.oriented().pose.translation @ self.point.t)
         scatter = prior.T @ prior
         if self.options.data_weight < ALIKE:
             slow = self.slow_gradients()
-            scatter += block_scatter(gradient, self.problem.ends.mean(axis=1)) + slow @ slow.T
+            scatter += block_scatter(by_smear, self.problem.ends.mean(axis=1)) + slow @ slow.T
         else:
-            scatter += MISSED / self.options.data_weight * gradient @ gradient.T
+            scatter += MISSED / self.options.data_weight * by_smear @ by_smear.T
         return pose_covariance(self.curvature(), scatter, sign * plane_basis(self.point.t))
 
 

@@ -181,9 +181,10 @@ def row(name: str, given: str, before: Directed, after: Directed) -> str:
         f"{100 * (after.agreement[known] > 0).mean():.1f}" if known.any() else "-",
         f"{np.median(after.agreement):.2f}",
     ]
-    if np.isfinite(after.rotation).all():
-        error = float(np.median(after.rotation_error))
-        cells += [f"{100 * after.same_sense.mean():.1f}", f"{after.scale:.3f}", f"{error:.3f}"]
+    posed = np.isfinite(after.rotation).all(axis=1)
+    if posed.any():
+        error = float(np.median(after.rotation_error[posed]))
+        cells += [f"{100 * after.same_sense[posed].mean():.1f}", f"{after.scale:.3f}", f"{error:.3f}"]
     else:
         cells += ["-", "-", "-"]
     return f"| {' | '.join(cells)} |"
@@ -224,7 +225,7 @@ def report(
             found = with_time_direction(views, [list(range(len(views)))], matched)
             before, after = judge(video, views), judge(video, found)
             lines.append(row(video.name, given, before, after))
-            if np.isfinite(after.rotation).all():
+            if np.isfinite(after.rotation).any():
                 drawn.append((video.name, after))
     return "\n".join(lines) + "\n", drawn
 
