@@ -35,6 +35,8 @@ class ShakeOptions:
         sensor, smoothed with edges kept, and compressed twice.
     reduced_share : float
         Share that is photographed larger, as the smaller octaves are.
+    oval_share : float
+        Share that is out of focus by an ellipse, as off the axis of a lens: no motion.
     """
 
     size: tuple[int, int] = (640, 512)
@@ -45,6 +47,7 @@ class ShakeOptions:
     denoised_share: float = 0.12
     twice_share: float = 0.15
     reduced_share: float = 0.3
+    oval_share: float = 0.06
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,6 +228,8 @@ def shake(
 def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
     """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do: uint8 RGB."""
     height, width = linear.shape[:2]
+    if rng.random() < options.oval_share:
+        linear = oval(rng, linear)
     if rng.random() < options.reduced_share:
         return reduced(rng, linear)
     if rng.random() < options.upscaled_share:
@@ -241,6 +246,18 @@ def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) ->
     if rng.random() < options.twice_share:
         image = compress(rng, image)
     return image
+
+
+def oval(rng: np.random.Generator, linear: Array) -> Array:
+    """Return radiance (H, W, 3) spread evenly over an ellipse of any direction, its longer half axis 1 to 7 px."""
+    longer = np.exp(rng.uniform(0, np.log(7)))
+    axes, angle = longer * np.array([1, rng.uniform(0.5, 0.9)]), rng.uniform(0, np.pi)
+    reach = int(np.ceil(longer)) + 1
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    inside = np.clip((1 - np.hypot(along / axes[0], across / axes[1])) * axes[1] + 0.5, 0, 1)
+    kernel = (inside / inside.sum()).astype(np.float32)
+    return np.asarray(cv2.filter2D(linear.astype(np.float32), -1, kernel, borderType=cv2.BORDER_REFLECT))
 
 
 def reduced(rng: np.random.Generator, linear: Array) -> Array:

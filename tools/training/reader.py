@@ -139,6 +139,7 @@ class Reader(nn.Module):
         self.gather2 = Gathering(o.region, (1,))
         self.fifth = Circular(3 * o.region, o.region, 1)
         self.context = Context(o.region, o.said, (2, 4, 8))
+        self.further = Context(o.region, o.said, (1, 3, 6, 12))
         self.last = nn.Linear(o.region, BINS)
         self.norms = nn.ModuleList([nn.LayerNorm(c) for c in (o.window, o.region)])
 
@@ -157,6 +158,7 @@ class Reader(nn.Module):
     def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
         """Compute logits (N, h, w, 32, 20) and features of an octave, given those of the smaller one."""
         x = self.context(own + torch.relu(self.fifth(torch.cat([self.gather2(own), coarser], -1))))
+        x = self.further(x)
         return self.last(x).float(), x
 
     def forward(self, octaves: list[tuple[Tensor, Tensor]]) -> list[Tensor]:

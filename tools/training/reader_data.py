@@ -1,15 +1,18 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of 128 rendered scenes of 320x256 in two octaves, or of 32 photographs and textures of 640x512
-in three; shard k depends on k and the sources only. Run again it goes on;
-several processes may share the work (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
+numbered shards of one size of pictures: rendered scenes, or photographs and textures of 640x512 or of 1280x1024.
+Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
+Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
+(``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,12 +31,14 @@ from tools.training.spectra import STEP, Spectra, halved
 Array = NDArray[Any]
 Example = dict[str, Array]
 
-SCENES, PICTURES = 128, 32
-"""Rendered scenes in a shard, or pictures of four times their size."""
+SHARD_PX = 128 * 320 * 256
+"""Pixels of all the pictures in a shard."""
 TEXTURES = 3
 """Procedural textures that the pictures of a shard share."""
-SCENE_OCTAVES, OCTAVES = 2, 3
-"""Octaves of rendered scenes and of pictures twice as large."""
+SMALLEST = 320
+"""Width of pictures that are read in two octaves."""
+WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
+"""The larger pictures; the others are as :class:`ShakeOptions` has them."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
@@ -52,16 +57,17 @@ class Sources:
     photos : list of ndarray
         Sharp photographs, uint8 RGB.
     scenes : list of Path
-        Shards of rendered scenes of 320x256.
-    rendered_share, procedural_share : float
-        Shares of shards of rendered scenes, and of procedural textures; the rest are photographs under a
-        moving camera.
+        Shards of rendered scenes of 320x256 or 640x512.
+    rendered_share, procedural_share, wide_share : float
+        Shares of shards of rendered scenes, of pictures that show procedural textures (the rest are
+        photographs under a moving camera), and of shards of photographs of 1280x1024 among these.
     """
 
     photos: list[Array]
     scenes: list[Path]
     rendered_share: float = 0.4
     procedural_share: float = 0.1
+    wide_share: float = 0.25
 
 
 def load_photos(folders: list[Path]) -> list[Array]:
@@ -141,33 +147,51 @@ def shaken_picture(
     rng: np.random.Generator, sources: Sources, made: list[Array], options: ShakeOptions
 ) -> tuple[Array, Array, Array]:
     """Return radiance, smears and validity of a photograph or texture under a moving camera."""
-    textured = rng.random() * (1 - sources.rendered_share) < sources.procedural_share
-    surfaces = made if textured else sources.photos
-    if rng.random() < 0.1:  # a photograph before a texture, or the reverse
-        surfaces = [*made, *[sources.photos[int(rng.integers(len(sources.photos)))]] * len(made)]
+    width, height = options.size
+    fitting = [p for p in sources.photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
+    photos = fitting or sources.photos
+    textured = bool(made) and rng.random() * (1 - sources.rendered_share) < sources.procedural_share
+    surfaces = made if textured else photos
+    if made and rng.random() < 0.1:  # a photograph before a texture, or the reverse
+        surfaces = [*made, *[photos[int(rng.integers(len(photos)))]] * len(made)]
     linear, smears, valid = shake(rng, surfaces, options)
     if rng.random() < 0.5:
         linear, smears, valid = (np.rot90(a, 2) for a in (linear, smears, valid))
     return np.ascontiguousarray(linear), smears, valid
 
 
+def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield pictures of rendered scenes, without end; all of one size."""
+    with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
+        scenes = Scenes(**{key: file[key] for key in file.files})
+    while True:
+        yield scene_picture(rng, scenes, int(rng.integers(len(scenes))))
+
+
+def shaken_pictures(
+    rng: np.random.Generator, sources: Sources, options: ShakeOptions
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield photographs and textures under a moving camera, without end."""
+    made = [] if options is WIDE else procedural(rng, TEXTURES)
+    while True:
+        yield shaken_picture(rng, sources, made, options)
+
+
 def make_shard(number: int, sources: Sources) -> Example:
     """Return the examples of one shard, stacked."""
     rng, spectra, options = np.random.default_rng(number), Spectra(), ShakeOptions()
-    rows = []
     if sources.scenes and rng.random() < sources.rendered_share:
-        with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
-            scenes = Scenes(**{key: file[key] for key in file.files})
-        for _ in range(SCENES):
-            linear, smears, valid = scene_picture(rng, scenes, int(rng.integers(len(scenes))))
-            image = processed(rng, linear, options)
-            rows.append(example_of(spectra, image, smears, valid, SCENE_OCTAVES))
+        pictures = scene_pictures(rng, sources)
     else:
-        made = procedural(rng, TEXTURES)
-        for _ in range(PICTURES):
-            linear, smears, valid = shaken_picture(rng, sources, made, options)
-            image = processed(rng, linear, options)
-            rows.append(example_of(spectra, image, smears, valid, OCTAVES))
+        options = WIDE if rng.random() < sources.wide_share else options
+        pictures = shaken_pictures(rng, sources, options)
+    rows: list[Example] = []
+    for linear, smears, valid in pictures:
+        height, width = linear.shape[:2]
+        octaves = 2 + round(math.log2(width / SMALLEST))
+        rows.append(example_of(spectra, processed(rng, linear, options), smears, valid, octaves))
+        if len(rows) * width * height >= SHARD_PX:
+            break
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
@@ -194,11 +218,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("out", type=Path)
     parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
-    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.shards, --size 320 256")
+    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.shards, --size 320 256 or 640 512")
     parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")
-    for kind, share in (("rendered", Sources.rendered_share), ("procedural", Sources.procedural_share)):
+    for kind in ("rendered", "procedural", "wide"):
+        share = getattr(Sources, f"{kind}_share")
         parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
     arguments = parser.parse_args()
     sources = Sources(
@@ -206,6 +231,7 @@ def main() -> None:
         scenes=require_shards(arguments.scenes) if arguments.scenes else [],
         rendered_share=arguments.rendered,
         procedural_share=arguments.procedural,
+        wide_share=arguments.wide,
     )
     numbers = range(arguments.first, arguments.first + arguments.shards, arguments.every)
     write_shards(arguments.out, numbers, sources)

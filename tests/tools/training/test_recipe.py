@@ -21,8 +21,7 @@ MODELS = Path(__file__).resolve().parents[3] / "models"
 def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
     """Return a recipe of a few scenes, in small files."""
     monkeypatch.setattr(recipe, "SHARD", 2)
-    monkeypatch.setattr(reader_data, "SCENES", 2)
-    monkeypatch.setattr(reader_data, "PICTURES", 2)
+    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
     return Recipe(
         scenes=2,
         val_scenes=2,

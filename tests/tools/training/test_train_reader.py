@@ -40,7 +40,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
     """Return a folder of two shards of four examples."""
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reader_data, "PICTURES", 4)
+        patch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
         write_shards(folder, range(2), sources)
     return folder
 
@@ -48,7 +48,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
 def test_shard_depends_on_its_number_alone(
     shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reader_data, "PICTURES", 4)
+    monkeypatch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
     assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
     for key in again:
