@@ -14,6 +14,7 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
+MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
 
 
 def parallax_along_lines(
@@ -42,7 +43,7 @@ def parallax_along_lines(
         rotation[2] * x - rotation[0] - spin * y,
     )
     line_x, line_y = t[0] - t[2] * x, t[1] - t[2] * y
-    length = np.maximum(np.hypot(line_x, line_y), TINY)
+    length = np.maximum(np.sqrt(line_x * line_x + line_y * line_y), TINY)
     moved = (displacement[0] * line_x + displacement[1] * line_y) / length
     rotated = (rotation_x * line_x + rotation_y * line_y) / length
     return moved - rotated, -moved - rotated
@@ -64,6 +65,7 @@ def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array
     forward_log, backward_log : ndarray of shape (N,)
         Not positive.
     """
-    ahead, behind = (-np.logaddexp(0.0, -PROBIT_AS_LOGIT * z / sigma) for z in (forward, backward))
-    shared = np.maximum(ahead, behind) - np.logaddexp(ahead, behind)
-    return ahead + shared, behind + shared
+    scale = -PROBIT_AS_LOGIT / sigma
+    ahead, behind = (1 / (1 + np.exp(np.minimum(z * scale, MOST_LOG_ODDS))) for z in (forward, backward))
+    shared = np.maximum(ahead, behind) / (ahead + behind)
+    return np.log(ahead * shared), np.log(behind * shared)

@@ -16,6 +16,10 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 
+# The nine entries of [v]x, row by row, are v @ CROSS.
+CROSS: Array = np.zeros((3, 9))
+CROSS[[0, 0, 1, 1, 2, 2], [7, 5, 2, 6, 3, 1]] = [1, -1, 1, -1, 1, -1]
+
 
 def cross_matrix(vectors: Array) -> Array:
     """Return the matrices [v]x with ``[v]x w = v x w``.
@@ -28,10 +32,9 @@ def cross_matrix(vectors: Array) -> Array:
     -------
     ndarray of shape (..., 3, 3)
     """
-    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
-    return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
+    vectors = np.asarray(vectors, float)
+    crossed: Array = (vectors @ CROSS).reshape(*vectors.shape, 3)
+    return crossed
 
 
 def homogeneous(points: Array) -> Array:

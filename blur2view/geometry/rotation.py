@@ -19,8 +19,12 @@ def plane_basis(normal: Array) -> Array:
     ----------
     Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
     """
-    first, second = perpendicular(*np.moveaxis(np.asarray(normal, float), -1, 0))
-    return np.stack([np.stack(first, axis=-1), np.stack(second, axis=-1)])
+    normal = np.asarray(normal, float)
+    first, second = perpendicular(normal[..., 0], normal[..., 1], normal[..., 2])
+    basis = np.empty((2, *normal.shape))
+    for k in range(3):
+        basis[0, ..., k], basis[1, ..., k] = first[k], second[k]
+    return basis
 
 
 def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -12,6 +12,7 @@ from blur2view.geometry.epipolar import homogeneous, quadratic_features, symmetr
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
+CHUNK = 16384  # residuals of models at once: more than stay in the processor's cache take ten times as long
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
@@ -101,14 +102,45 @@ class BatchSampson:
 
     def __call__(self, F: Array, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
         """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
-        S, a = symmetric_skew(F)
-        gram1 = np.swapaxes(F[:, :2], 1, 2) @ F[:, :2]  # |(F x)_12|^2 = x^T gram1 x
-        gram2 = F[:, :, :2] @ np.swapaxes(F[:, :, :2], 1, 2)
-        q = _rows(S[:, UPPER[0], UPPER[1]]) @ self._q[:, block]
-        skew = _rows(a) @ self._l[:, block]
-        even = _rows((gram1 + gram2)[:, UPPER[0], UPPER[1]]) @ self._even[:, block]
-        odd = _rows((gram2 - gram1)[:, :2].reshape(-1, 6)) @ self._odd[:, block]
+        q, skew, even, odd = (
+            rows.T @ columns[:, block]
+            for rows, columns in zip(
+                _coefficients(F), (self._q, self._l, self._even, self._odd), strict=True
+            )
+        )
         return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
+
+    def costs(
+        self, F: Array, weight: FloatArray, limit: float, block: slice | NDArray[np.int_] = slice(None)
+    ) -> FloatArray:
+        """Return the sums (M,) of SErrMin times a weight (N,), each at most ``limit``, over a block.
+
+        Done for few models at a time, whose residuals stay in the processor's cache.
+        """
+        columns = [array[:, block] for array in (self._q, self._l, self._even, self._odd)]
+        rows, weight = _coefficients(F), weight[block]
+        total, step = np.empty(len(F), np.float32), max(CHUNK // max(len(weight), 1), 1)
+        for start in range(0, len(F), step):
+            part = slice(start, start + step)
+            q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
+            least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
+            least *= weight
+            total[part] = np.minimum(least, np.float32(limit), out=least).sum(axis=1)
+        return total
+
+
+def _coefficients(F: Array) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what q, l and the even and odd parts of the gradient are of F (M, 3, 3): (k, M), float32.
+
+    |(F x)_12|^2 = x^T G1 x and |(F^T y)_12|^2 = y^T G2 y; even are entries of G1 + G2, odd of G2 - G1.
+    """
+    f = np.ascontiguousarray(F.reshape(-1, 9).T).reshape(3, 3, -1)  # (3, 3, M)
+    half = 0.5 * (f + np.swapaxes(f, 0, 1))
+    skew = 0.5 * np.stack([f[2, 1] - f[1, 2], f[0, 2] - f[2, 0], f[1, 0] - f[0, 1]])
+    gram1 = f[0, :, None] * f[0] + f[1, :, None] * f[1]
+    gram2 = f[:, None, 0] * f[:, 0] + f[:, None, 1] * f[:, 1]
+    even, odd = (gram1 + gram2)[UPPER], (gram2 - gram1)[:2].reshape(6, -1)
+    return tuple(part.astype(np.float32) for part in (half[UPPER], skew, even, odd))
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
@@ -141,19 +173,22 @@ def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
 
 def sampson_jacobian(F: Array, points1: Array, points2: Array) -> Array:
     """Return the derivative (N, 3, 3) of `signed_sampson` in the entries of F."""
-    columns = entry_jacobian(F, homogeneous(points1).T, homogeneous(points2).T)
-    return columns.T.reshape(-1, 3, 3)
+    x, y = homogeneous(points1).T, homogeneous(points2).T
+    return entry_jacobian(*residual_parts(F, x, y), x, y).T.reshape(-1, 3, 3)
 
 
-def entry_jacobian(F: Array, x: Array, y: Array) -> Array:
-    """Return the derivative (9, N) of the signed Sampson distance for homogeneous x, y (3, N)."""
-    residual, line1, line2, root = residual_parts(F, x, y)
-    scaled = residual / root  # c / D
-    line1[:2] *= scaled
-    line2[:2] *= scaled
-    line1[2] = line2[2] = 0.0
-    along = (y - line2) / root
-    jacobian = along[:, None] * x - (y / root)[:, None] * line1
+def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: Array, y: Array) -> Array:
+    """Return the derivative (9, N) of the signed Sampson distance in the entries of F.
+
+    ``residual``, ``line1``, ``line2`` and ``root`` are the `residual_parts` of homogeneous x, y (3, N).
+    """
+    inverse = 1 / root
+    scaled = residual * inverse  # c / D
+    across = y * inverse
+    along = across.copy()
+    along[:2] -= line2[:2] * (scaled * inverse)
+    jacobian = along[:, None] * x
+    jacobian[:, :2] -= across[:, None] * (line1[:2] * scaled)
     columns: Array = jacobian.reshape(9, -1)
     return columns
 
@@ -161,6 +196,6 @@ def entry_jacobian(F: Array, x: Array, y: Array) -> Array:
 def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
     """Return the signed residual (N,), lines in view 1 and 2 (3, N), root of the squared gradient (N,)."""
     line2, line1 = F @ x, F.T @ y
-    squared = line2[0] ** 2 + line2[1] ** 2 + line1[0] ** 2 + line1[1] ** 2
+    squared = np.einsum("in,in->n", line1[:2], line1[:2]) + np.einsum("in,in->n", line2[:2], line2[:2])
     root = np.sqrt(np.maximum(squared, TINY))
-    return (line2[0] * y[0] + line2[1] * y[1] + line2[2] * y[2]) / root, line1, line2, root
+    return np.einsum("in,in->n", line2, y) / root, line1, line2, root

@@ -90,15 +90,9 @@ class SmearEstimator:
                 models.append(solve_seven_smears(ends[seven[group.index]], group.signs)[0])
         return np.concatenate(models)
 
-    def residuals(self, models: Array, block: NDArray[np.int_] | slice = slice(None)) -> NDArray[Any]:
-        """Return SErrMin in squared standard deviations, (M, n)."""
-        squared: NDArray[Any] = self.sampson(models, block) * self.precision[block]
-        return squared
-
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
-        total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
-        return total
+        return self.sampson.costs(models, self.precision, self.cutoff**2, block)
 
     def refine(self, model: Array) -> Array:
         """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""

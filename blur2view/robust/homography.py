@@ -138,10 +138,8 @@ class RotationH:
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,), rotation, log g, cx and cy, and their Jacobian."""
-        lens = self.spread.log_focal, self.spread.principal, self.spread.principal
-        weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
         value = np.concatenate([self.rotation, [self.log_focal], self.principal])
-        return value * weight, np.diag(weight)
+        return value * self.spread.weight, np.diag(self.spread.weight)
 
 
 def cayley(A: Array) -> Array:

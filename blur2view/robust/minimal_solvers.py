@@ -213,27 +213,31 @@ def small_rotation_hypotheses(
     ndarray of shape (M, 3, 3), M at most P B T
         Rank 2. Smears whose equations are dependent give no hypothesis.
     """
-    x, y = homogeneous(ends[:, :, 0]), homogeneous(ends[:, :, 1])
-    p = 0.5 * (x + y)  # (B, 3, 3)
-    along = np.einsum("bic,tc->bti", p, directions)[..., None]  # t . p
-    rows = along * p[:, None] - directions[:, None] * (p * p).sum(-1)[:, None, :, None]  # (B, T, 3, 3)
-    right = np.einsum("bic,tc->bti", np.cross(x, y), directions)  # (B, T, 3)
-    patterns = THREE_SIGNS if signs is None else signs[:, None]
-    rotation = _solve_three(rows, right[..., None, :] * patterns)  # (B, T, P, 3)
-    _, direction, _ = kept = np.nonzero((rotation / limit) ** 2 @ np.ones(3) <= 1)
-    hypotheses: Array = cross_matrix(directions)[direction] @ (np.eye(3) + cross_matrix(rotation[kept]))
+    x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
+    p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)
+    smears = p * (p * t[:, None]).sum(axis=0) - t[:, None] * (p * p).sum(axis=0)  # rows (3, B, 3, T)
+    right = (_cross(x, y) * t[:, None]).sum(axis=0)  # (B, 3, T)
+    first, second, third = np.moveaxis(smears, 2, 0)  # each (3, B, T)
+    adjugate = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=1)
+    determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
+    regular = np.abs(determinant) >= TINY
+    shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
+    patterns = THREE_SIGNS if signs is None else signs
+    rotation = patterns @ np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)  # (B, P, 3 T)
+    rotation = rotation.reshape(len(ends), -1, 3, len(directions))
+    inside = (rotation**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # False where singular
+    sample, pattern, direction = np.nonzero(inside)
+    w, along = rotation[sample, pattern, :, direction], directions[direction]
+    hypotheses: Array = w[:, :, None] * along[:, None, :]  # [t]x [w]x = w t^T - (t . w) I
+    hypotheses += cross_matrix(directions)[direction]
+    hypotheses.reshape(-1, 9)[:, ::4] -= (w * along).sum(axis=1)[:, None]
     return hypotheses
 
 
-def _solve_three(rows: Array, right: Array) -> Array:
-    """Return solutions of (..., 3, 3) systems for (..., P, 3) right sides; inf where singular."""
-    r1, r2, r3 = np.moveaxis(rows, -2, 0)
-    adjugate = np.stack([np.cross(r2, r3), np.cross(r3, r1), np.cross(r1, r2)], axis=-2)
-    determinant = (r1 * adjugate[..., 0, :]).sum(-1)
-    singular = np.abs(determinant) < TINY
-    solved: Array = (right @ adjugate) / np.where(singular, 1.0, determinant)[..., None, None]
-    solved[singular] = np.inf
-    return solved
+def _cross(a: Array, b: Array) -> Array:
+    """Return cross products along the first axis."""
+    x = a[1] * b[2] - a[2] * b[1]
+    return np.stack([x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def meeting_points(ends: Array) -> Array:

@@ -8,7 +8,9 @@ normalised.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -158,6 +160,16 @@ class CameraPrior:
         if not (min(self.rotation) > 0 and self.log_focal >= 0 and self.principal >= 0):
             raise ValueError(f"standard deviations must be positive, got {self}")
 
+    @cached_property
+    def weight(self) -> Array:
+        """One over the standard deviations (6,) of rotation, log focal length and principal point."""
+        return 1 / np.maximum([*self.rotation, self.log_focal, self.principal, self.principal], 1e-9)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivative (6, 8) of the residuals in the parameters of `CameraF`, the rotation's to first order."""
+        return np.eye(6, 8, 2) * self.weight[:, None]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraF:
@@ -180,18 +192,9 @@ class CameraF:
         return 8
 
     def _inverse(self) -> Array:
-        g = np.exp(self.log_focal)
-        cx, cy = self.principal
+        g = math.exp(self.log_focal)
+        cx, cy = self.principal.tolist()
         return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
-
-    def _inverse_tangent(self) -> Array:
-        """Return d(K^-1) of shape (3, 3, 3) in log g, cx, cy."""
-        g = np.exp(self.log_focal)
-        cx, cy = self.principal
-        tangent = np.zeros((3, 3, 3))
-        tangent[0, :2] = [[-1 / g, 0, cx / g], [0, -1 / g, cy / g]]
-        tangent[1, 0, 2] = tangent[2, 1, 2] = -1 / g
-        return tangent
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3), not of unit norm."""
@@ -202,11 +205,16 @@ class CameraF:
         """Return dF of shape (8, 3, 3)."""
         inverse, cross = self._inverse(), cross_matrix(self.t)
         E = cross @ self.R
-        moved = inverse.T @ cross_matrix(plane_basis(self.t)) @ self.R @ inverse
-        rotated = inverse.T @ cross @ GENERATORS @ self.R @ inverse
-        changed = self._inverse_tangent()
-        lens = np.swapaxes(changed, 1, 2) @ E @ inverse + inverse.T @ E @ changed
-        return np.concatenate([moved, rotated, lens])
+        lens = np.zeros((3, 3, 3))  # d(K^-1) K in log g, cx, cy
+        lens[0, [0, 1], [0, 1]] = -1.0
+        lens[1, 0, 2] = lens[2, 1, 2] = -inverse[0, 0]
+        inner = np.empty((8, 3, 3))
+        inner[:2] = cross_matrix(plane_basis(self.t)) @ self.R
+        inner[2:5] = cross @ GENERATORS @ self.R
+        inner[5:] = np.swapaxes(lens, 1, 2) @ E + E @ lens
+        both = inverse[:, None, :, None] * inverse[None, :, None, :]  # K^-T dE K^-1 is linear in dE
+        tangent: Array = inner.reshape(8, 9) @ both.reshape(9, 9)
+        return tangent.reshape(8, 3, 3)
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
@@ -220,11 +228,10 @@ class CameraF:
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
-        lens = self.spread.log_focal, self.spread.principal, self.spread.principal
-        weight = 1 / np.maximum([*self.spread.rotation, *lens], 1e-9)
-        rotation = rotation_vector(self.R) - self.spread.centre
-        value = np.concatenate([rotation, [self.log_focal], self.principal])
-        return value * weight, np.eye(6, 8, 2) * weight[:, None]
+        value = np.empty(6)
+        value[:3] = rotation_vector(self.R) - self.spread.centre
+        value[3], value[4:] = self.log_focal, self.principal
+        return value * self.spread.weight, self.spread.jacobian
 
     def motion(self) -> tuple[Array, Array]:
         """Return its rotation vector and translation; the offset of K from the identity is left out."""

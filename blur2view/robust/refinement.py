@@ -9,8 +9,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
-from blur2view.geometry.sampson import entry_jacobian
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.sampson import entry_jacobian, residual_parts
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
@@ -90,20 +90,22 @@ class WeightedPoint(Generic[M]):
     @cached_property
     def order_weights(self) -> Array:
         """Probabilities (2, N) of being an inlier in one and in the other order."""
-        share = self.residuals.forward_share
-        weights: Array = self.inliers * np.stack([share, 1 - share])
+        scale = self.inliers / np.maximum(self.residuals.total, TINY)
+        weights: Array = self.residuals.likelihoods * scale
         return weights
 
     def linearised(self, negligible: float = NEGLIGIBLE) -> Linearised:
         """Return both orders of the smears but those of negligible weight: of most, one cannot be."""
         weight = self.order_weights.ravel()
         counted = np.flatnonzero(weight > negligible)
-        first, second, sigma = (array[..., counted] for array in self.matches.orders)
-        tangent = self.point.tangent().reshape(self.point.dimension, 9)
+        x, y, sigma = (array.take(counted, axis=-1) for array in self.matches.orders)
+        parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
+        entries = entry_jacobian(*(array.take(counted, axis=-1) for array in parts), x, y)
+        both = np.concatenate([self.residuals.forward, self.residuals.backward])
         return Linearised(
-            jacobian=(tangent @ entry_jacobian(self.point.matrix(), first, second)) / sigma,
-            residual=np.concatenate([self.residuals.forward, self.residuals.backward])[counted],
-            weight=weight[counted],
+            jacobian=self.point.tangent().reshape(self.point.dimension, 9) @ entries / sigma,
+            residual=both.take(counted),
+            weight=weight.take(counted),
             smear=counted % len(self.inliers),
         )
 
