@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import homogeneous, quadratic_features, symmetric_skew
+from blur2view.geometry.epipolar import homogeneous, quadratic_features
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
@@ -104,9 +104,7 @@ class BatchSampson:
         """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
         q, skew, even, odd = (
             rows.T @ columns[:, block]
-            for rows, columns in zip(
-                _coefficients(F), (self._q, self._l, self._even, self._odd), strict=True
-            )
+            for rows, columns in zip(_coefficients(F), (self._q, self._l, self._even, self._odd), strict=True)
         )
         return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
 

@@ -23,11 +23,11 @@ from blur2view.robust.parametrization import GeneralF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import weighted_samples
 from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.smears.sign_components import SignComponents, sample_patterns
 
 FULL_COMPONENT = 6  # smears of components of this size are sampled fully, single ones a sixth as often
-WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
 DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
@@ -46,7 +46,7 @@ class SmearEstimator:
     cutoff: float
     fit_error_px: float
     components: SignComponents
-    directions: int = 150
+    directions: int = 80
 
     @property
     def sample_size(self) -> int:
@@ -98,10 +98,15 @@ class SmearEstimator:
         """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
         options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
         point = GeneralF.from_matrix(model)
-        for width in (WIDE, 1.0):
-            matches = replace(self.problem.weighted, sigma=width * self.problem.weighted.sigma)
+        for matches in self.coarse:
             point, _ = refine(point, matches, options)
         return point.matrix()
+
+    @cached_property
+    def coarse(self) -> list[WeightedEnds]:
+        """Some of the smears, sigmas as they are and, before that, wider."""
+        some = self.problem.thinned.weighted
+        return [replace(some, sigma=width * some.sigma) for width in (WIDE, 1.0)]
 
     def shares(self, model: Array) -> tuple[float, float]:
         """Return the share under the paper's threshold, and that of inliers beyond chance.

@@ -167,7 +167,7 @@ class CameraPrior:
 
     @cached_property
     def jacobian(self) -> Array:
-        """Derivative (6, 8) of the residuals in the parameters of `CameraF`, the rotation's to first order."""
+        """Derivative (6, 8) of the residuals in `CameraF`'s parameters, the rotation's to first order."""
         return np.eye(6, 8, 2) * self.weight[:, None]
 
 

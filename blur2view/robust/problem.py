@@ -19,6 +19,7 @@ ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degr
 # prior of the rotation: smear length over focal length; roll moves points less
 ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
+ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
 
 
@@ -87,7 +88,7 @@ class SmearProblem:
         length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px
         return length
 
-    @property
+    @cached_property
     def prior(self) -> CameraPrior:
         """What an ordinary camera does while smears of this length arise."""
         x, y, z = ROTATION_SPREAD * float(np.median(self.length_px)) / self.unit_px
@@ -105,6 +106,11 @@ class SmearProblem:
         return replace(
             self, ends=ends, sigma_px=self.sigma_px[index], independent=independent, components=components
         )
+
+    @cached_property
+    def thinned(self) -> SmearProblem:
+        """ROUGH_COUNT of the smears or up to twice as many, evenly."""
+        return self.subset(slice(None, None, max(1, len(self.ends) // ROUGH_COUNT)))
 
     def pixels(self, F: Array) -> Array:
         """Return F of pixel coordinates, unit norm, from F of normalised ones."""
@@ -131,7 +137,8 @@ def assumed_camera_of(ends: Array) -> Array:
 
 def occupied_blocks(points: Array, block_px: float) -> int:
     """Return the number of square blocks of this side that hold a point (N, 2)."""
-    return len(np.unique(np.floor(points / block_px).astype(int), axis=0))
+    column, row = np.floor(points.T / block_px).astype(int)
+    return len(np.unique(column + 1j * row))
 
 
 def build_problem(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -34,18 +35,26 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
     cost : float
         Its cost, dimensionless (twice a negative log-likelihood).
     """
+    *_, found = refining(start, matches, options)
+    return found
+
+
+def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterator[tuple[M, float]]:
+    """Yield what `refine` has found so far: first the start, then after every step."""
     plain = matches.residuals(start.matrix(), options.decided)
+    signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
     both = (
         WeightedPoint(point=start, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
-        for sign in (1.0, -1.0)
+        for sign in signs
     )
     first = best = min(both, key=lambda state: state.cost)
+    yield best.point, best.cost
     for step in levenberg_marquardt(first, options.max_iterations):
         if step.point.cost < best.cost:  # the odds by positive depth have changed, and so has the cost
             best = step.point
+        yield best.point, best.cost
         if step.decrease <= options.tolerance * step.cost:
             break
-    return best.point, best.cost
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
