@@ -28,6 +28,7 @@ from blur2view.robust.residuals import (
     robust_weight,
 )
 
+NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
@@ -252,12 +253,14 @@ class _WeightedHomography(Generic[Family]):
         A, tangent = self.family.generator(), self.family.tangent()
         weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
         share = self.ordered.forward_share
-        first, second, _ = self.matches.orders
-        both = self.options.data_weight * weight * np.stack([share, 1 - share])  # (2, N)
+        shares = np.concatenate([share, 1 - share])  # (2 N,)
+        counted = np.flatnonzero(shares > NEGLIGIBLE)  # of most smears one order cannot be
+        first, second = (x.take(counted, axis=1) for x in self.matches.orders[:2])
+        both = self.options.data_weight * (np.concatenate([weight, weight]) * shares).take(counted)
         return normal_equations(
             residual_jacobian(A, tangent, first, second).reshape(len(tangent), -1),  # component, order, smear
-            np.swapaxes(self.residuals, 0, 1).ravel(),
-            np.tile(both.ravel(), 2),
+            np.swapaxes(self.residuals, 0, 1).reshape(2, -1).take(counted, axis=1).ravel(),
+            np.concatenate([both, both]),
             *self.family.prior(),
         )
 

@@ -50,10 +50,11 @@ def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterato
     first = best = min(both, key=lambda state: state.cost)
     yield best.point, best.cost
     for step in levenberg_marquardt(first, options.max_iterations):
-        if step.point.cost < best.cost:  # the odds by positive depth have changed, and so has the cost
-            best = step.point
+        if step.point.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
+            break
+        best = step.point
         yield best.point, best.cost
-        if step.decrease <= options.tolerance * step.cost:
+        if step.decrease <= options.tolerance * step.cost or step.sigmas < options.rest:
             break
 
 
@@ -127,9 +128,9 @@ class WeightedPoint(Generic[M]):
     def moved(self, delta: Array) -> WeightedPoint[M]:
         """Return the point moved by delta (k,), the odds of the orders as they are."""
         point = self.point.step(delta)
-        there = self.matches.residuals(point.matrix(), self.options.decided)
-        ahead, behind = self.residuals.forward_log, self.residuals.backward_log
-        return replace(self, point=point, residuals=replace(there, forward_log=ahead, backward_log=behind))
+        logs = self.residuals.forward_log, self.residuals.backward_log
+        there = self.matches.residuals(point.matrix(), self.options.decided, logs)
+        return replace(self, point=point, residuals=there)
 
     def reweighted(self) -> WeightedPoint[M]:
         """Return the same point with the odds that positive depth gives the orders there."""

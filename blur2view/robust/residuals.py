@@ -26,14 +26,16 @@ class RefineOptions:
     ``max_iterations`` steps at most; ``cutoff`` the residual, in standard deviations, at which a match is as
     likely an outlier as an inlier, unless the matches know more (`WeightedEnds.chance`); ``data_weight`` the
     share of independent matches (effective over actual number), which tempers the data against the prior;
-    ``tolerance`` the relative decrease of the cost that ends the search; ``decided`` takes each match's
-    better order for granted (see `OrderedResiduals`).
+    ``tolerance`` the relative decrease of the cost that ends the search, ``rest`` the step in standard
+    deviations of the parameters that does; ``decided`` takes each match's better order for granted (see
+    `OrderedResiduals`).
     """
 
     max_iterations: int = 20
     cutoff: float = 3.0
     data_weight: float = 1.0
     tolerance: float = 1e-5
+    rest: float = 0.0
     decided: bool = False
 
     @property
@@ -146,12 +148,21 @@ class WeightedEnds:
         one, other = self.ends[:, 0].T, self.ends[:, 1].T
         return 0.5 * (one + other), other - one
 
-    def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
-        """Return residuals under F (3, 3) in both orders, which are equally likely beforehand."""
+    def residuals(
+        self, F: Array, decided: bool = False, logs: tuple[Array | float, Array | float] = (-LOG_2, -LOG_2)
+    ) -> OrderedResiduals:
+        """Return residuals under F (3, 3) in both orders, equally likely before or as ``logs`` have it."""
         first, second, sigma = self.orders
         parts = residual_parts(F, first, second)
         forward, backward = (parts[0] / sigma).reshape(2, -1)
-        return OrderedResiduals(forward=forward, backward=backward, decided=decided, parts=parts)
+        return OrderedResiduals(
+            forward=forward,
+            backward=backward,
+            forward_log=logs[0],
+            backward_log=logs[1],
+            decided=decided,
+            parts=parts,
+        )
 
     def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
         """Return residuals with the odds of the orders by positive depth, under a point of a family.

@@ -272,7 +272,7 @@ def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
 
 def _relabelled(label: Labels, sign: Array) -> SignComponents:
     """Return the components labelled 0, 1, ... by falling size."""
-    _, index, sizes = np.unique(label, return_inverse=True, return_counts=True)
+    sizes = np.bincount(label)
     rank = np.empty(len(sizes), int)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
-    return SignComponents(label=rank[index], sign=sign)
+    return SignComponents(label=rank[label], sign=sign)

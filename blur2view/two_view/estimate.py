@@ -23,7 +23,7 @@ from blur2view.two_view.rotation_only import RotationFit
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
-# An F goes with PARALLAX and OPEN, and with SEVERAL that of the motion which most smears follow.
+# An F goes with PARALLAX and OPEN, and with SEVERAL the one that most smears follow.
 CONFIGURATIONS = {
     Structure.NOTHING: Configuration.UNDEFINED,
     Structure.STILL: Configuration.DEGENERATE,
@@ -58,8 +58,8 @@ def estimate_two_view(
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
         (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
-        there is parallax, with H alone where rotation or plane is open; MULTIPLE with the F of
-        the motion that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
+        there is parallax, with H alone where rotation or plane is open; MULTIPLE with the F
+        that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
     """
     options = options or EstimatorOptions()
@@ -162,8 +162,7 @@ def judge(
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
     costs = {fit.model: fit.score for fit in fits}
-    if verdict.structure is not Structure.SEVERAL:  # whose fit is of some smears only
-        costs[verdict.fit.model] = verdict.fit.score
+    costs[verdict.fit.model] = verdict.fit.score
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
@@ -195,7 +194,7 @@ def judge(
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
     """Return the clause that names the model of F, with the others' costs above its own."""
     if verdict.structure is Structure.SEVERAL:
-        return "F is that of the first"
+        return "F is the best single one"
     own = verdict.fit
     others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
     return f"F is of the {own.model} family (penalised cost of the others: {others})"

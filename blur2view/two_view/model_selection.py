@@ -20,8 +20,10 @@ from blur2view.robust.residuals import RefineOptions, WeightedEnds
 
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.05, 3  # starts differ by this in an entry of the unit-norm F; their number
+REST = 0.2  # standard deviations: a smaller step ends a fit
 TRIAL_STEPS = 3  # after which only the cheapest of them goes on
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
+PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
 GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
 WITHIN_REACH = 50.0  # the two-parameter F, fitted before, gains less from what it is then refined on
 SCALE_STEPS = 8  # of expectation-maximisation
@@ -84,7 +86,7 @@ def fit_families(
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
     """Return the two-parameter F, fitted robustly on the standard deviations as given."""
-    options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=ROUGH_TOLERANCE)
+    options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=PLAIN_TOLERANCE)
     return refine(translation_start(estimator, PAIRS, rng), estimator.problem.thinned.weighted, options)[0]
 
 
@@ -120,7 +122,7 @@ def fit_best(
     Of several starts only the one that is cheapest after TRIAL_STEPS is refined on.
     """
     options = RefineOptions(
-        cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance
+        cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
     )
     runs = [refining(start, problem.weighted, options) for start in starts]
     trials = [list(islice(run, TRIAL_STEPS))[-1] for run in runs]

@@ -150,12 +150,6 @@ def find_two_motions(
     return TwoMotions(F=pair, first=first, second=second, single=float(max(single[0], alone[0])), gain=gain)
 
 
-def followers(problem: SmearProblem, motions: TwoMotions, cutoff: float) -> NDArray[np.int_]:
-    """Return the smears around which the first of two motions fits better than the second: indices."""
-    one, other = (_squared(problem, F) for F in motions.F)
-    return np.flatnonzero(_by_place(problem, one, other, cutoff))
-
-
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
     """Return the smears of the cells that an F fits worst, a share WORST; squared residuals (N,)."""
     cell = cells(problem.ends.mean(axis=1), PLACES)

@@ -83,7 +83,9 @@ class Outcome:
 class OrderedEnds(WeightedEnds):
     """Smears in true order: the other order is given a residual too large to be chosen."""
 
-    def residuals(self, F: Array, decided: bool = False) -> OrderedResiduals:
+    def residuals(
+        self, F: Array, decided: bool = False, logs: tuple[Array | float, Array | float] = (0.0, 0.0)
+    ) -> OrderedResiduals:
         """Return residuals of the true order alone."""
         forward = super().residuals(F, decided).forward
         return OrderedResiduals(forward=forward, backward=np.full_like(forward, 1e6), decided=True)
