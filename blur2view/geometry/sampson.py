@@ -96,17 +96,12 @@ class BatchSampson:
         q, skew = quadratic_features(ends)
         p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         even, odd = _gradient_features(p, s)
-        self._q, self._l = _columns(q * unit_px), _columns(skew * unit_px)
-        self._even, self._odd = _columns(even), _columns(odd)
+        self._features = [_float32(part.T) for part in (q * unit_px, skew * unit_px, even, odd)]
         self.count = len(ends)
 
     def __call__(self, F: Array, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
         """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
-        q, skew, even, odd = (
-            rows.T @ columns[:, block]
-            for rows, columns in zip(_coefficients(F), (self._q, self._l, self._even, self._odd), strict=True)
-        )
-        return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
+        return _least(_coefficients(F), self._columns(block))
 
     def costs(
         self, F: Array, weight: FloatArray, limit: float, block: slice | NDArray[np.int_] = slice(None)
@@ -115,19 +110,26 @@ class BatchSampson:
 
         Done for few models at a time, whose residuals stay in the processor's cache.
         """
-        columns = [array[:, block] for array in (self._q, self._l, self._even, self._odd)]
-        rows, weight = _coefficients(F), weight[block]
+        rows, columns, weight = _coefficients(F), self._columns(block), weight[block]
         total, step = np.empty(len(F), np.float32), max(CHUNK // max(len(weight), 1), 1)
         for start in range(0, len(F), step):
             part = slice(start, start + step)
-            q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
-            least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
+            least = _least([row[:, part] for row in rows], columns)
             least *= weight
             total[part] = np.minimum(least, np.float32(limit), out=least).sum(axis=1)
         return total
 
+    def _columns(self, block: slice | NDArray[np.int_]) -> list[FloatArray]:
+        return [features[:, block] for features in self._features]
 
-def _coefficients(F: Array) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+
+def _least(rows: list[FloatArray], columns: list[FloatArray]) -> FloatArray:
+    """Return SErrMin (M, n) of models by their coefficients (k, M) on smears by their features (k, n)."""
+    q, skew, even, odd = (row.T @ column for row, column in zip(rows, columns, strict=True))
+    return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
+
+
+def _coefficients(F: Array) -> list[FloatArray]:
     """Return what q, l and the even and odd parts of the gradient are of F (M, 3, 3): (k, M), float32.
 
     |(F x)_12|^2 = x^T G1 x and |(F^T y)_12|^2 = y^T G2 y; even are entries of G1 + G2, odd of G2 - G1.
@@ -138,7 +140,7 @@ def _coefficients(F: Array) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
     gram1 = f[0, :, None] * f[0] + f[1, :, None] * f[1]
     gram2 = f[:, None, 0] * f[:, 0] + f[:, None, 1] * f[:, 1]
     even, odd = (gram1 + gram2)[UPPER], (gram2 - gram1)[:2].reshape(6, -1)
-    return tuple(part.astype(np.float32) for part in (half[UPPER], skew, even, odd))
+    return [_float32(part) for part in (half[UPPER], skew, even, odd)]
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
@@ -150,12 +152,8 @@ def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
     return np.stack(even, axis=1), np.stack(odd, axis=1)
 
 
-def _columns(features: Array) -> FloatArray:
-    return np.ascontiguousarray(features.T, dtype=np.float32)
-
-
-def _rows(coefficients: Array) -> FloatArray:
-    return np.ascontiguousarray(coefficients, dtype=np.float32)
+def _float32(values: Array) -> FloatArray:
+    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:

@@ -110,7 +110,8 @@ class WeightedPoint(Generic[M]):
         counted = np.flatnonzero(weight > negligible)
         x, y, sigma = (array.take(counted, axis=-1) for array in self.matches.orders)
         parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
-        entries = entry_jacobian(*(array.take(counted, axis=-1) for array in parts), x, y)
+        distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
+        entries = entry_jacobian(distance, line1, line2, root, x, y)
         both = np.concatenate([self.residuals.forward, self.residuals.backward])
         return Linearised(
             jacobian=self.point.tangent().reshape(self.point.dimension, 9) @ entries / sigma,

@@ -109,6 +109,17 @@ def test_batch_scores_equal_serrmin() -> None:
     assert np.allclose(np.sqrt(batch(F, np.array([5, 3]))), exact[:, [5, 3]], atol=0.01)
 
 
+def test_costs_are_cut_and_weighed_sums_however_many_models_there_are() -> None:
+    rng = np.random.default_rng(9)
+    F, ends = random_matrices(9, 300), rng.uniform(-0.5, 0.5, (100, 2, 2))
+    weight = rng.uniform(0.5, 2.0, 100).astype(np.float32)
+    batch = BatchSampson(ends, 500.0)
+    assert len(F) * len(ends) > sampson.CHUNK
+    for block in (slice(None), np.array([7, 3, 50])):
+        summed = np.minimum(batch(F, block) * weight[block], 900.0).sum(axis=1)
+        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-5)
+
+
 def test_epipoles_are_the_null_vectors() -> None:
     F = epipolar.cross_matrix(np.array([[1.0, 2, 3]])) @ random_matrices(10, 3)  # of rank 2
     e1, e2 = epipolar.epipoles(F)
