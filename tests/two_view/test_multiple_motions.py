@@ -86,7 +86,7 @@ def test_a_wrong_F_leaves_structure_and_the_true_one_does_not() -> None:
 
 
 def test_the_F_of_several_motions_is_that_of_the_larger_one() -> None:
-    """Where 30 % of the smears move otherwise; F of the part that followed it by place missed by 0.1 to 0.6."""
+    """Where 30 % of the smears move otherwise; F of the part found by place missed by 0.1 to 0.6."""
     options = SyntheticOptions(kind="smooth", outliers=0.0, second_motion=0.3)
     named = 0
     for seed in (10000, 10001, 10005):
