@@ -32,6 +32,9 @@ class SmearMatches:
         Share of the image in which the direction of blur is known, in [0, 1].
     across_px : ndarray of shape (N,), float64, optional
         Standard deviation of the part of the error across every smear, if the network predicts it; positive.
+    sure_ends : ndarray of shape (M, 2, 2), float64, optional
+        Ends of smears that are sure of themselves, spread evenly over the whole image: on them parallax is
+        judged.
 
     Raises
     ------
@@ -45,6 +48,7 @@ class SmearMatches:
     still_share: float = 0.0
     sure_share: float = 1.0
     across_px: Array | None = None
+    sure_ends: Array | None = None
 
     def __post_init__(self) -> None:
         """Convert to float64 and check shapes and values."""
@@ -63,6 +67,11 @@ class SmearMatches:
             if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
                 raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
             object.__setattr__(self, "across_px", across)
+        if self.sure_ends is not None:
+            sure = np.array(self.sure_ends, np.float64)
+            if sure.ndim != 3 or sure.shape[1:] != (2, 2) or not np.isfinite(sure).all():
+                raise ValueError(f"sure_ends must be finite, of shape (M, 2, 2), got {sure.shape}")
+            object.__setattr__(self, "sure_ends", sure)
         object.__setattr__(self, "ends", ends)
         object.__setattr__(self, "sigma_px", sigma)
 

@@ -12,6 +12,9 @@ from blur2view.arrays import Array
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import LEAST_ACROSS_PX, STRIDE, SmearMatches
 
+SURE_SHARE = 0.2  # standard deviation over length below which a smear is sure of itself
+MOST_SURE = 2500  # places of the image where a sure smear may be taken
+
 
 @dataclass(frozen=True, kw_only=True)
 class SelectOptions:
@@ -74,7 +77,19 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
         still_share=_still_share(length, sigma, options),
         sure_share=1.0 if sure_rad is None else float((long & (sure_rad <= options.sure_rad)).mean()),
         across_px=None if smears.across_px is None else smears.across_px[chosen],
+        sure_ends=sure_ends(field, options),
     )
+
+
+def sure_ends(field: SmearField, options: SelectOptions) -> Array:
+    """Return the ends (M, 2, 2) of smears that are sure to SURE_SHARE of their length, evenly spread."""
+    rows, cols = (np.unique(index) for index in grid_pixels(field.shape))
+    step = int(np.ceil((len(rows) * len(cols) / MOST_SURE) ** 0.5))
+    row, col = np.meshgrid(rows[step // 2 :: step], cols[step // 2 :: step], indexing="ij")
+    smears = GridSmears.at(field, row.ravel(), col.ravel())
+    length = smears.length_px
+    sure = (length >= options.min_length_px) & (smears.sigma_px < SURE_SHARE * length)
+    return smear_ends(smears.points[sure], smears.displacement[sure])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -29,6 +29,7 @@ from blur2view.two_view.multiple_motions import (
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.two_view.planarity import WHITE, gain_needed, judged, whiteness, without_parallax
+from blur2view.two_view.sure_smears import judge_sure
 from blur2view.two_view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the homography is searched in, and that network errors are judged by
@@ -89,8 +90,12 @@ def assess(
             return several_motions(len(problem.ends), motions, fit)
         fit = cheaper(problem, fit, motions.F[0], cutoff)  # one motion, but perhaps a better F of it
         evidence = tolerant_evidence(matches, problem, fit, plane, sample)
+    if matches.sure_ends is not None:
+        sure = judge_sure(matches.sure_ends, problem, fit, cutoff, rng)
+        if sure is not None:
+            return sure.verdict(fit)
     verdict = judged(evidence.gain * problem.independent / len(sample), PROVEN, fit, plane)
-    if verdict.structure is Structure.PARALLAX:
+    if verdict.structure is Structure.PARALLAX or matches.sure_ends is not None:
         return verdict
     simplest = [f for f in fits if f.model is MotionModel.TRANSLATION]
     for family in (fit, *simplest):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
@@ -23,7 +24,7 @@ from blur2view.two_view.rotation_only import RotationFit
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.verdict import Structure, Verdict
 
-# An F goes with PARALLAX and OPEN, and with SEVERAL the one that most smears follow.
+# An F goes with PARALLAX and what is open, and with SEVERAL the one that most smears follow.
 CONFIGURATIONS = {
     Structure.NOTHING: Configuration.UNDEFINED,
     Structure.STILL: Configuration.DEGENERATE,
@@ -31,6 +32,8 @@ CONFIGURATIONS = {
     Structure.PLANE: Configuration.PLANAR,
     Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
     Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.ROTATION_OPEN: Configuration.PANORAMIC,
+    Structure.PLANE_OPEN: Configuration.PLANAR,
     Structure.PARALLAX: Configuration.UNCALIBRATED,
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
@@ -57,8 +60,8 @@ def estimate_two_view(
     -------
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
-        (pure rotation) or PLANAR with H and no F; PLANAR_OR_PANORAMIC with F and H where it is open whether
-        there is parallax, with H alone where rotation or plane is open; MULTIPLE with the F
+        (rotation), PLANAR or, where it is open which, PLANAR_OR_PANORAMIC with H, and with F beside it where
+        parallax is open; MULTIPLE with the F
         that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
     """
@@ -85,9 +88,13 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     """
     if matches.image_size not in (None, (camera.width, camera.height)):
         raise ValueError(f"camera is for {camera.width}x{camera.height}, matches for {matches.image_size}")
-    ends = camera.undistorted(matches.ends)
-    seen = np.isfinite(ends).all(axis=(1, 2), keepdims=True)
-    return replace(matches, ends=np.where(seen, ends, matches.ends))
+
+    def straightened(ends: Array) -> Array:
+        straight = camera.undistorted(ends)
+        return np.where(np.isfinite(straight).all(axis=(1, 2), keepdims=True), straight, ends)
+
+    sure = None if matches.sure_ends is None else straightened(matches.sure_ends)
+    return replace(matches, ends=straightened(matches.ends), sure_ends=sure)
 
 
 def with_pose(

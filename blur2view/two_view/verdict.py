@@ -16,6 +16,8 @@ class Structure(StrEnum):
     STILL = "no motion"
     PARALLAX = "parallax"
     OPEN = "parallax or none"
+    ROTATION_OPEN = "rotation or small parallax"
+    PLANE_OPEN = "plane or small parallax"
     ROTATION = "rotation"
     PLANE = "plane"
     ROTATION_OR_PLANE = "rotation or plane"

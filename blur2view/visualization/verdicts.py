@@ -29,5 +29,5 @@ VERDICT_ORDER = [config.name for config in VERDICTS]
 def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:
     """Return the kind of a geometry's verdict, and what its configuration means in one sentence."""
     kind, meaning = VERDICTS[geometry.config]
-    beside_F = geometry.config is Configuration.PLANAR_OR_PANORAMIC and geometry.parallax is Parallax.OPEN
-    return ("open", OPEN) if beside_F else (kind, meaning)
+    beside_H = kind == "flat" and geometry.parallax is Parallax.OPEN
+    return ("open", OPEN) if beside_H else (kind, meaning)

@@ -1,10 +1,10 @@
 """How often each of six kinds of scenes is named correctly, and what it is taken for otherwise.
 
-    python -m tools.evaluation.degeneracy --scenes render/test
+    python -m tools.evaluation.degeneracy --scenes render/test --kinds render/kinds
 
 names 600 synthetic scenes (`degenerate_scenes`), prints a table of the confusions and writes it to
-``tools/results/degeneracy.md``; then the same scenes with errors that neighbours share, as a network's, and
-the photographs of the rendered test split through the network.
+``tools/results/degeneracy.md``; then the same scenes with errors that neighbours share, as a network's, and,
+through the network, the photographs of the rendered test split and those of `motion_kinds`.
 
 Rules: a scene with an F is a pure translation if the model is, or if F's rotation is insignificant: smears of
 that rotation alone, for the true camera, are in the median shorter than a tenth of the smears, or Schwarz's
@@ -28,7 +28,7 @@ import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
@@ -37,6 +37,7 @@ from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
+from tools.datasets import motion_kinds
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.evaluation.processes import single_threaded_pool
@@ -55,6 +56,12 @@ RIGHT: dict[Kind, tuple[str, ...]] = {
     "several or none": ("several", "undefined"),
 }
 STRUCTURES = {"one plane": 0.01, "parallax under 5 %": 0.05, "parallax over 5 %": np.inf}  # of the smears
+NAMED = {
+    "rotation": Configuration.PANORAMIC,
+    "plane": Configuration.PLANAR,
+    "still": Configuration.DEGENERATE,
+    "general": Configuration.UNCALIBRATED,
+}
 SHARED_DEG = 4.0
 REPORTED = (
     Configuration.UNCALIBRATED,
@@ -186,6 +193,25 @@ def photograph_table(folder: Path) -> list[str]:
     return lines
 
 
+def kinds_table(folder: Path) -> list[str]:
+    """Return the names that rendered photographs of four kinds of motion get through the network."""
+    network = blur2view.SmearNetwork()
+    titles = [c.name for c in REPORTED]
+    lines = ["| motion | images | " + " | ".join(titles) + " | parallax proven | correct % |"]
+    lines.append("|---" * (len(REPORTED) + 4) + "|")
+    for kind in motion_kinds.KINDS:
+        found = []
+        for scene in read_test_set(folder / kind):
+            matches = select_matches(network.predict(blur2view.read_image(scene.image_path)))
+            found.append(estimate_two_view(matches))
+        right = [geometry.config is NAMED[kind] for geometry in found]
+        counts = [sum(geometry.config is config for geometry in found) or "" for config in REPORTED]
+        proven = sum(geometry.parallax is Parallax.PROVEN for geometry in found)
+        cells = [len(found), *counts, proven, f"{100 * np.mean(right):.0f}" if found else ""]
+        lines.append(f"| {kind} | " + " | ".join(str(cell) for cell in cells) + " |")
+    return lines
+
+
 def study(first_seed: int, count: int, jobs: int) -> dict[str, list[Named]]:
     """Return ``count`` named scenes of every kind, with independent and with shared errors."""
     tasks = [(kind, first_seed + i) for kind in KINDS for i in range(count)]
@@ -225,6 +251,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene of each kind")
     parser.add_argument("--scenes", type=Path, help="rendered split to name through the network")
+    parser.add_argument("--kinds", type=Path, help="folder of `motion_kinds`, to name through the network")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("tools/results/degeneracy.md"))
     options = parser.parse_args()
@@ -235,6 +262,13 @@ def main() -> None:
             "has an H beside it parallax is open: errors of the smears and small parallax look alike."
         ]
         photographs += ["", *photograph_table(options.scenes), ""]
+    if options.kinds is not None:
+        photographs += [
+            "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion has "
+            "a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE and "
+            "UNCALIBRATED; beside an F parallax of the first two is open."
+        ]
+        photographs += ["", *kinds_table(options.kinds), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)
     options.out.write_text(page)
     print(page)

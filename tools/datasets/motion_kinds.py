@@ -1,0 +1,133 @@
+"""Rendered photographs of four kinds of motion: the verdict on each is known.
+
+    python -m tools.datasets.motion_kinds render/kinds --scenes 30 --photos KODAK
+
+writes, for each kind, that many scenes as `testset` does, ``KIND/NNNN.png`` and ``KIND/NNNN.npz``. Paths are
+as bent and as accelerated as those of the test split, textures those of the test split, seeds others. A
+camera that only turns, or holds still, sees any scene; a plane fills the picture; of general motion those
+scenes are kept whose parallax is at least a fifth of the smears (`parallax_share`). Nothing moves by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import AnyArray, Array
+from blur2view.robust.homography import transfer_orders
+from blur2view.robust.homography_search import find_plane
+from blur2view.robust.residuals import WeightedEnds
+from blur2view.smears.field import smear_ends
+from tools.datasets.shards import start_worker
+from tools.datasets.testset import write_truth
+from tools.rendering.exposure import Exposure, grid_points
+from tools.rendering.failure_scenes import one_plane
+from tools.rendering.motion import sample_camera_path
+from tools.rendering.render import Rendering, expose, scaled_exposure
+from tools.rendering.scene import sample_intrinsics, sample_layers
+from tools.rendering.sensor import SensorOptions, log_uniform, photograph
+from tools.rendering.textures import photographs
+
+TRANSLATING = ("translation", "forward", "orbit", "mixed")
+KINDS = {
+    "rotation": ("rotation",),
+    "plane": TRANSLATING,
+    "still": ("rotation", *TRANSLATING),
+    "general": TRANSLATING,
+}
+"""The kinds, and the paths that the camera may take."""
+SMEARS_PX = (4.0, 60.0)
+"""Median smears, log-uniform; those of a camera that holds still are below one pixel."""
+LEAST_PARALLAX = 0.2
+SAMPLE = 1000
+"""Smears that the homography is fitted to."""
+
+
+def parallax_share(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> float:
+    """Return the mean deviation of true smears from the homography of most of them, over their mean length.
+
+    Parameters
+    ----------
+    displacement : ndarray of shape (h, w, 2)
+    chosen : ndarray of bool, shape (h, w)
+    K : ndarray of shape (3, 3)
+    """
+    rows, columns = chosen.shape
+    points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
+    rng, T = np.random.default_rng(0), np.linalg.inv(K)
+    kept = rng.permutation(len(points))[:SAMPLE]
+    ends: Array = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
+    plane = find_plane(matches, 3.0, True, rng)
+    if plane is None:
+        return 1.0
+    deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
+    return float(deviation.mean() / length.mean())
+
+
+def attempt(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:
+    """Return one rendered scene, whatever its parallax."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind), 16])
+    pool, K = photographs("test", photos), sample_intrinsics(rng, size)
+    layers = (one_plane if kind == "plane" else sample_layers)(rng, pool, K, size)
+    path = ""
+    while path not in KINDS[kind]:
+        camera, path = sample_camera_path(rng)
+    length_px = rng.random() ** 2 if kind == "still" else log_uniform(rng, SMEARS_PX)
+    exposure = scaled_exposure(Exposure(camera=camera, K=K, size=size), layers, float(length_px))
+    return expose(rng, layers, exposure, path, detail=1.5)
+
+
+def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:
+    """Return the first rendered scene of a kind of the seeds ``seed`` + 100000 k."""
+    while True:
+        scene = attempt(kind, seed, photos, size)
+        smears = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
+        seen = len(smears) > SAMPLE and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1])
+        if seen and (
+            kind != "general" or parallax_share(scene.displacement, scene.valid, scene.K) >= LEAST_PARALLAX
+        ):
+            return scene
+        seed += 100_000
+
+
+def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tuple[int, int]) -> None:
+    """Render, photograph and store the scene of a kind and a seed; finished ones are kept."""
+    kind, seed = task
+    path = out / kind / f"{seed % 10_000:04d}.npz"
+    if path.exists():
+        return
+    scene = motion_scene(kind, seed, photos, size)
+    picture = photograph(np.random.default_rng([seed, 3]), scene.linear, SensorOptions())
+    cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
+    write_truth(path, scene)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", type=int, default=30, help="of each kind")
+    parser.add_argument("--seed", type=int, default=20_000, help="of the first of each kind")
+    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
+    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    arguments = parser.parse_args()
+    for kind in KINDS:
+        (arguments.out / kind).mkdir(parents=True, exist_ok=True)
+    tasks = [(kind, arguments.seed + i) for i in range(arguments.scenes) for kind in KINDS]
+    write = partial(write_scene, out=arguments.out, photos=arguments.photos, size=tuple(arguments.size))
+    with multiprocessing.get_context("spawn").Pool(arguments.jobs, start_worker) as pool:
+        pool.map(write, tasks, chunksize=1)
+
+
+if __name__ == "__main__":
+    main()
