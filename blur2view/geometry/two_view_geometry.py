@@ -34,9 +34,9 @@ class Parallax(StrEnum):
     PROVEN = "proven"
     """No homography explains the smears, errors alike over neighbours allowed for."""
     OPEN = "open"
-    """Parallax and errors alike over neighbours look the same here."""
+    """Parallax and errors alike over neighbours look the same here, or too little is seen to tell."""
     ABSENT = "absent"
-    """A homography leaves nothing to explain, or too little motion is seen to tell any."""
+    """A homography leaves nothing to explain, or nothing moved."""
 
 
 class MotionModel(StrEnum):
@@ -92,7 +92,10 @@ class TwoViewGeometry:
         parallax is proven it is the rotation that explains the smears alone, the translation zero: E, of F,
         has another rotation.
     covariance : PoseCovariance or None
-        Of the pose; where parallax is open it allows for a translation that is not seen.
+        Of the pose; where parallax is open it allows for a translation that is not seen, unless a rotation
+        explains the smears as well as any homography.
+    untold : bool
+        Whether too little is seen to tell anything, parallax neither.
     """
 
     F: Array | None
@@ -107,6 +110,7 @@ class TwoViewGeometry:
     E: Array | None = None
     cam2_from_cam1: RigidTransform | None = None
     covariance: PoseCovariance | None = None
+    untold: bool = False
 
     @property
     def support(self) -> float:
@@ -118,7 +122,7 @@ class TwoViewGeometry:
         """Whether parallax is proven, which makes a geometry CALIBRATED or UNCALIBRATED, open or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
-        if self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
+        if self.untold or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
             return Parallax.OPEN
         return Parallax.ABSENT if self.F is None else Parallax.OPEN
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.problem import SmearProblem, occupied_blocks
 from blur2view.robust.refinement import refine
@@ -17,22 +17,18 @@ CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
 SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
 HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
 HELD_OUT_MATCHES = 300
+LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 
 
-def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
-    """Return the reason to look for no F at all, or None."""
+def still(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+    """Return the reason why nothing moved, or moved as one, so that there is no parallax; or None."""
     if matches.still_share > options.max_still_share:
         return (
             f"no motion of the camera: {matches.still_share:.0%} of the measurable image shows no smear "
             f"(limit {options.max_still_share:.0%})"
         )
-    if matches.sure_share < options.min_sure_share:
-        return (
-            f"no motion: blur has a known direction in {matches.sure_share:.1%} of the image "
-            f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
-        )
-    if len(matches) < options.min_matches:
-        return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"
+    if matches.sure_share < options.min_sure_share or len(matches) < options.min_matches:
+        return None
     median = float(np.median(matches.length_px))
     if median < options.min_length_px:
         return f"no motion: the median smear is {median:.2f} px long, below {options.min_length_px:.2f} px"
@@ -40,7 +36,30 @@ def refuse(matches: SmearMatches, options: EstimatorOptions) -> str | None:
         return (
             f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
         )
-    return _uncovered(matches, options)
+    return None
+
+
+def untold(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+    """Return the reason why too little is seen to look for an F, or None."""
+    if matches.sure_share < options.min_sure_share:
+        return (
+            f"no motion: blur has a known direction in {matches.sure_share:.1%} of the image "
+            f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
+        )
+    if len(matches) < options.min_matches:
+        return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"
+    return _uncovered(matches, options) or collinear(matches)
+
+
+def collinear(matches: SmearMatches) -> str | None:
+    """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
+    middle = matches.midpoint - matches.midpoint.mean(axis=0)
+    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(middle.T @ middle), 0.0))
+    if short > LEAST_WIDTH * long:
+        return None
+    return (
+        f"all smears lie along one line: their midpoints are spread {short / max(long, TINY):.1%} across it"
+    )
 
 
 def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:

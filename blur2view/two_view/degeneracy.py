@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
@@ -42,7 +42,6 @@ LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
 ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
 ATTEMPTS = 3  # of finding two motions
-LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 
 
 def assess(
@@ -112,17 +111,6 @@ def within_errors(matches: SmearMatches) -> bool:
     """
     ratio = (matches.length_px / matches.sigma_px) ** 2
     return bool(np.quantile(ratio, 0.35) < -np.log(1 - 0.35 / 0.5))
-
-
-def collinear(matches: SmearMatches) -> str | None:
-    """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
-    middle = matches.midpoint - matches.midpoint.mean(axis=0)
-    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(middle.T @ middle), 0.0))
-    if short > LEAST_WIDTH * long:
-        return None
-    return (
-        f"all smears lie along one line: their midpoints are spread {short / max(long, TINY):.1%} across it"
-    )
 
 
 def swapped_by(problem: SmearProblem, plane: PlaneH) -> NDArray[np.bool_]:

@@ -15,9 +15,9 @@ from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import consensus, refuse
+from blur2view.two_view.acceptance import consensus, still, untold
 from blur2view.two_view.calibrated import fit_calibrated
-from blur2view.two_view.degeneracy import assess, collinear
+from blur2view.two_view.degeneracy import assess
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.rotation_only import RotationFit
@@ -67,9 +67,10 @@ def estimate_two_view(
     """
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
-    refusal = refuse(matches, options) or collinear(matches)
+    held = still(matches, options)
+    refusal = held or untold(matches, options)
     if refusal is not None:
-        return without_F(matches, Configuration.DEGENERATE, refusal)
+        return replace(without_F(matches, Configuration.DEGENERATE, refusal), untold=held is None)
     if camera is not None:
         matches = undistorted(matches, camera)
     matches = matches.weighed_across()

@@ -16,6 +16,7 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.robust.homography import Homographies, RotationH, refine_homography, transfer_orders
 from blur2view.robust.homography_search import find_plane
+from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.two_view.model_selection import Fit
@@ -119,7 +120,9 @@ def judge_sure(
     epipolar = missed(every.residuals(fit.point.matrix()).least)
     if not problem.has_camera:
         return SureSmears(plane=off(plane), rotation=None, epipolar=epipolar, A=plane.generator())
-    start = RotationH.from_generator(plane.generator(), problem.prior)
+    # the lens is free even where it is known: errors that vary slowly over the picture look like another lens
+    prior = CameraPrior(rotation=problem.prior.rotation)
+    start = RotationH.from_generator(plane.generator(), prior)
     rotation, _ = refine_homography(start, every, options)
     named = rotation if turns(off(rotation), off(plane)) else plane
     return SureSmears(plane=off(plane), rotation=off(rotation), epipolar=epipolar, A=named.generator())

@@ -11,7 +11,8 @@ from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.degeneracy import collinear, within_errors
+from blur2view.two_view.acceptance import collinear
+from blur2view.two_view.degeneracy import within_errors
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
@@ -223,6 +224,28 @@ def test_some_smears_of_no_length_break_nothing() -> None:
 def test_few_smears_are_degenerate(count: int) -> None:
     scene = draw_scene("general", 1)
     refused(scene.matches.subset(np.arange(count)), "too few smears")
+
+
+def test_parallax_is_absent_only_where_nothing_moved_and_else_not_told() -> None:
+    scene = draw_scene("general", 1)
+    still = replace(scene.matches, still_share=0.9)
+    points = np.random.default_rng(0).uniform(0, 400, (200, 2))
+    short = SmearMatches.from_points(points, points + 0.1, image_size=IMAGE_SIZE)
+    unseen = replace(scene.matches, sure_share=0.001)
+    few = scene.matches.subset(np.arange(7))
+    middle, half = points * [1.0, 0.2], points[::-1] / 40
+    middle[:, 1] = 0.2 * middle[:, 0]
+    row = SmearMatches.from_points(middle - half, middle + half)
+    for matches, parallax in [
+        (still, Parallax.ABSENT),
+        (short, Parallax.ABSENT),
+        (unseen, Parallax.OPEN),
+        (few, Parallax.OPEN),
+        (row, Parallax.OPEN),
+    ]:
+        geometry = estimate_two_view(matches)
+        assert geometry.config is Configuration.DEGENERATE, geometry.reason
+        assert geometry.parallax is parallax, geometry.reason
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,8 @@ from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.datasets import motion_kinds
+from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.evaluation.processes import single_threaded_pool
@@ -264,9 +264,9 @@ def main() -> None:
         photographs += ["", *photograph_table(options.scenes), ""]
     if options.kinds is not None:
         photographs += [
-            "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion has "
-            "a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE and "
-            "UNCALIBRATED; beside an F parallax of the first two is open."
+            "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
+            "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
+            "and UNCALIBRATED; beside an F parallax of the first two is open."
         ]
         photographs += ["", *kinds_table(options.kinds), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)
