@@ -8,7 +8,7 @@ from blur2view.cli.terminal import SHORT, printable
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.mask_overlay import headline
@@ -125,7 +125,8 @@ def _untold(document: EstimateDocument) -> str:
     """Return why a pose's translation is zero; nothing if it is not."""
     if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
         return ""
-    return ", no translation" if document.config == Configuration.PANORAMIC.name else ", translation unknown"
+    turned = document.config == Configuration.PANORAMIC.name and document.parallax == Parallax.ABSENT
+    return ", no translation" if turned else ", translation unknown"
 
 
 def _pose_lines(document: EstimateDocument) -> list[str]:

@@ -116,7 +116,7 @@ class EstimateDocument(Document):
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     parallax : str
         Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
-        of errors only) or absent (H alone, or no motion).
+        of errors only, or too little is seen) or absent (H alone, or nothing moved).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
