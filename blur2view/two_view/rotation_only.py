@@ -23,9 +23,9 @@ ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
 STEPS, AXES = 12, 13  # of reweighting, from so many axes
 ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
 CUTOFF = 2.0  # the same of the refined rotation, in standard deviations
-# Of the slow errors that the standard deviations admit, as met: of 21 development rotations with network smears
-# (`tools.datasets.motion_kinds`) the region of 90 % held 20; with all of them it was two to three times as
-# wide as the errors.
+# Of the slow errors that the standard deviations admit, as met: of 21 development rotations with smears of the
+# network (`tools.datasets.motion_kinds`) the region of 90 % held 20; with all of them it was two to three
+# times as wide as the errors.
 SLOW_SHARE = 0.5
 UNSEEN = 0.5  # deviation of a coordinate of a point that lies anywhere on a disc of radius 1
 ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent

@@ -59,7 +59,7 @@ def test_errors_that_neighbours_share_are_in_the_covariance() -> None:
 
 
 def test_the_covariance_is_that_of_the_estimates_where_errors_reach_the_cutoff() -> None:
-    """Estimates of one rotation from other errors scatter as stated (Gauss and Newton's weights: 0.7 times)."""
+    """Estimates of one rotation from other errors scatter as stated (Gauss-Newton's weights: 0.7 of it)."""
     scene, estimates, stated = turning(np.random.default_rng(0)), [], []
     true = rotation_vector(scene.R)
     for seed in range(40):

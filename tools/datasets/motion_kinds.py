@@ -24,7 +24,7 @@ from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from tools.datasets.shards import start_worker
-from tools.datasets.testset import write_truth
+from tools.datasets.testset import SERIES, write_truth
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.failure_scenes import one_plane
 from tools.rendering.motion import sample_camera_path
@@ -44,6 +44,8 @@ KINDS = {
 SMEARS_PX = (4.0, 60.0)
 """Median smears, log-uniform; those of a camera that holds still are below one pixel."""
 LEAST_PARALLAX = 0.2
+LEAST_SEEN = 0.05
+"""Share of the image in which both ends of a smear are seen."""
 SAMPLE = 1000
 """Smears that the homography is fitted to."""
 
@@ -85,16 +87,17 @@ def attempt(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) ->
 
 
 def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:
-    """Return the first rendered scene of a kind of the seeds ``seed`` + 100000 k."""
+    """Return the first rendered scene of a kind of the seeds ``seed`` + SERIES k."""
     while True:
         scene = attempt(kind, seed, photos, size)
         smears = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
-        seen = len(smears) > SAMPLE and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1])
-        if seen and (
-            kind != "general" or parallax_share(scene.displacement, scene.valid, scene.K) >= LEAST_PARALLAX
-        ):
-            return scene
-        seed += 100_000
+        seen = scene.valid.mean() > LEAST_SEEN
+        if seen and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1]):
+            if kind != "general":
+                return scene
+            if parallax_share(scene.displacement, scene.valid, scene.K) >= LEAST_PARALLAX:
+                return scene
+        seed += SERIES
 
 
 def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tuple[int, int]) -> None:

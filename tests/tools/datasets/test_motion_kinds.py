@@ -1,0 +1,45 @@
+"""Photographs of four kinds of motion: each is what it says, the same for the same seed; its table counts."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools.datasets import motion_kinds
+from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, parallax_share
+from tools.datasets.testset import read_test_set
+
+SIZE = (96, 72)
+
+
+def lengths(scene: motion_kinds.Rendering) -> np.ndarray:
+    return np.linalg.norm(scene.displacement[scene.valid], axis=-1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_is_what_it_says(kind: str) -> None:
+    scene = motion_scene(kind, 3, None, SIZE)
+    share = parallax_share(scene.displacement, scene.valid, scene.K)
+    median = float(np.median(lengths(scene)))
+    assert scene.static.all()
+    assert (scene.F is None) == (kind == "rotation" or not scene.t.any())
+    if kind == "still":
+        assert median < 1
+    else:
+        assert 4 <= median <= 60
+        assert share < 0.01 if kind != "general" else share >= LEAST_PARALLAX
+
+
+def test_the_same_seed_gives_the_same_picture_and_another_another() -> None:
+    one, again, other = (motion_scene("plane", seed, None, SIZE).linear for seed in (5, 5, 6))
+    assert one.tobytes() == again.tobytes() != other.tobytes()
+
+
+def test_command_writes_what_the_test_set_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = [str(tmp_path), "--scenes", "1", "--size", "96", "72", "--jobs", "1"]
+    monkeypatch.setattr(sys, "argv", ["motion_kinds", *arguments])
+    motion_kinds.main()
+    for kind in KINDS:
+        (scene,) = read_test_set(tmp_path / kind)
+        assert scene.image_path.exists() and scene.displacement.shape == (18, 24, 2)
