@@ -23,7 +23,7 @@ ROUGH_COUNT = 500  # smears, at least, that starts are sought and tried on
 STEPS, AXES = 12, 13  # of reweighting, from so many axes
 ERROR = 0.25  # share of its length by which a smear misses its rotation at half its weight
 CUTOFF = 2.0  # the same of the refined rotation, in standard deviations
-# Of the slow errors that the standard deviations admit, as met: of 21 development rotations with smears of the
+# Of the slow errors that the standard deviations admit, as met: of 21 development rotations, smears of the
 # network (`tools.datasets.motion_kinds`) the region of 90 % held 20; with all of them it was two to three
 # times as wide as the errors.
 SLOW_SHARE = 0.5
