@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -102,12 +103,13 @@ def test_sure_smears_decide_where_the_surest_see_only_the_wall() -> None:
     assert Parallax.PROVEN not in alone and together.count(Parallax.PROVEN) >= 3
 
 
-def on_one_plane(ends: Array) -> Array:
+def on_one_plane(ends: Array) -> NDArray[np.int_]:
     """Return the 400 smears (indices) that the homography of most explains best."""
     matches = WeightedEnds(ends=ends / 768, sigma=np.full(len(ends), 1 / 768))
     plane = find_plane(matches, 3.0, False, np.random.default_rng(0))
     assert plane is not None
-    return np.argsort(np.abs(transfer_orders(plane.generator(), matches).least))[:400]
+    best: NDArray[np.int_] = np.argsort(np.abs(transfer_orders(plane.generator(), matches).least))[:400]
+    return best
 
 
 def test_open_parallax_has_F_and_the_homography_that_is_named() -> None:

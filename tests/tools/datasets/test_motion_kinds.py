@@ -9,19 +9,20 @@ import pytest
 from tools.datasets import motion_kinds
 from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, parallax_share
 from tools.datasets.testset import read_test_set
+from tools.rendering.render import Rendering
 
 SIZE = (96, 72)
 
 
-def lengths(scene: motion_kinds.Rendering) -> np.ndarray:
-    return np.linalg.norm(scene.displacement[scene.valid], axis=-1)
+def median_px(scene: Rendering) -> float:
+    return float(np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_is_what_it_says(kind: str) -> None:
     scene = motion_scene(kind, 3, None, SIZE)
     share = parallax_share(scene.displacement, scene.valid, scene.K)
-    median = float(np.median(lengths(scene)))
+    median = median_px(scene)
     assert scene.static.all()
     assert (scene.F is None) == (kind == "rotation" or not scene.t.any())
     if kind == "still":
