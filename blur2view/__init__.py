@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     from blur2view.networks.tiles import TileOptions
     from blur2view.pipeline import Estimate, Timings, estimate
     from blur2view.segmentation.mask import MotionLabel, MotionMask, MovingRegion, SegmentOptions, segment
-    from blur2view.segmentation.network import MotionNetwork
     from blur2view.smears.field import SmearField
     from blur2view.smears.matches import SmearMatches
     from blur2view.smears.sampling import SelectOptions, select_matches
@@ -85,7 +84,6 @@ __all__ = [
     "MotionLabel",
     "MotionMask",
     "MotionModel",
-    "MotionNetwork",
     "MovingRegion",
     "OutputError",
     "Parallax",
@@ -134,7 +132,6 @@ _PUBLIC = {
     "networks.tiles": ("TileOptions",),
     "pipeline": ("Estimate", "Timings", "estimate"),
     "segmentation.mask": ("MotionLabel", "MotionMask", "MovingRegion", "SegmentOptions", "segment"),
-    "segmentation.network": ("MotionNetwork",),
     "smears.field": ("SmearField",),
     "smears.matches": ("SmearMatches",),
     "smears.sampling": ("SelectOptions", "select_matches"),

@@ -4,7 +4,6 @@ import argparse
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from blur2view import __version__
 from blur2view.cli.options import read_run
@@ -15,18 +14,9 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.segmentation.mask import segment
-from blur2view.segmentation.network import MotionNetwork
 from blur2view.visualization.report import Entry, report
 
 DONE, FAILED = 0, 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Networks:
-    """The networks of a call; without the one for motion segmentation there are no masks."""
-
-    smear: SmearNetwork
-    motion: MotionNetwork | None
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -36,11 +26,9 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     """
     run = read_run(options, usage_error)
     _check_output(options)
-    smear = SmearNetwork(options.model)
-    motion = None if options.no_mask else MotionNetwork.beside(smear)
-    networks = Networks(smear=smear, motion=motion)
+    network = SmearNetwork(options.model)
     created = prepare_folder(options.output.parent)
-    entries = _entries(options, run, networks)
+    entries = _entries(options, run, network)
     failed = sum(entry.kind == "failed" for entry in entries)
     if failed == len(entries):
         remove_empty(created)
@@ -62,15 +50,15 @@ def _check_output(options: argparse.Namespace) -> None:
         raise OutputError(f"{target}: is no page of an earlier call; name another with -o or remove it")
 
 
-def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[Entry]:
+def _entries(options: argparse.Namespace, run: Run, network: SmearNetwork) -> list[Entry]:
     """Return the entry of every photograph, and print a line about each."""
     jobs, say = progress(options.images)
     entries = []
     for image in jobs:
         try:
             with within_memory(image):
-                one = estimate_file(image, networks.smear, run)
-                entries.append(_entry(one, networks.motion, timings=not options.no_timings))
+                one = estimate_file(image, network, run)
+                entries.append(_entry(one, masked=not options.no_mask, timings=not options.no_timings))
         except Blur2ViewError as error:
             entries.append(Entry.failed(str(image), str(error)))
             complain(error, say)
@@ -81,10 +69,10 @@ def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[
     return entries
 
 
-def _entry(one: FileEstimate, network: MotionNetwork | None, *, timings: bool) -> Entry:
-    """Return the entry of one photograph; without a motion segmentation network without a mask."""
+def _entry(one: FileEstimate, *, masked: bool, timings: bool) -> Entry:
+    """Return the entry of one photograph, with its mask if wanted."""
     start = time.perf_counter()
-    mask = None if network is None else segment(one.estimate, one.image, network=network)
+    mask = segment(one.estimate, one.image) if masked else None
     mask_s = None if mask is None else time.perf_counter() - start
     return Entry.of(one, mask, mask_s, timings=timings)
 

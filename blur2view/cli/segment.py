@@ -17,7 +17,6 @@ from blur2view.documents.masks import MaskDocument, MasksDocument
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate_file
 from blur2view.segmentation.mask import SegmentOptions, segment
-from blur2view.segmentation.network import MotionNetwork
 
 
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -26,13 +25,12 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
     network = SmearNetwork(options.model)
-    motion_network = MotionNetwork.beside(network)
 
     def work(path: Path, files: MaskFiles | None) -> tuple[MaskDocument, str]:
         """Return the document and the summary of one photograph, after writing its files."""
         one = estimate_file(path, network, run)
         start = time.perf_counter()
-        mask = segment(one.estimate, one.image, wanted, np.random.default_rng(run.seed), motion_network)
+        mask = segment(one.estimate, one.image, wanted, np.random.default_rng(run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         if files:
             write_mask(files, document, one.image, mask)

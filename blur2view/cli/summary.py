@@ -56,7 +56,7 @@ def mask_summary(
     for region in mask.regions:
         x, y, width, height = region.box
         line = f"{region.area_px} px at ({x}, {y}), {width}x{height}, score {region.score:.1f}"
-        lines.append(f"{line}; {region.reason}" if region.reason else line)
+        lines.append(f"{line}; {region.config.name}: {region.reason}" if region.config else line)
     return _with_files([*lines, _seconds(document.timings_s)], files)
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from blur2view.documents.document import Document, FailureDocument, Matrix
+from blur2view.documents.estimate import CovarianceDocument, EstimateDocument, PoseDocument
 
 if TYPE_CHECKING:
-    from blur2view.documents.estimate import EstimateDocument
     from blur2view.segmentation.mask import MotionMask, MovingRegion
 
 
@@ -26,8 +26,10 @@ class RegionDocument(Document):
         Mean x and y of its pixels.
     score : float
         Mean squared residual over variance of its pixels: 1 is expected where nothing moves.
+    config : str or null
+        With --objects: the configuration of its own smears.
     F, H : 3x3 or null
-        With --objects: fundamental matrix or homography of its own smears.
+        With --objects: their fundamental matrix or homography.
     reason : str
         With --objects: how F or H came about, or why there is neither; else empty.
     """
@@ -36,6 +38,7 @@ class RegionDocument(Document):
     box: list[int]
     centroid: list[float]
     score: float
+    config: str | None
     F: Matrix | None
     H: Matrix | None
     reason: str
@@ -48,6 +51,7 @@ class RegionDocument(Document):
             box=list(region.box),
             centroid=list(region.centroid),
             score=region.score,
+            config=None if region.config is None else region.config.name,
             F=None if region.F is None else region.F.tolist(),
             H=None if region.H is None else region.H.tolist(),
             reason=region.reason,
@@ -66,6 +70,10 @@ class MaskDocument(Document):
         Its size in pixels, upright.
     F, H : 3x3 or null
         Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``.
+    K, E : 3x3 or null
+        Calibration matrix and essential matrix, as there.
+    cam2_from_cam1, pose_covariance : object or null
+        The camera's pose and its covariance, as there.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     parallax : str
@@ -80,14 +88,12 @@ class MaskDocument(Document):
         The share of the pixels with each of these labels.
     regions : list
         The connected moving parts, largest first: area_px, box (x, y, width, height), centroid, score (mean
-        squared residual over variance, 1 where nothing moves), and with --objects F, H and reason of their
-        own.
+        squared residual over variance, 1 where nothing moves), and with --objects config, F, H and reason of
+        their own.
     beta, max_error_px, seed : number
         The options of these names.
     model_id : str
         The weights of the smear network.
-    motion_model_id : str or null
-        The weights of the motion segmentation network; null if scores alone decided.
     timings_s : object
         Seconds per step: read, predict, select, solve, segment.
     """
@@ -97,6 +103,10 @@ class MaskDocument(Document):
     height: int
     F: Matrix | None
     H: Matrix | None
+    K: Matrix | None
+    E: Matrix | None
+    cam2_from_cam1: PoseDocument | None
+    pose_covariance: CovarianceDocument | None
     config: str
     parallax: str
     geometry_reason: str
@@ -108,7 +118,6 @@ class MaskDocument(Document):
     max_error_px: float
     seed: int
     model_id: str
-    motion_model_id: str | None
     timings_s: dict[str, float]
 
     @classmethod
@@ -131,6 +140,10 @@ class MaskDocument(Document):
             height=estimate.height,
             F=estimate.F,
             H=estimate.H,
+            K=estimate.K,
+            E=estimate.E,
+            cam2_from_cam1=estimate.cam2_from_cam1,
+            pose_covariance=estimate.pose_covariance,
             config=estimate.config,
             parallax=estimate.parallax,
             geometry_reason=estimate.reason,
@@ -142,7 +155,6 @@ class MaskDocument(Document):
             max_error_px=estimate.max_error_px,
             seed=estimate.seed,
             model_id=estimate.model_id,
-            motion_model_id=mask.model_id or None,
             timings_s=(estimate.timings_s or {}) | {"segment": segment_s},
         )
 

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
-from blur2view.segmentation.network import MotionNetwork
+from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.object_motion import object_motion
-from blur2view.segmentation.regions import MotionCells, decide, decide_by_network, to_pixels, without_small
+from blur2view.segmentation.regions import decide, to_pixels, to_pixels_plainly, without_small
 from blur2view.segmentation.score import MotionScore, motion_score
-from blur2view.smears.field import upsample_grid
-from blur2view.smears.matches import STRIDE
 from blur2view.two_view.options import EstimatorOptions
 
 STAYS, MOVES = 127 / 255, 128 / 255  # nearest to 0.5 on its two sides in a picture of 8 bits
@@ -46,8 +45,10 @@ class MovingRegion:
         Mean of the mask's score over it.
     inside : (int, int)
         (x, y) of one of its pixels.
+    config : Configuration or None
+        With ``SegmentOptions.objects``: the configuration of its own smears.
     F, H : ndarray of shape (3, 3) or None
-        With ``SegmentOptions.objects``: two-view geometry of its own smears, as in ``TwoViewGeometry``.
+        Their two-view geometry, as in ``TwoViewGeometry``.
     reason : str
         How F or H came about, or why there is neither; empty where it was not asked for.
     """
@@ -57,6 +58,7 @@ class MovingRegion:
     centroid: tuple[float, float]
     score: float
     inside: tuple[int, int]
+    config: Configuration | None = None
     F: Array | None = None
     H: Array | None = None
     reason: str = ""
@@ -80,38 +82,38 @@ class MotionMask:
         grows with the evidence but is no frequency: fewer of those pixels move.
     score : ndarray of shape (H, W), float32
         Squared residual over its variance (chi-square where nothing moves: of one degree of freedom, of
-        two before a still camera, where the squared length of a smear is measured).
-    evidence : ndarray of shape (H, W), float32
-        What the motion segmentation network says, a probability, before any regularisation; the score where
-        the network was not asked.
+        two before a still camera, where the squared length of a smear is measured); the least against all
+        motions that the camera may have had.
     regions : tuple of MovingRegion
         The connected moving parts, largest first.
     reason : str
         What the score was measured against.
-    model_id : str
-        Name of the motion segmentation network's weights; empty if scores decided alone.
     """
 
     labels: NDArray[np.uint8]
     probability: NDArray[np.float32]
     score: NDArray[np.float32]
-    evidence: NDArray[np.float32]
     regions: tuple[MovingRegion, ...]
     reason: str
-    model_id: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentOptions:
     """What is asked for.
 
-    With ``objects`` a motion of its own for every moving part, by ``estimator``. Unless ``learned`` the
-    scores of smears decide alone, without the motion segmentation network.
+    ``splits`` how often the picture is divided into two random halves of its blocks: what moves must
+    contradict their motions, too; with ``objects`` a motion of its own for every moving part; ``estimator``
+    estimates all of these.
     """
 
-    learned: bool = True
+    splits: int = 1
     objects: bool = False
     estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
+
+    def __post_init__(self) -> None:
+        """Refuse a negative number of splits."""
+        if self.splits < 0:
+            raise ValueError(f"splits must not be negative, got {self.splits}")
 
 
 def segment(
@@ -119,12 +121,11 @@ def segment(
     image: NDArray[np.float32] | None = None,
     options: SegmentOptions | None = None,
     rng: np.random.Generator | None = None,
-    network: MotionNetwork | None = None,
 ) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
-    Before a camera that moves, a network adds what it sees in the photograph and its smears, and may deny
-    what their scores say; before one that stands still, or without the photograph, the scores decide alone.
+    A part moves if its smears contradict the estimate's F or homography, and those of halves of the picture;
+    before a camera that stands still, if they are long.
 
     Parameters
     ----------
@@ -134,31 +135,26 @@ def segment(
         The photograph; with it the mask follows its edges.
     options : SegmentOptions, optional
     rng : numpy.random.Generator, optional
-        Of the objects' estimator; ``default_rng(0)`` by default.
-    network : MotionNetwork, optional
-        The shipped one by default; load it once for many photographs.
+        Divides the picture, estimates motions; ``default_rng(0)`` by default.
 
     Returns
     -------
     MotionMask
-        All unobservable where nothing is known of the camera's motion.
+        All unobservable where nothing is known of the camera's motion, in the whole picture or in a half.
 
     Raises
     ------
-    ValueError, ModelError
-        If the image is not of the field's size; if the network cannot be used.
+    ValueError
+        If the image is not of the field's size.
     """
     options, shape = options or SegmentOptions(), found.field.shape
     if image is not None and image.shape != (*shape, 3):
         raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
-    if image is not None and options.learned:
-        network = network or MotionNetwork()
-        found = network.with_local_smears(found, image)
-    scored = motion_score(found)
-    judged = _judge(found, scored, image, network, options)
+    rng = np.random.default_rng(0) if rng is None else rng
+    scored = _scored(found, options, rng)
+    cells = decide(scored)
     moving, seen = (
-        to_pixels(mask.astype(np.float64), image, shape) >= 0.5
-        for mask in (judged.cells.moving, judged.cells.observable)
+        to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
     )
     moving = without_small(moving)
     labels = np.where(
@@ -169,40 +165,18 @@ def segment(
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
         labels=labels.astype(np.uint8),
-        probability=agreeing(to_pixels(judged.cells.probability, image, shape), moving),
+        probability=agreeing(to_pixels(cells.probability, image, shape), moving),
         score=score,
-        evidence=judged.evidence,
         regions=regions,
-        reason=scored.reason
-        + (f"; decided by scores and the network {judged.model_id}" if judged.model_id else ""),
-        model_id=judged.model_id,
+        reason=scored.reason,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Judgement:
-    """Decisions on a working grid, the evidence (H, W) they rest on, and which network gave it, if any."""
-
-    cells: MotionCells
-    evidence: NDArray[np.float32]
-    model_id: str = ""
-
-
-def _judge(
-    found: Estimate,
-    scored: MotionScore,
-    image: NDArray[np.float32] | None,
-    network: MotionNetwork | None,
-    options: SegmentOptions,
-) -> _Judgement:
-    """Decide what moves: by the motion segmentation network, or by scores alone."""
-    shape = found.field.shape
-    if image is None or network is None or not options.learned or scored.still or not scored.reach.any():
-        evidence = to_pixels_plainly(scored.score, shape)
-        return _Judgement(cells=decide(scored, image, shape), evidence=evidence)
-    evidence = network.probability(found, image)
-    cells = decide_by_network(scored, image, evidence)
-    return _Judgement(cells=cells, evidence=evidence, model_id=network.info.model_id)
+def _scored(found: Estimate, options: SegmentOptions, rng: np.random.Generator) -> MotionScore:
+    """Return scores against all motions that the camera may have had."""
+    if found.geometry.F is None and found.geometry.H is None:
+        return motion_score(found)
+    return least_score(found, admitted_motions(found, options.splits, options.estimator, rng))
 
 
 def agreeing(probability: NDArray[np.float32], moving: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -216,22 +190,14 @@ def with_motions(
     moving: NDArray[np.bool_],
     regions: tuple[MovingRegion, ...],
     options: EstimatorOptions,
-    rng: np.random.Generator | None,
+    rng: np.random.Generator,
 ) -> tuple[MovingRegion, ...]:
     """Fit a motion to every connected part of a mask (H, W)."""
-    rng = np.random.default_rng(0) if rng is None else rng
     fitted = []
     for region in regions:
         own = object_motion(found, region.of(moving), options, rng)
-        fitted.append(replace(region, F=own.F, H=own.H, reason=f"{own.config.name}: {own.reason}"))
+        fitted.append(replace(region, config=own.config, F=own.F, H=own.H, reason=own.reason))
     return tuple(fitted)
-
-
-def to_pixels_plainly(grid: Array, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Resample the network's grid (h, w) to pixels (H, W)."""
-    large = upsample_grid(grid[..., None].astype(np.float32), STRIDE)[: shape[0], : shape[1], 0]
-    missing = [(0, side - have) for side, have in zip(shape, large.shape, strict=True)]
-    return np.pad(large, missing, mode="edge")
 
 
 def moving_regions(moving: NDArray[np.bool_], score: NDArray[np.float32]) -> tuple[MovingRegion, ...]:

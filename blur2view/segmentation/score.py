@@ -45,14 +45,14 @@ class MotionScore:
         motion predicts: where that is small the smear says nothing.
     reason : str
         What the score was measured against.
-    still : bool
-        Whether it was a camera that stands still.
+    error_scale : float
+        The errors of most smears over their stated ones.
     """
 
     score: Array
     reach: Array
     reason: str
-    still: bool = False
+    error_scale: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,27 +75,30 @@ class _Grid:
         return cls(ends=ends, length_px=smears.length_px, across_px=across, whole_px=smears.sigma_px)
 
 
-def motion_score(found: Estimate) -> MotionScore:
+def motion_score(found: Estimate, most_scale: float = np.inf) -> MotionScore:
     """Score the smears of an estimate against the motion of the camera that it holds.
 
     Parameters
     ----------
     found : Estimate
+    most_scale : float
+        The greatest scale of the errors, over the stated ones, that is believed; residuals of most smears may
+        show a greater one where the motion does not explain them.
 
     Returns
     -------
     MotionScore
         Without F, homography or a still camera there is nothing to measure against, and reach is zero.
     """
-    grid, geometry, still = _Grid.of(found), found.geometry, False
+    grid, geometry, scale = _Grid.of(found), found.geometry, 1.0
     if geometry.F is not None:
-        residual, reach = _against_F(grid, geometry.F)
+        residual, reach, scale = _against_F(grid, geometry.F, most_scale)
         reason = "measured by the distance from the epipolar lines of the camera's F"
     elif geometry.H is not None:
-        residual, reach = _against_H(grid, geometry.H)
+        residual, reach, scale = _against_H(grid, geometry.H, most_scale)
         reason = "measured by the error against the camera's homography"
     elif found.matches.still_share >= STILL_SHARE:
-        (residual, reach), still = _against_stillness(grid), True
+        residual, reach = _against_stillness(grid)
         share = f"{found.matches.still_share:.0%} of what can be measured shows no smear"
         reason = f"the camera stands still ({share}): measured by the smears' length"
     else:
@@ -104,24 +107,26 @@ def motion_score(found: Estimate) -> MotionScore:
     reach = np.maximum(residual, reach)  # what is seen to move can be seen
     residual, reach = (np.where(np.isnan(value), 0.0, value) for value in (residual, reach))  # without rays
     score, reach = (np.reshape(value**2, grid_shape(found.field.shape)) for value in (residual, reach))
-    return MotionScore(score=score, reach=reach, reason=reason, still=still)
+    return MotionScore(score=score, reach=reach, reason=reason, error_scale=scale)
 
 
-def _against_F(grid: _Grid, F: Array) -> tuple[Array, Array]:
-    """Sampson distances, and those of smears turned by 90 degrees, in standard deviations."""
+def _against_F(grid: _Grid, F: Array, most_scale: float) -> tuple[Array, Array, float]:
+    """Sampson distances, and those of smears turned by 90 degrees, in standard deviations, and their scale."""
     residual, turned = np.sqrt(serrmin(F, grid.ends)), np.sqrt(serrmin(F, turned_ends(grid.ends)))
     sigma = 0.5**0.5 * grid.across_px  # each end has half of the smear's error, and F meets both
-    sigma = _met(residual, sigma)
-    return residual / sigma, turned / sigma
+    scale = min(_met(residual, sigma), most_scale)
+    sigma = _scaled(sigma, scale)
+    return residual / sigma, turned / sigma, scale
 
 
-def _against_H(grid: _Grid, H: Array) -> tuple[Array, Array]:
-    """Differences from a homography's displacements, and the largest there could be, in sigmas."""
+def _against_H(grid: _Grid, H: Array, most_scale: float) -> tuple[Array, Array, float]:
+    """Differences from a homography's displacements, the largest there could be, in sigmas, and their scale."""
     predicted = displacement_of(H, grid.ends.mean(axis=1))
     seen = grid.ends[:, 1] - grid.ends[:, 0]
     error = np.minimum(*(np.linalg.norm(seen - sign * predicted, axis=1) for sign in (1, -1)))
-    sigma = _met(error, grid.whole_px)
-    return error / sigma, np.maximum(2**0.5 * np.linalg.norm(predicted, axis=1), SIGHT_PX) / sigma
+    scale = min(_met(error, grid.whole_px), most_scale)
+    sigma = _scaled(grid.whole_px, scale)
+    return error / sigma, np.maximum(2**0.5 * np.linalg.norm(predicted, axis=1), SIGHT_PX) / sigma, scale
 
 
 def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
@@ -131,13 +136,16 @@ def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
     return grid.length_px / sigma, np.where(blind, 0.0, SIGHT_PX / sigma)
 
 
-def _met(residual: Array, stated: Array) -> Array:
-    """Scale stated standard deviations (N,) to what most residuals show, never below a floor."""
+def _met(residual: Array, stated: Array) -> float:
+    """Return what most residuals (N,) show over the stated standard deviations."""
     ratios = residual / np.hypot(stated, FLOOR_PX)
     known = ratios[np.isfinite(ratios)]
-    ratio = float(np.quantile(known, 0.6)) / HALF_NORMAL_60 if len(known) else 1.0
-    own = np.hypot(max(min(ratio, 1.0), LEAST_SCALE) * stated, FLOOR_PX)
-    return np.asarray(max(ratio, 1.0) * own)
+    return float(np.quantile(known, 0.6)) / HALF_NORMAL_60 if len(known) else 1.0
+
+
+def _scaled(stated: Array, scale: float) -> Array:
+    """Scale stated standard deviations (N,), never below a floor."""
+    return np.asarray(max(scale, 1.0) * np.hypot(max(min(scale, 1.0), LEAST_SCALE) * stated, FLOOR_PX))
 
 
 def turned_ends(ends: Array) -> Array:

@@ -12,11 +12,11 @@ from PIL import Image
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.cli import outputs as mask_results
+from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
-from blur2view.segmentation.network import MotionNetwork
-from tests.support.colour_code import colour_code, write_picture
+from tests.support.colour_code import colour_code, forward_motion, write_picture
 
 HEIGHT, WIDTH = 160, 208
 BOX = slice(40, 100), slice(100, 180)
@@ -50,7 +50,7 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     image = read_image(walker)
     network = SmearNetwork(tiny_model)
-    mask = segment(estimate(image, network=network), image, network=MotionNetwork.beside(network))
+    mask = segment(estimate(image, network=network), image)
     indexed = Image.open(out / "a.mask.png")
     assert indexed.mode == "P"
     np.testing.assert_array_equal(np.asarray(indexed), mask.labels)
@@ -80,8 +80,22 @@ def test_motions_of_objects_are_in_the_document(
 ) -> None:
     assert run(walker, "--objects", "--json") == 0
     (mask,) = json.loads(capsys.readouterr().out)["masks"]
-    assert mask["regions"][0]["reason"]
+    (region,) = mask["regions"]
+    assert region["reason"] and region["config"] in Configuration.__members__
     assert SegmentOptions().objects is False
+
+
+def test_known_intrinsics_give_E_and_pose_as_estimate_does(
+    run: Any, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo = write_picture(tmp_path / "forward.png", colour_code(forward_motion(), 1.0))
+    assert run(photo, "--focal", 300, "--json") == 0
+    (mask,) = json.loads(capsys.readouterr().out)["masks"]
+    assert cli.main(["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["estimates"]
+    assert mask["E"] is not None and mask["cam2_from_cam1"] is not None
+    for key in ("K", "E", "cam2_from_cam1", "pose_covariance", "F", "config"):
+        assert mask[key] == one[key]
 
 
 def test_bad_photograph_costs_one_line_and_not_the_others(

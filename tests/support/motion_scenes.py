@@ -72,5 +72,5 @@ def estimate_of(
 def by_scores(
     found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
 ) -> MotionMask:
-    """Segment without the motion segmentation network."""
-    return segment(found, image, replace(options or SegmentOptions(), learned=False))
+    """Segment by the estimate's own motion alone, which the test made up."""
+    return segment(found, image, replace(options or SegmentOptions(), splits=0))

@@ -14,8 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from tools.training.motion_model import Block
-from tools.training.stem import StructureStem
+from tools.paper.stem import StructureStem
 
 MULTIPLE_OF = 16
 """Height and width of the input must be multiples of this."""
@@ -44,6 +43,22 @@ class ModelOptions:
     def from_dict(cls, values: dict[str, Any]) -> ModelOptions:
         """Invert :meth:`as_dict`."""
         return cls(widths=tuple(values["widths"]), bottom=values["bottom"])
+
+
+class Block(nn.Module):
+    """Two 3 x 3 convolutions with batch normalisation; the residual path starts at the input if `skip`."""
+
+    def __init__(self, inputs: int, outputs: int, skip: bool = False) -> None:
+        super().__init__()
+        self.skip = skip
+        self.first = nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)
+        self.second = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
+        self.norms = nn.ModuleList([nn.BatchNorm2d(outputs), nn.BatchNorm2d(outputs)])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply the block."""
+        y = nnf.relu(self.norms[0](self.first(x)))
+        return nnf.relu(self.norms[1](self.second(y)) + (x if self.skip else y))
 
 
 class SmearUNet(nn.Module):

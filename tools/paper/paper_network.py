@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from tools.paper.model import SmearUNet
-from tools.training.stem import STRIDE
+from tools.paper.stem import STRIDE
 
 START_SIGMA = 8.0
 """What softplus(w) is at first, pixels."""

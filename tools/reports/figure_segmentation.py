@@ -10,7 +10,6 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
-from blur2view.segmentation.network import MotionNetwork
 from blur2view.visualization.mask_overlay import PINK
 from tools.evaluation.segmentation import overlap
 from tools.reports.figure_cases import Case, at_pixels, at_quantiles
@@ -26,7 +25,7 @@ LEAST_SHARE = 0.03
 TITLES = ("input", "truth: pink moves, dark is hidden", "mask: dark is unobservable", "probability of moving")
 
 
-def masked(case: Case, network: MotionNetwork) -> MotionMask:
+def masked(case: Case) -> MotionMask:
     """Return the motion mask of one photograph."""
     found = Estimate(
         field=case.field,
@@ -35,7 +34,7 @@ def masked(case: Case, network: MotionNetwork) -> MotionMask:
         model_id="",
         timings=Timings(predict_s=0.0, select_s=0.0, solve_s=0.0),
     )
-    return segment(found, case.image, network=network)
+    return segment(found, case.image)
 
 
 def mask_iou(case: Case, mask: MotionMask) -> float:
@@ -62,8 +61,7 @@ def segmentation_panels(found: Sequence[Case]) -> Figure | None:
     movers = [c for c in found if (~c.scene.static & c.scene.valid).mean() >= LEAST_SHARE]
     if not movers:
         return None
-    network = MotionNetwork()
-    masks = {id(case): masked(case, network) for case in movers}
+    masks = {id(case): masked(case) for case in movers}
     chosen = at_quantiles(movers, lambda case: -mask_iou(case, masks[id(case)]), QUANTILES)
     figure = new_figure(10, 2.05 * len(chosen) + 0.8)
     grid = figure.add_gridspec(len(chosen) + 1, 4, height_ratios=[1] * len(chosen) + [0.07])

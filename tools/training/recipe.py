@@ -1,25 +1,21 @@
-"""Make the shipped networks: render, write examples, train, export; then the network of moving things.
+"""Make the shipped network: render, write examples, train, export.
 
 ``python -m tools.training.recipe --photos FOLDER... --work runs/recipe --models models`` makes
-``smear.onnx``, ``--motion`` then ``motion.onnx``, with the figures below; each stage goes on where it was
-when the line is run again. The smears that moving things are found in are those of ``local_smear.onnx``,
-which this recipe cannot make any more: it was made by the recipe at commit 346954c.
+``smear.onnx`` with the figures below; each stage goes on where it was when the line is run again.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from tools.datasets.shards import require_shards, start_worker, write_shards
 from tools.rendering.render import RenderOptions
-from tools.training import export_motion, motion_data, reader_data, train_motion
+from tools.training import reader_data
 from tools.training.export_reader import export
-from tools.training.motion_data import MotionExamples
 from tools.training.reader_data import Sources, load_photos
-from tools.training.train_motion import MotionTraining
 from tools.training.train_reader import ReaderTraining, train
 
 SHARD = 50
@@ -44,10 +40,6 @@ class Recipe:
         Shards of the reader's examples, and its optimiser steps.
     processes : int
         Processes that make examples; what they make does not depend on how many they are.
-    motion_scenes, motion_size : int, tuple of int
-        Rendered scenes for the motion segmentation network, and their width and height.
-    motion : MotionTraining
-        Schedule of that network.
     """
 
     scenes: int = 850
@@ -57,9 +49,6 @@ class Recipe:
     shards: int = 200
     steps: int = 9000
     processes: int = 2
-    motion_scenes: int = 5150
-    motion_size: tuple[int, int] = RenderOptions.size
-    motion: MotionTraining = field(default_factory=MotionTraining)
 
 
 def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, Path]:
@@ -110,20 +99,6 @@ def write_examples(recipe: Recipe, photos: list[Path], scenes: Path, held: Path,
         pool.starmap(reader_data.write_shards, parts)
 
 
-def make_motion(recipe: Recipe, photos: Path | None, work: Path, models: Path) -> None:
-    """Make the motion segmentation network, on what ``local_smear.onnx`` of ``models`` says of scenes.
-
-    That file was made by the recipe at commit 346954c.
-    """
-    scenes, examples = work / "motion", work / "motion.npz"
-    render_set(scenes, range(recipe.motion_scenes), RenderOptions(size=recipe.motion_size, photos=photos))
-    if not examples.exists():
-        made = motion_data.make(scenes, multiprocessing.cpu_count(), models / "local_smear.onnx")
-        made.save(examples)
-    train_motion.train(MotionExamples.load(examples), recipe.motion, work / "motion.pt")
-    export_motion.export(work / "motion.pt", models / "motion.onnx")
-
-
 def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
@@ -131,16 +106,12 @@ def main() -> None:
     parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
     parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
     parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
-    parser.add_argument("--motion", action="store_true", help="then make motion.onnx, of the first folder")
     for name in ("scenes", "val_scenes", "shards", "steps"):
         option, default = f"--{name.replace('_', '-')}", getattr(Recipe, name)
         parser.add_argument(option, type=int, default=default, help="(default: %(default)s)")
     given = vars(parser.parse_args())
-    photos, work, models, motion = (given.pop(name) for name in ("photos", "work", "models", "motion"))
-    recipe = Recipe(**given)
-    make(recipe, photos, work, models)
-    if motion:
-        make_motion(recipe, photos[0], work, models)
+    photos, work, models = (given.pop(name) for name in ("photos", "work", "models"))
+    make(Recipe(**given), photos, work, models)
 
 
 if __name__ == "__main__":

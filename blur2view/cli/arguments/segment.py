@@ -21,9 +21,10 @@ ABOUT = "segment what moves by itself from what the camera's motion explains"
 DESCRIPTION = """
 Segment what moves by itself from what the camera's motion explains. Each smear is scored by its squared
 distance from the epipolar lines of the camera's F (without F: by its error under the homography; before a
-still camera: by its length), over its variance. Before a camera that moves a second, small network sees the
-photograph, the smears and their scores, and decides with them; before a still camera the scores decide alone.
-An object that moves along the camera's epipolar lines looks like one at another depth and is not seen.
+still camera: by its length), over its variance. What moves must contradict the motion of the whole picture
+and those of two halves of it; where one of these has none, all is unobservable. Smears are read in windows of
+96 pixels: what is small, or moves much faster than the camera, mostly has no smear of its own and is not seen,
+nor is an object that moves along the camera's epipolar lines, which looks like one at another depth.
 """
 FILES = (
     (

@@ -6,7 +6,7 @@ import torch
 
 from blur2view.smears.field import to_double_angle
 from tools.paper.model import ExportedSmear, ModelOptions, SmearUNet, decode
-from tools.training.stem import STRIDE, StructureStem
+from tools.paper.stem import STRIDE, StructureStem
 
 NARROW = ModelOptions(widths=(8, 12, 16), bottom=2)
 

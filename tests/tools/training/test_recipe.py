@@ -1,7 +1,5 @@
-"""The recipe of the shipped networks, in miniature."""
+"""The recipe of the shipped network, in miniature."""
 
-import os
-import shutil
 from pathlib import Path
 
 import cv2
@@ -9,12 +7,8 @@ import numpy as np
 import pytest
 
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.segmentation.network import MotionNetwork
 from tools.training import reader_data, recipe
-from tools.training.recipe import Recipe, make, make_motion
-from tools.training.train_motion import MotionTraining
-
-MODELS = Path(__file__).resolve().parents[3] / "models"
+from tools.training.recipe import Recipe, make
 
 
 @pytest.fixture
@@ -22,16 +16,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
     """Return a recipe of a few scenes, in small files."""
     monkeypatch.setattr(recipe, "SHARD", 2)
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    return Recipe(
-        scenes=2,
-        val_scenes=2,
-        shards=1,
-        steps=1,
-        processes=1,
-        motion_scenes=4,
-        motion_size=(64, 64),
-        motion=MotionTraining(steps=2, batch=2, size=(64, 64)),
-    )
+    return Recipe(scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
 
 
 @pytest.mark.slow
@@ -49,11 +34,3 @@ def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
     assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
     make(small, [photos], tmp_path / "work", tmp_path / "models")
     assert made == 4 and ".npz" not in capfd.readouterr().out  # nothing is made twice
-
-
-@pytest.mark.slow
-def test_recipe_makes_the_motion_network(tmp_path: Path, small: Recipe) -> None:
-    shutil.copy(MODELS / "local_smear.onnx", tmp_path)
-    make_motion(small, None, tmp_path / "work", tmp_path)
-    assert MotionNetwork(tmp_path / "motion.onnx").info.stride == 4
-    assert "motion.npz" in os.listdir(tmp_path / "work")

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from tools.paper.model import SmearUNet
-from tools.training.stem import LagStem, OrientedStem, StructureStem
+from tools.paper.stem import LagStem, OrientedStem, StructureStem
 
 LAGS_PX = [4, 6, 10, 16, 24, 36, 52]
 DIRECTIONS = LagStem.directions

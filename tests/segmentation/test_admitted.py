@@ -1,0 +1,84 @@
+"""What moves must contradict every motion that the camera may have had."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from blur2view.geometry.epipolar import cross_matrix
+from blur2view.segmentation.admitted import admitted_motions, least_score
+from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.score import motion_score
+from blur2view.two_view.options import EstimatorOptions
+from tests.support.colour_code import EPIPOLE, forward_motion
+from tests.support.motion_scenes import BOX, MOVER, SHIFT, SIDEWAYS, estimate_of
+
+RADIAL = cross_matrix(np.array([*EPIPOLE, 1.0]))  # the F of `forward_motion`
+
+
+def forward(moving: bool = False) -> NDArray[np.float32]:
+    displacement = forward_motion().astype(np.float32)
+    if moving:
+        displacement[BOX] = MOVER
+    return displacement
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_near_thing_is_no_mover_if_halves_of_the_picture_see_parallax(seed: int) -> None:
+    displacement = forward()
+    displacement[BOX] *= 2.5
+    zoom = np.diag([1.16, 1.16, 1.0])
+    zoom[:2, 2] = -0.16 * EPIPOLE
+    found = estimate_of(displacement, H=zoom)
+    believed = segment(found, options=SegmentOptions(splits=0))
+    assert (believed.labels[BOX] == MotionLabel.MOVING).mean() > 0.5
+    checked = segment(found, rng=np.random.default_rng(seed))
+    assert (checked.labels != MotionLabel.MOVING).all()
+
+
+def test_a_mover_contradicts_the_halves_too() -> None:
+    mask = segment(estimate_of(forward(moving=True), F=RADIAL))
+    moving = mask.labels == MotionLabel.MOVING
+    true = np.zeros(moving.shape, bool)
+    true[BOX] = True
+    assert (moving & true).sum() / (moving | true).sum() > 0.8
+
+
+def test_each_smear_is_in_one_half_of_every_split() -> None:
+    found = estimate_of(forward(), F=RADIAL, H=SHIFT)
+    rng = np.random.default_rng(0)
+    motions = admitted_motions(found, 2, EstimatorOptions(), rng)
+    counts = [len(motion.inlier_mask) for motion in motions[2:]]
+    assert len(counts) == 4
+    assert counts[0] + counts[1] == counts[2] + counts[3] == len(found.matches)
+    assert min(counts) > 0.3 * len(found.matches)
+
+
+def test_what_the_homography_explains_is_no_mover_where_parallax_is_open() -> None:
+    displacement = forward(moving=True)
+    shift = np.array([[1, 0, MOVER[0]], [0, 1, MOVER[1]], [0, 0, 1.0]])
+    alone = segment(estimate_of(displacement, F=RADIAL), options=SegmentOptions(splits=0))
+    both = segment(estimate_of(displacement, F=RADIAL, H=shift), options=SegmentOptions(splits=0))
+    assert (alone.labels == MotionLabel.MOVING).mean() > 0.05
+    assert (both.labels != MotionLabel.MOVING).all()
+
+
+def test_scores_are_the_least_and_none_without_any_motion() -> None:
+    found = estimate_of(forward(moving=True), F=RADIAL)
+    radial, sideways = found.geometry, replace(found.geometry, F=SIDEWAYS)
+    each = [motion_score(replace(found, geometry=one)) for one in (radial, sideways)]
+    least = least_score(found, [radial, sideways])
+    np.testing.assert_array_equal(least.score, np.minimum(each[0].score, each[1].score))
+    np.testing.assert_array_equal(least.reach, np.minimum(each[0].reach, each[1].reach))
+    unknown = least_score(found, [radial, replace(radial, F=None)])
+    assert not unknown.score.any() and not unknown.reach.any() and "half of the picture" in unknown.reason
+
+
+def test_same_generator_same_mask_and_splits_are_not_negative() -> None:
+    found = estimate_of(forward(moving=True), F=RADIAL)
+    one, other = (segment(found, rng=np.random.default_rng(3)) for _ in range(2))
+    np.testing.assert_array_equal(one.labels, other.labels)
+    np.testing.assert_array_equal(one.score, other.score)
+    with pytest.raises(ValueError, match="splits"):
+        SegmentOptions(splits=-1)
