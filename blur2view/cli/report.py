@@ -72,7 +72,7 @@ def _entries(options: argparse.Namespace, run: Run, network: SmearNetwork) -> li
 def _entry(one: FileEstimate, *, masked: bool, timings: bool) -> Entry:
     """Return the entry of one photograph, with its mask if wanted."""
     start = time.perf_counter()
-    mask = segment(one.estimate, one.image) if masked else None
+    mask = segment(one.estimate) if masked else None
     mask_s = None if mask is None else time.perf_counter() - start
     return Entry.of(one, mask, mask_s, timings=timings)
 

@@ -30,7 +30,7 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
         """Return the document and the summary of one photograph, after writing its files."""
         one = estimate_file(path, network, run)
         start = time.perf_counter()
-        mask = segment(one.estimate, one.image, wanted, np.random.default_rng(run.seed))
+        mask = segment(one.estimate, wanted, np.random.default_rng(run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         if files:
             write_mask(files, document, one.image, mask)

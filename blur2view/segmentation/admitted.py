@@ -48,8 +48,8 @@ def admitted_motions(
 def least_score(found: Estimate, motions: list[TwoViewGeometry]) -> MotionScore:
     """Return the least score and reach (`motion_score`) of every cell against several motions.
 
-    Errors are believed to be as large as stated, or as the first motion shows: another that explains less of the
-    picture explains no mover either. Both are zero if one of the motions is neither an F nor a homography: the smears do not agree on any.
+    Errors are believed to be as large as stated, or as the first motion shows: another that explains less of
+    the picture explains no mover either. Both are zero if one of the motions is neither an F nor a homography.
     """
     first, *others = motions
     own = motion_score(replace(found, geometry=first))
@@ -60,5 +60,7 @@ def least_score(found: Estimate, motions: list[TwoViewGeometry]) -> MotionScore:
         own,
         score=known * np.min([one.score for one in scored], axis=0),
         reach=known * np.min([one.reach for one in scored], axis=0),
-        reason=own.reason if known else "nothing to measure against: half of the picture knows no motion of the camera",
+        reason=own.reason
+        if known
+        else "nothing to measure against: half of the picture knows no motion of the camera",
     )

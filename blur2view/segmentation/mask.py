@@ -14,7 +14,7 @@ from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.object_motion import object_motion
-from blur2view.segmentation.regions import decide, to_pixels, to_pixels_plainly, without_small
+from blur2view.segmentation.regions import decide, to_pixels, without_small
 from blur2view.segmentation.score import MotionScore, motion_score
 from blur2view.two_view.options import EstimatorOptions
 
@@ -118,7 +118,6 @@ class SegmentOptions:
 
 def segment(
     found: Estimate,
-    image: NDArray[np.float32] | None = None,
     options: SegmentOptions | None = None,
     rng: np.random.Generator | None = None,
 ) -> MotionMask:
@@ -131,8 +130,6 @@ def segment(
     ----------
     found : Estimate
         Of one photograph.
-    image : ndarray of shape (H, W, 3), float32, optional
-        The photograph; with it the mask follows its edges.
     options : SegmentOptions, optional
     rng : numpy.random.Generator, optional
         Divides the picture, estimates motions; ``default_rng(0)`` by default.
@@ -141,31 +138,22 @@ def segment(
     -------
     MotionMask
         All unobservable where nothing is known of the camera's motion, in the whole picture or in a half.
-
-    Raises
-    ------
-    ValueError
-        If the image is not of the field's size.
     """
     options, shape = options or SegmentOptions(), found.field.shape
-    if image is not None and image.shape != (*shape, 3):
-        raise ValueError(f"expected an image of shape {(*shape, 3)}, got {image.shape}")
     rng = np.random.default_rng(0) if rng is None else rng
     scored = _scored(found, options, rng)
     cells = decide(scored)
-    moving, seen = (
-        to_pixels(mask.astype(np.float64), image, shape) >= 0.5 for mask in (cells.moving, cells.observable)
-    )
+    moving, seen = (to_pixels(mask, shape) >= 0.5 for mask in (cells.moving, cells.observable))
     moving = without_small(moving)
     labels = np.where(
         moving, MotionLabel.MOVING, np.where(seen, MotionLabel.STATIC, MotionLabel.UNOBSERVABLE)
     )
-    regions = moving_regions(moving, score := to_pixels_plainly(scored.score, shape))
+    regions = moving_regions(moving, score := to_pixels(scored.score, shape))
     if options.objects:
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
         labels=labels.astype(np.uint8),
-        probability=agreeing(to_pixels(cells.probability, image, shape), moving),
+        probability=agreeing(to_pixels(cells.probability, shape), moving),
         score=score,
         regions=regions,
         reason=scored.reason,

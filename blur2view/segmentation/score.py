@@ -111,7 +111,7 @@ def motion_score(found: Estimate, most_scale: float = np.inf) -> MotionScore:
 
 
 def _against_F(grid: _Grid, F: Array, most_scale: float) -> tuple[Array, Array, float]:
-    """Sampson distances, and those of smears turned by 90 degrees, in standard deviations, and their scale."""
+    """Sampson distances, and those of smears turned by 90 degrees, in standard deviations; their scale."""
     residual, turned = np.sqrt(serrmin(F, grid.ends)), np.sqrt(serrmin(F, turned_ends(grid.ends)))
     sigma = 0.5**0.5 * grid.across_px  # each end has half of the smear's error, and F meets both
     scale = min(_met(residual, sigma), most_scale)
@@ -120,7 +120,7 @@ def _against_F(grid: _Grid, F: Array, most_scale: float) -> tuple[Array, Array, 
 
 
 def _against_H(grid: _Grid, H: Array, most_scale: float) -> tuple[Array, Array, float]:
-    """Differences from a homography's displacements, the largest there could be, in sigmas, and their scale."""
+    """Differences from a homography's displacements, the largest possible, in sigmas, and their scale."""
     predicted = displacement_of(H, grid.ends.mean(axis=1))
     seen = grid.ends[:, 1] - grid.ends[:, 0]
     error = np.minimum(*(np.linalg.norm(seen - sign * predicted, axis=1) for sign in (1, -1)))

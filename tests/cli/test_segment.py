@@ -50,7 +50,7 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     image = read_image(walker)
     network = SmearNetwork(tiny_model)
-    mask = segment(estimate(image, network=network), image)
+    mask = segment(estimate(image, network=network))
     indexed = Image.open(out / "a.mask.png")
     assert indexed.mode == "P"
     np.testing.assert_array_equal(np.asarray(indexed), mask.labels)

@@ -69,8 +69,6 @@ def estimate_of(
     )
 
 
-def by_scores(
-    found: Estimate, image: NDArray[np.float32] | None = None, options: SegmentOptions | None = None
-) -> MotionMask:
+def by_scores(found: Estimate, options: SegmentOptions | None = None) -> MotionMask:
     """Segment by the estimate's own motion alone, which the test made up."""
-    return segment(found, image, replace(options or SegmentOptions(), splits=0))
+    return segment(found, replace(options or SegmentOptions(), splits=0))

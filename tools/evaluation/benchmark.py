@@ -87,7 +87,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "matches": timed(lambda: select_matches(field), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
         "draw and write": timed(lambda: write_results(files, EstimateDocument.of(one), one), repeats),
-        "motion mask": timed(lambda: blur2view.segment(moving, image), repeats),
+        "motion mask": timed(lambda: blur2view.segment(moving), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }

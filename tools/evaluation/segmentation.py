@@ -149,7 +149,7 @@ def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tu
         for scene in read_test_set(folder):
             image = read_image(scene.image_path)
             found = estimate(image, network=network)
-            mask = segment(found, image)
+            mask = segment(found)
             truly = true_estimate(scene, found)
             yield (
                 folder,
@@ -158,7 +158,7 @@ def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tu
                     image=image,
                     mask=mask,
                     predicted=judge(scene, found, mask),
-                    true=judge(scene, truly, segment(truly, image)),
+                    true=judge(scene, truly, segment(truly)),
                 ),
             )
 
@@ -205,7 +205,7 @@ def real_lines(folder: Path, static: Path, network: SmearNetwork) -> list[str]:
     person = np.zeros((outline["height"], outline["width"]), np.uint8)
     cv2.fillPoly(person, [np.array(outline["polygon"], np.int32)], 1)
     image = read_image(folder / outline["photograph"])
-    moving = segment(estimate(image, network=network), image).labels == MotionLabel.MOVING
+    moving = segment(estimate(image, network=network)).labels == MotionLabel.MOVING
     elsewhere = float((moving & ~cv2.dilate(person, np.ones((41, 41), np.uint8)).astype(bool)).mean())
     lines = [
         f"- {outline['photograph']}: IoU {overlap(moving, person > 0):.2f} with the outlined person; "
@@ -230,7 +230,7 @@ def false_shares(photo: Path, network: SmearNetwork, seeds: Iterable[int]) -> li
     shares = []
     for seed in seeds:
         found = estimate(image, network=network, rng=np.random.default_rng(seed))
-        mask = segment(found, image, rng=np.random.default_rng(seed))
+        mask = segment(found, rng=np.random.default_rng(seed))
         shares.append(float((mask.labels == MotionLabel.MOVING).mean()))
     return shares
 

@@ -34,7 +34,7 @@ def masked(case: Case) -> MotionMask:
         model_id="",
         timings=Timings(predict_s=0.0, select_s=0.0, solve_s=0.0),
     )
-    return segment(found, case.image)
+    return segment(found)
 
 
 def mask_iou(case: Case, mask: MotionMask) -> float:

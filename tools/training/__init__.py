@@ -1,1 +1,1 @@
-"""Training and export of both networks."""
+"""Training and export of the network."""

@@ -63,7 +63,7 @@ def scene() -> TestScene:
 
 def test_perfect_smears_are_judged_nearly_perfect() -> None:
     found = estimate_of(with_mover(), F=SIDEWAYS)
-    figures = judge(scene(), found, by_scores(found, photo()))
+    figures = judge(scene(), found, by_scores(found))
     assert figures.iou > 0.9 and figures.precision == 1 and figures.called > 0
     assert figures.iou_baseline == 1 and figures.unobservable == 0  # residuals are 0 and 162 squared pixels
     np.testing.assert_allclose(figures.share, 20 * 23 / 4800, rtol=0.05)
@@ -71,7 +71,7 @@ def test_perfect_smears_are_judged_nearly_perfect() -> None:
 
 def test_blind_smears_are_judged_so() -> None:
     found = estimate_of(sideways(), F=SIDEWAYS)  # which do not show the mover
-    figures = judge(scene(), found, by_scores(found, photo()))
+    figures = judge(scene(), found, by_scores(found))
     assert figures.iou == 0 and figures.called == 0 and figures.precision < 0.2
 
 
@@ -92,11 +92,11 @@ def test_true_smears_take_the_place_of_the_networks() -> None:
 
 def test_table_and_panel_hold_the_scene() -> None:
     found = estimate_of(with_mover(), F=SIDEWAYS)
-    mask = by_scores(found, photo())
+    mask = by_scores(found)
     figures = judge(scene(), found, mask)
-    one = Judged(scene=scene(), image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
+    one = Judged(scene=scene(), image=photo(), mask=mask, predicted=figures, true=figures)
     rows = split_rows("test", [one])
-    assert len(rows) == 9 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
+    assert len(rows) == 6 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
     assert f"{figures.iou:.3f}" in rows[0]
     assert rows[-1].count("| -") == 8  # no scene without movers
     assert panel([one]).shape == (120, 640, 3)
@@ -107,9 +107,9 @@ def test_without_movers_the_table_is_written_and_no_panel(
     tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = estimate_of(sideways(), F=SIDEWAYS)
-    calm, mask = replace(scene(), static=np.ones((60, 80), bool)), by_scores(found, photo())
+    calm, mask = replace(scene(), static=np.ones((60, 80), bool)), by_scores(found)
     figures = judge(calm, found, mask)
-    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, scores=figures, true=figures)
+    one = Judged(scene=calm, image=photo(), mask=mask, predicted=figures, true=figures)
     monkeypatch.setattr(segmentation, "SmearNetwork", lambda: SmearNetwork(tiny_model))
     monkeypatch.setattr(segmentation, "judged_scenes", lambda *_: [(tmp_path, one)])
     monkeypatch.setattr(
