@@ -48,8 +48,8 @@ def admitted_motions(
 def least_score(found: Estimate, motions: list[TwoViewGeometry]) -> MotionScore:
     """Return the least score and reach (`motion_score`) of every cell against several motions.
 
-    Errors are believed to be as large as stated, or as the first motion shows: another that explains less of
-    the picture explains no mover either. Both are zero if one of the motions is neither an F nor a homography.
+    Errors are believed to be as large as stated, or as the first motion shows: another that explains less
+    explains no mover either. Both are zero if one of the motions is neither an F nor a homography.
     """
     first, *others = motions
     own = motion_score(replace(found, geometry=first))
