@@ -107,7 +107,6 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
         labels=labels,
         probability=probability,
         score=probability,
-        evidence=probability,
         regions=(),
         reason="F",
     )

@@ -149,7 +149,7 @@ def test_masks_are_judged_where_both_are_known(case: Case) -> None:
     shown = replace(case, scene=replace(case.scene, static=static, valid=np.ones_like(static)))
     labels = np.where(at_pixels(~static, SIZE[::-1]) > 0.5, 1, 0).astype(np.uint8)
     plain = np.zeros(SIZE[::-1], np.float32)
-    mask = MotionMask(labels=labels, probability=plain, score=plain, evidence=plain, regions=(), reason="")
+    mask = MotionMask(labels=labels, probability=plain, score=plain, regions=(), reason="")
     assert mask_iou(shown, mask) == 1
     labels[:, 4 * 16 : 4 * 20] = 2  # a third of it is unobservable
     assert mask_iou(shown, mask) == 1
