@@ -67,7 +67,8 @@ def test_what_the_homography_explains_is_no_mover_where_parallax_is_open() -> No
 def test_scores_are_the_least_and_none_without_any_motion() -> None:
     found = estimate_of(forward(moving=True), F=RADIAL)
     radial, sideways = found.geometry, replace(found.geometry, F=SIDEWAYS)
-    each = [motion_score(replace(found, geometry=one)) for one in (radial, sideways)]
+    own = motion_score(found)
+    each = own, motion_score(replace(found, geometry=sideways), max(own.error_scale, 1.0))
     least = least_score(found, [radial, sideways])
     np.testing.assert_array_equal(least.score, np.minimum(each[0].score, each[1].score))
     np.testing.assert_array_equal(least.reach, np.minimum(each[0].reach, each[1].reach))
@@ -82,3 +83,11 @@ def test_same_generator_same_mask_and_splits_are_not_negative() -> None:
     np.testing.assert_array_equal(one.score, other.score)
     with pytest.raises(ValueError, match="splits"):
         SegmentOptions(splits=-1)
+
+
+def test_a_motion_that_explains_little_explains_no_mover() -> None:
+    found = estimate_of(forward(moving=True), F=RADIAL)
+    elsewhere = replace(found.geometry, F=SIDEWAYS)
+    believed = motion_score(replace(found, geometry=elsewhere))
+    assert believed.error_scale > 2 and believed.score[30, 55] < 9  # its own errors would hide the mover
+    assert least_score(found, [found.geometry, elsewhere]).score[30, 55] > 9
