@@ -35,7 +35,7 @@ FORMATS = {
 NAMES = (
     "a b.jpg", "\n.jpg", "\x1b[31m.png", "ü.jpg", "-o.jpg", "#open.jpg", "a#close.png", "%s.jpg", "a,b.jpg",
     "..jpg", "'.jpg", '".jpg', "\u202e.jpg", "a" * 240 + ".jpg", os.fsdecode(b"\xff\xfe.jpg"), "<b>.jpg",
-    "&amp;.png", "</script>.jpg", "$HOME.jpg", "*.jpg",
+    "&amp;.png", "<!--.jpg", "$HOME.jpg", "*.jpg",
 )  # fmt: skip
 ABSURD = (0.0, -1.0, 1e300, 1e-300, float("nan"), float("inf"), 1e9, 5e-324)
 

@@ -26,7 +26,10 @@ GUARDS = 1e-5, 1e5  # smaller and larger numbers keep zeros from dividing, or st
 
 @dataclass(frozen=True, kw_only=True)
 class Mutant:
-    """A module, "blur2view/...", with one change: in which function ("" outside), which line, its source."""
+    """A module, "blur2view/...", with one change: in which function, which line, its source.
+
+    Outside of functions ``function`` is the name that is given a value there, "" if there is none.
+    """
 
     path: str
     function: str
@@ -71,6 +74,9 @@ def mutants_of(path: str, source: str) -> Iterator[Mutant]:
 
 def _edits(node: ast.AST, function: str) -> Iterator[tuple[str, _Edit]]:
     """Yield the edits of a node and of what it holds, with the outermost function, or method, around."""
+    match node:
+        case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)):
+            function = function if "()" in function else name
     for edit in _own_edits(node):
         yield function, edit
     if isinstance(node, ast.FunctionDef):

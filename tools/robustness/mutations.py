@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,7 +23,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from queue import Queue
 
@@ -52,16 +53,24 @@ class Reached:
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Return the tests that reach a mutant's function, shortest first.
 
-        Of what is outside functions every test, those that reach the module first.
+        Of a value outside functions those that reach a module in which its name occurs.
         """
-        place = f"{mutant.path}:{mutant.function}"
-        near = {
-            test
-            for test, called in self.functions.items()
-            if any(name == place or (not mutant.function and name.startswith(place)) for name in called)
-        }
-        tests = near if mutant.function else self.functions
-        return sorted(tests, key=lambda test: (test not in near, self.seconds[test]))
+        if "()" in mutant.function:
+            places = (f"{mutant.path}:{mutant.function}",)
+        else:
+            places = tuple(f"{path}:" for path in {mutant.path} | naming(mutant.function or "?"))
+        tests = [
+            test for test, called in self.functions.items() if any(name.startswith(places) for name in called)
+        ]
+        return sorted(tests, key=lambda test: self.seconds[test])
+
+
+@lru_cache
+def naming(name: str) -> set[str]:
+    """Return the modules of the package in which a name occurs."""
+    word = re.compile(rf"\b{re.escape(name)}\b")
+    paths = (ROOT / "blur2view").rglob("*.py")
+    return {path.relative_to(ROOT).as_posix() for path in paths if word.search(path.read_text())}
 
 
 def record(copy: Path) -> Reached:
@@ -157,6 +166,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1, help="mutants tested at a time")
+    parser.add_argument("--reached", type=Path, help="file that keeps which test calls what, if there is one")
     parser.add_argument("--only", default="", help="mutants whose path and line, PATH:LINE, start so")
     parser.add_argument("--out", type=Path, help="write the table there, too")
     options = parser.parse_args()
@@ -168,7 +178,12 @@ def main() -> None:
         copies: Queue[Path] = Queue()
         for job in range(options.jobs):
             copies.put(copy_checkout(Path(name) / str(job)))
-        reached = record(Path(name) / "0")
+        if options.reached and options.reached.exists():
+            reached = Reached(**json.loads(options.reached.read_text()))
+        else:
+            reached = record(Path(name) / "0")
+            if options.reached:
+                shutil.copy(Path(name) / "0" / "reached.json", options.reached)
         print(f"{len(reached.seconds)} tests recorded in {time.perf_counter() - start:.0f} s", flush=True)
         outcomes = []
         with ThreadPoolExecutor(options.jobs) as pool:
