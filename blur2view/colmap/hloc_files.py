@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.colmap.text_formats import refuse_names
+from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 
 UNMATCHED = -1
+NAMES = ("features.h5", "matches.h5", "pairs.txt")
 
 
 def pair_name(name1: str, name2: str) -> str:
@@ -46,7 +47,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     Parameters
     ----------
     folder : Path
-        Created if needed; what an earlier call wrote there is replaced.
+        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
     sequence : sequence of ExposureViews
 
     Returns
@@ -57,11 +58,13 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     Raises
     ------
     OutputError
-        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written.
+        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written or is not
+        ours.
     """
     refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
-    paths = [folder / name for name in ("features.h5", "matches.h5", "pairs.txt")]
+    refuse_foreign(folder)
+    paths = [folder / name for name in NAMES]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _write(paths, sequence, h5py)
@@ -69,6 +72,44 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
         reason = error.strerror or " ".join(str(error).split())
         raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
     return paths
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Refuse a folder whose files of these names hold more than views: hloc keeps its own in such files.
+
+    Raises
+    ------
+    OutputError
+        If so, or if one cannot be read as what it should be.
+    """
+    for name in NAMES:
+        path = folder / name
+        if os.path.lexists(path) and not _holds_views_alone(path):
+            raise OutputError(
+                f"{path}: holds more than views of an earlier call; choose another folder with -o"
+            )
+
+
+def _holds_views_alone(path: Path) -> bool:
+    """Return whether all names in one of hloc's files are those of views."""
+    if path.suffix == ".txt":
+        return are_views(path.read_text("utf-8", "replace").split())
+    names: list[str] = []
+
+    def note(name: str, node: Any) -> None:
+        """Note the names of a group that holds what hloc puts there for an image, or a pair of them."""
+        holds = {"keypoints": [name], "matches0": name.split("/")}
+        if not hasattr(node, "keys"):  # a dataset; that of a group is noted with it
+            names.extend([] if "/" in name else [name])
+            return
+        names.extend(part for key in node for part in holds.get(key, []))
+
+    try:
+        with _h5py().File(path, "r") as file:
+            file.visititems(note)
+    except OSError:
+        return False
+    return are_views(names)
 
 
 def _h5py() -> Any:

@@ -11,6 +11,8 @@ notices survives. Which survivors change nothing that can be seen is for a reade
 from __future__ import annotations
 
 import argparse
+import gc
+import importlib
 import json
 import os
 import re
@@ -21,13 +23,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
-from queue import Queue
 
 import numpy as np
+import pytest
 
 from tools.robustness.mutation_sites import Mutant, mutants_of
 
@@ -39,6 +40,11 @@ CORE = (
 COPIED = ("blur2view", "tools", "tests", "models", "pyproject.toml", "README.md", ".ci", "CITATION.cff")
 FAST = "not slow and not train and not browser and not lint"
 PYTEST = ("-q", "-x", "-p", "no:cacheprovider", "-m", FAST)
+LIBRARIES = (
+    "cv2", "onnx.helper", "onnxruntime", "PIL.Image", "pycolmap", "scipy.ndimage", "scipy.optimize",
+    "scipy.sparse.csgraph",
+    "scipy.spatial", "scipy.linalg", "skimage.segmentation", "skimage.filters",
+)  # fmt: skip
 LIMIT_S = 60.0  # of the tests of one mutant beyond three times what they take
 KILLED, SURVIVED, TIMEOUT, UNREACHED = "killed", "survived", "killed by its time", "reached by no test"
 
@@ -100,42 +106,53 @@ def copy_checkout(folder: Path) -> Path:
     return folder
 
 
-def judge(mutant: Mutant, reached: Reached, copies: Queue[Path]) -> str:
-    """Return what becomes of a mutant."""
+def judge(mutant: Mutant, reached: Reached, copy: Path) -> str:
+    """Return what becomes of a mutant in a copy of the checkout, which is as before afterwards."""
     tests = reached.tests_of(mutant)
     if not tests:
         return UNREACHED
     limit_s = LIMIT_S + 3 * sum(reached.seconds[test] for test in tests)
-    copy = copies.get()
     path = copy / mutant.path
     original = path.read_text()
     path.write_text(mutant.source)
     try:
-        words = [sys.executable, "-m", "pytest", *PYTEST, f"@{_arguments(copy, tests)}"]
-        child = subprocess.Popen(
-            words,
-            cwd=copy,
-            env=environment_of(copy),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        try:
-            return SURVIVED if child.wait(limit_s) == 0 else KILLED
-        except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-            return TIMEOUT
+        return _tested(copy, tests, limit_s)
     finally:
         path.write_text(original)
-        copies.put(copy)
 
 
-def _arguments(copy: Path, tests: Sequence[str]) -> Path:
-    """Return a file that names the tests, of which there may be more than a command line takes."""
-    path = copy / "tests.txt"
-    path.write_text("\n".join(tests))
-    return path
+def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> str:
+    """Return the outcome of the tests, in a fork of this process, which has the libraries loaded."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setsid()
+            os.chdir(copy)
+            os.environ.update(environment_of(copy))
+            for stream in (1, 2):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+            sys.path[:] = [str(copy), *(entry for entry in sys.path if Path(entry).resolve() != ROOT)]
+            for name in [name for name in sys.modules if name.partition(".")[0] == "tools"]:
+                del sys.modules[name]
+            os._exit(int(pytest.main([*PYTEST, *tests])))
+        finally:
+            os._exit(1)
+    start = time.perf_counter()
+    while time.perf_counter() - start < limit_s:
+        pid, status = os.waitpid(child, os.WNOHANG)
+        if pid:
+            return SURVIVED if os.waitstatus_to_exitcode(status) == 0 else KILLED
+        time.sleep(0.02)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return TIMEOUT
+
+
+def load_libraries() -> None:
+    """Import what tests need of others, so that forks need not."""
+    for name in LIBRARIES:
+        importlib.import_module(name)
+    gc.freeze()
 
 
 def core_mutants() -> Iterator[Mutant]:
@@ -165,7 +182,6 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1, help="mutants tested at a time")
     parser.add_argument("--reached", type=Path, help="file that keeps which test calls what, if there is one")
     parser.add_argument("--only", default="", help="mutants whose path and line, PATH:LINE, start so")
     parser.add_argument("--out", type=Path, help="write the table there, too")
@@ -174,24 +190,20 @@ def main() -> None:
     chosen = np.random.default_rng(options.seed).permutation(len(every))[: options.count]
     drawn = sorted((every[index] for index in chosen), key=lambda mutant: (mutant.path, mutant.line))
     start = time.perf_counter()
+    outcomes = []
     with tempfile.TemporaryDirectory() as name:
-        copies: Queue[Path] = Queue()
-        for job in range(options.jobs):
-            copies.put(copy_checkout(Path(name) / str(job)))
+        copy = copy_checkout(Path(name))
         if options.reached and options.reached.exists():
             reached = Reached(**json.loads(options.reached.read_text()))
         else:
-            reached = record(Path(name) / "0")
+            reached = record(copy)
             if options.reached:
-                shutil.copy(Path(name) / "0" / "reached.json", options.reached)
+                shutil.copy(copy / "reached.json", options.reached)
         print(f"{len(reached.seconds)} tests recorded in {time.perf_counter() - start:.0f} s", flush=True)
-        outcomes = []
-        with ThreadPoolExecutor(options.jobs) as pool:
-            for mutant, outcome in zip(
-                drawn, pool.map(partial(judge, reached=reached, copies=copies), drawn), strict=True
-            ):
-                outcomes.append(outcome)
-                print(f"{outcome}: {mutant.path}:{mutant.line} {mutant.change}", flush=True)
+        load_libraries()
+        for mutant in drawn:
+            outcomes.append(judge(mutant, reached, copy))
+            print(f"{outcomes[-1]}: {mutant.path}:{mutant.line} {mutant.change}", flush=True)
     table = report(drawn, outcomes, len(every), options.seed)
     print(table)
     if options.out:
