@@ -27,7 +27,7 @@ def draw_overlay(
 
     Inlier smears are vivid, coloured by orientation; outliers are grey; white lines are epipolar lines of
     F through a spread of inliers, and a ring marks an epipole that lies in the picture. The panel below
-    holds the configuration with its reason, the key of the orientation colours and a map of sigma.
+    holds the configuration and what it means, the key of the orientation colours and a map of sigma.
 
     Parameters
     ----------

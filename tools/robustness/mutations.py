@@ -16,6 +16,7 @@ import importlib
 import json
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -23,9 +24,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from queue import Queue
 
 import numpy as np
 import pytest
@@ -45,7 +48,7 @@ LIBRARIES = (
     "scipy.sparse.csgraph",
     "scipy.spatial", "scipy.linalg", "skimage.segmentation", "skimage.filters",
 )  # fmt: skip
-LIMIT_S = 60.0  # of the tests of one mutant beyond three times what they take
+LIMIT_S, MOST_S = 30.0, 1800.0  # of a mutant's tests: processor time beyond thrice theirs; by the clock
 KILLED, SURVIVED, TIMEOUT, UNREACHED = "killed", "survived", "killed by its time", "reached by no test"
 
 
@@ -90,6 +93,16 @@ def record(copy: Path) -> Reached:
     return Reached(**json.loads(target.read_text()))
 
 
+def reached_by(kept: Path | None, copy: Path) -> Reached:
+    """Return what each test calls: from a file that an earlier run kept, or by a run of the tests."""
+    if kept is not None and kept.exists():
+        return Reached(**json.loads(kept.read_text()))
+    reached = record(copy)
+    if kept is not None:
+        shutil.copy(copy / "reached.json", kept)
+    return reached
+
+
 def environment_of(copy: Path) -> dict[str, str]:
     """Return the environment in which tests see the copy alone."""
     return os.environ | {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
@@ -106,11 +119,12 @@ def copy_checkout(folder: Path) -> Path:
     return folder
 
 
-def judge(mutant: Mutant, reached: Reached, copy: Path) -> str:
-    """Return what becomes of a mutant in a copy of the checkout, which is as before afterwards."""
+def judge(mutant: Mutant, reached: Reached, copies: Queue[Path]) -> str:
+    """Return what becomes of a mutant in one of the copies of the checkout."""
     tests = reached.tests_of(mutant)
     if not tests:
         return UNREACHED
+    copy = copies.get()
     limit_s = LIMIT_S + 3 * sum(reached.seconds[test] for test in tests)
     path = copy / mutant.path
     original = path.read_text()
@@ -119,6 +133,7 @@ def judge(mutant: Mutant, reached: Reached, copy: Path) -> str:
         return _tested(copy, tests, limit_s)
     finally:
         path.write_text(original)
+        copies.put(copy)
 
 
 def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> str:
@@ -128,6 +143,7 @@ def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> str:
         try:
             os.setsid()
             os.chdir(copy)
+            resource.setrlimit(resource.RLIMIT_CPU, (round(limit_s), round(limit_s)))
             os.environ.update(environment_of(copy))
             for stream in (1, 2):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
@@ -138,10 +154,13 @@ def _tested(copy: Path, tests: Sequence[str], limit_s: float) -> str:
         finally:
             os._exit(1)
     start = time.perf_counter()
-    while time.perf_counter() - start < limit_s:
+    while time.perf_counter() - start < MOST_S:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
-            return SURVIVED if os.waitstatus_to_exitcode(status) == 0 else KILLED
+            code = os.waitstatus_to_exitcode(status)
+            return (
+                SURVIVED if code == 0 else TIMEOUT if code in (-signal.SIGXCPU, -signal.SIGKILL) else KILLED
+            )
         time.sleep(0.02)
     os.killpg(child, signal.SIGKILL)
     os.waitpid(child, 0)
@@ -182,6 +201,7 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1, help="mutants tested at a time")
     parser.add_argument("--reached", type=Path, help="file that keeps which test calls what, if there is one")
     parser.add_argument("--only", default="", help="mutants whose path and line, PATH:LINE, start so")
     parser.add_argument("--out", type=Path, help="write the table there, too")
@@ -192,18 +212,17 @@ def main() -> None:
     start = time.perf_counter()
     outcomes = []
     with tempfile.TemporaryDirectory() as name:
-        copy = copy_checkout(Path(name))
-        if options.reached and options.reached.exists():
-            reached = Reached(**json.loads(options.reached.read_text()))
-        else:
-            reached = record(copy)
-            if options.reached:
-                shutil.copy(copy / "reached.json", options.reached)
+        copies: Queue[Path] = Queue()
+        for job in range(options.jobs):
+            copies.put(copy_checkout(Path(name) / str(job)))
+        reached = reached_by(options.reached, Path(name) / "0")
         print(f"{len(reached.seconds)} tests recorded in {time.perf_counter() - start:.0f} s", flush=True)
         load_libraries()
-        for mutant in drawn:
-            outcomes.append(judge(mutant, reached, copy))
-            print(f"{outcomes[-1]}: {mutant.path}:{mutant.line} {mutant.change}", flush=True)
+        with ThreadPoolExecutor(options.jobs) as pool:
+            judged = pool.map(partial(judge, reached=reached, copies=copies), drawn)
+            for mutant, outcome in zip(drawn, judged, strict=True):
+                outcomes.append(outcome)
+                print(f"{outcome}: {mutant.path}:{mutant.line} {mutant.change}", flush=True)
     table = report(drawn, outcomes, len(every), options.seed)
     print(table)
     if options.out:
