@@ -148,7 +148,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     rotation = _rotation(document)
     if document.angular_velocity_rad_s is not None:
         rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
-        rotation += f", angular velocity ({rates}), {rate(document)} in {document.exposure_s:g} s"
+        rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
     if not any(pose.translation):
         return [rotation + _untold(document)]
     direction = ", ".join(f"{value:.3f}" for value in pose.translation)

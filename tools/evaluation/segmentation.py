@@ -32,6 +32,7 @@ from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.sampling import grid_pixels, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.visualization.mask_overlay import draw_motion
+from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.reports.figure_style import save_picture
 
@@ -279,9 +280,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("scenes", type=Path, nargs="+", help="folders of rendered scenes")
+    parser.add_argument("scenes", type=existing, nargs="+", help="folders of rendered scenes")
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
-    parser.add_argument("--out", type=Path, required=True, help="without suffix")
+    parser.add_argument("--out", type=target, required=True, help="without suffix")
     arguments = parser.parse_args()
     network, motion_network = SmearNetwork(), MotionNetwork()
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}

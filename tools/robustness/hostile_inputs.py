@@ -34,6 +34,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tools.arguments import target
 from tools.robustness.hostile_files import Rng, blurred, hostile_model, hostile_photograph
 from tools.robustness.politeness import Call, complaints
 
@@ -314,7 +315,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1, help="calls at a time")
-    parser.add_argument("--out", type=Path, help="write the table there, too")
+    parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
     tallies = try_all(options.count, options.seed, partial(print, flush=True), options.jobs)
     found = table(tallies, options.seed)

@@ -33,6 +33,7 @@ from queue import Queue
 import numpy as np
 import pytest
 
+from tools.arguments import target
 from tools.robustness.mutation_sites import Mutant, mutants_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -204,7 +205,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="mutants tested at a time")
     parser.add_argument("--reached", type=Path, help="file that keeps which test calls what, if there is one")
     parser.add_argument("--only", default="", help="mutants whose path and line, PATH:LINE, start so")
-    parser.add_argument("--out", type=Path, help="write the table there, too")
+    parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
     every = [one for one in core_mutants() if f"{one.path}:{one.line}".startswith(options.only)]
     chosen = np.random.default_rng(options.seed).permutation(len(every))[: options.count]

@@ -25,6 +25,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.features import motion_features
 from blur2view.segmentation.score import motion_score
+from tools.arguments import existing, target
 from tools.datasets.shards import decode_linear, require_shards, start_worker
 from tools.rendering.sensor import photograph
 
@@ -123,10 +124,10 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("shards", type=Path, help="folder that tools.datasets.shards wrote")
-    parser.add_argument("out", type=Path)
+    parser.add_argument("shards", type=existing, help="folder that tools.datasets.shards wrote")
+    parser.add_argument("out", type=target)
     parser.add_argument("--processes", type=int, default=multiprocessing.cpu_count())
-    parser.add_argument("--model", type=Path, help="smear network (default: the shipped one)")
+    parser.add_argument("--model", type=existing, help="smear network (default: the shipped one)")
     arguments = parser.parse_args()
     try:
         make(arguments.shards, arguments.processes, arguments.model).save(arguments.out)
