@@ -1,1 +1,1 @@
-"""Tests of tools.reports."""
+"""Tests of tools.robustness."""
