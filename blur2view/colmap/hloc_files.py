@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from io import BytesIO
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
+from blur2view.output_files import write_together
 
 UNMATCHED = -1
 NAMES = ("features.h5", "matches.h5", "pairs.txt")
@@ -128,19 +131,18 @@ def _h5py() -> Any:
 
 
 def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) -> None:
-    """Write all files beside their paths, then rename them; nothing is left of a failure."""
-    beside = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
-    try:
-        with h5py.File(beside[0], "w") as features, h5py.File(beside[1], "w") as matches:
+    """Write all files together; nothing is left of a failure.
+
+    HDF5 is made in memory first: where a disk is full its library ends the process (h5py 3.16).
+    """
+    features, matches = BytesIO(), BytesIO()
+    for stream, add in ((features, _add_features), (matches, _add_matches)):
+        with h5py.File(stream, "w") as file:
             for views in sequence:
-                _add_features(features, views)
-                _add_matches(matches, views)
-        beside[2].write_text("".join(" ".join(views.names) + "\n" for views in sequence))
-        for temporary, path in zip(beside, paths, strict=True):
-            temporary.replace(path)
-    finally:
-        for temporary in beside:
-            temporary.unlink(missing_ok=True)
+                add(file, views)
+    pairs = "".join(" ".join(views.names) + "\n" for views in sequence).encode()
+    contents = zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)
+    write_together({path: methodcaller("write", content) for path, content in contents})
 
 
 def _add_features(file: Any, views: ExposureViews) -> None:

@@ -110,8 +110,13 @@ class MotionNetwork:
         if image.shape[:2] != found.field.shape:
             raise ValueError(f"expected an image of shape {(*found.field.shape, 3)}, got {image.shape}")
         sides = {reduced_shape(image.shape, side): side for side in LONGEST_SIDES}.values()
-        logits = np.mean([self._at_size(found, image, side) for side in sides], axis=0, dtype=np.float32)
-        return np.asarray(1 / (1 + np.exp(np.minimum(-logits, 80))), np.float32)  # exp(89) overflows
+        odds = np.zeros(image.shape[:2], np.float32)  # against, and in place: 24 megapixels have 100 MB
+        for side in sides:
+            odds -= self._at_size(found, image, side)
+        odds /= len(sides)
+        np.exp(np.minimum(odds, 80, out=odds), out=odds)  # exp(89) overflows
+        odds += 1
+        return np.reciprocal(odds, out=odds)
 
     def _at_size(self, found: Estimate, image: NDArray[np.float32], longest: int) -> NDArray[np.float32]:
         """Return the logits (H, W) that the network finds in a copy of the photograph, interpolated."""

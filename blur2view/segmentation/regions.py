@@ -31,6 +31,7 @@ MARGIN = 12  # working pixels around a part within which it may grow
 CUTS, FEWEST, NO_BOX = 3, 20, (0, 0, 1, 1)
 EDGE = 1e-4  # variance of grey levels from which the guided filter keeps an edge
 LEAST_OVERLAP, LEAST_KEPT = 0.4, 0.1  # of the cut in the part, of the part in the cut
+WHOLE_PIXELS = 4_000_000  # that are filtered at a time, in 50 bytes each
 LEAST_SHARE = 0.003  # of the photograph that a moving part covers, and a hole in one
 # Of the network's probability; the best overlap on 52 rendered development scenes, 24 of them with movers,
 # where 1.5 % of the others may be called moving. Below the last one a part that scores found is denied.
@@ -211,9 +212,17 @@ def to_pixels(cells: Array, image: NDArray[np.float32] | None, shape: tuple[int,
     ----------
     He, Sun and Tang, Guided image filtering, PAMI 2013.
     """
-    large = cv2.resize(cells.astype(np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    large = np.asarray(cv2.resize(cells.astype(np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR))
     if image is None:
-        return np.asarray(large)
+        return large
     radius = max(round(2 * max(shape) / max(cells.shape)), 2)
-    guide = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return np.asarray(np.clip(cv2.ximgproc.guidedFilter(guide, large, radius, EDGE), 0, 1))
+    carried = np.empty_like(large)
+    strip = shape[0] if large.size <= WHOLE_PIXELS else max(WHOLE_PIXELS // shape[1], 1)
+    for first in range(0, shape[0], strip):
+        # a pixel depends on what lies within twice the radius
+        above, last = max(first - 2 * radius, 0), min(first + strip, shape[0])
+        rows = slice(above, last + 2 * radius)
+        guide = cv2.cvtColor(image[rows], cv2.COLOR_RGB2GRAY)
+        filtered = cv2.ximgproc.guidedFilter(guide, large[rows], radius, EDGE)
+        carried[first:last] = filtered.reshape(guide.shape)[first - above : last - above]
+    return np.clip(carried, 0, 1, out=carried)

@@ -1,5 +1,7 @@
 """hloc's files, read back as hloc's own readers do."""
 
+import os
+import resource
 import sys
 from pathlib import Path
 
@@ -131,3 +133,17 @@ def test_datasets_at_the_top_of_a_file_are_not_ours(tmp_path: Path) -> None:
         file.create_dataset("mine", data=[1.0])
     with pytest.raises(OutputError, match="holds more than views"):
         write_hloc(tmp_path, [some_views()])
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    child = os.fork()
+    if child == 0:  # the limit holds for a whole process
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+        try:
+            write_hloc(tmp_path / "out", [some_views(count=500)])
+        except OutputError as error:
+            os._exit(7 if "out: cannot be written (File too large)" in str(error) else 8)
+        finally:
+            os._exit(9)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    assert list((tmp_path / "out").iterdir()) == []
