@@ -15,8 +15,10 @@ def existing(text: str) -> Path:
 
 
 def target(text: str) -> Path:
-    """Return the path of a result whose folder is there; anything else is wrong usage."""
+    """Return the path of a result, after making its folder; where none can be made that is wrong usage."""
     path = Path(text)
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text}: there is no folder {path.parent}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text}: {path.parent}: {error.strerror}") from None
     return path

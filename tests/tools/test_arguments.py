@@ -2,6 +2,7 @@
 
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +10,7 @@ import pytest
 @pytest.mark.parametrize(
     "words",
     [
-        "datasets.sample nowhere/sample.jpg",
+        "datasets.sample nowhere.txt/sample.jpg",
         "datasets.sample sample.jpg --photos nowhere",
         "evaluation.even_blur nowhere",
         "evaluation.gyroscope nowhere",
@@ -23,9 +24,11 @@ import pytest
     ],
 )
 def test_what_is_not_there_is_wrong_usage(
-    words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name, *arguments = words.split()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "nowhere.txt").touch()  # no folder
     monkeypatch.setattr(sys, "argv", [name, *arguments])
     with pytest.raises(SystemExit) as ended:
         import_module(f"tools.{name}").main()
