@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from blur2view.errors import Blur2ViewError
 from tools.database_safety.colmap_check import check_database
 
 MOST_GIB = 2.0
@@ -67,7 +68,8 @@ def _ending(call: Call) -> Iterator[str]:
 def _streams(call: Call) -> Iterator[str]:
     """Complain about foreign lines, control characters, and lines that are too many or too few."""
     if b"Traceback" in call.said + call.printed:
-        yield "traceback: " + (call.said + call.printed).decode("utf-8", "replace").strip().split("\n")[-1]
+        stream = call.said if b"Traceback" in call.said else call.printed
+        yield "traceback: " + stream.decode("utf-8", "replace").strip().split("\n")[-1]
         return
     text = (call.said + call.printed).decode("utf-8", "replace")
     if odd := sorted({mark for mark in text if not mark.isprintable() and mark != "\n"}):
@@ -94,11 +96,12 @@ def _files(call: Call) -> Iterator[str]:
             yield f"leaves {path.relative_to(call.folder)}"
         elif path.is_file() and not path.is_symlink() and (why := _damage(path)):
             yield f"{path.relative_to(call.folder)} {why}"
-    for ending in ENDINGS.get(call.words[0], ()):
-        for path in call.folder.rglob(f"*{ENDINGS[call.words[0]][-1]}"):
-            whole = path.with_name(path.name.removesuffix(ENDINGS[call.words[0]][-1]) + ending)
-            if not whole.exists():
-                yield f"leaves {path.name} without {whole.name}"
+    endings = ENDINGS.get(call.words[0], ())
+    for stem in {
+        str(path).removesuffix(ending) for ending in endings for path in there if path.name.endswith(ending)
+    }:
+        if missing := [ending for ending in endings if not Path(stem + ending).exists()]:
+            yield f"leaves {Path(stem).name} without {', '.join(missing)}"
     if call.code == 2 and len(there) > 1:
         yield f"writes {there[-1].name} in spite of wrong usage"
 
@@ -119,7 +122,7 @@ def _damage(path: Path) -> str:
                 return "" if data.endswith(b"IEND\xaeB`\x82") else "is cut"
             case ".db":
                 return "; ".join(check_database(path))
-    except (ValueError, OSError, zipfile.BadZipFile, sqlite3.Error) as error:
+    except (ValueError, OSError, zipfile.BadZipFile, sqlite3.Error, Blur2ViewError) as error:
         return f"is damaged: {error}"
     return ""
 

@@ -76,7 +76,7 @@ def test_files_that_are_not_whole_are_found(call: Call, name: str, content: byte
 
 def test_results_without_their_fellows_are_found(call: Call) -> None:
     (call.folder / "a.json").write_text("{}")
-    assert "leaves a.json without a.png" in complaints(call)
+    assert "leaves a without .png, .smear.npz" in complaints(call)
 
 
 def test_equal_seeds_give_equal_inputs(tmp_path: Path) -> None:
