@@ -66,7 +66,7 @@ class Reached:
         Of a value outside functions those that reach a module in which its name occurs.
         """
         if "()" in mutant.function:
-            places = (f"{mutant.path}:{mutant.function}",)
+            places: tuple[str, ...] = (f"{mutant.path}:{mutant.function}",)
         else:
             places = tuple(f"{path}:" for path in {mutant.path} | naming(mutant.function or "?"))
         tests = [
