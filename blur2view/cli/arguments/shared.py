@@ -200,7 +200,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=MAX_MEMORY_GIB,
         metavar="GIB",
-        help="refuse photographs whose estimate takes more memory; masks take up to half as much again "
+        help="refuse photographs whose estimate takes more memory; masks take up to three times as much "
         "(default: %(default)s, enough for 32 megapixels)",
     )
     add(
