@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
-from blur2view.errors import ImageError
+from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import read_regular
 
 # Four cells of the network's grid: anything smaller shows no smear.
@@ -60,10 +60,9 @@ def read_image(
     """
     path = Path(path)
     encoded = _read_bytes(path)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        photo = _decode(path, encoded, as_stored, max_memory_gib)
-    return _to_rgb(photo)
+        return _to_rgb(_decode(path, encoded, as_stored, max_memory_gib))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,10 +120,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
         raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
-    except ImageError:
+    except (ImageError, MemoryError):
         raise
-    except MemoryError:
-        raise ImageError(f"{path}: does not fit in memory; resize it") from None
     except Exception as error:
         # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__

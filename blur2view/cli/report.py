@@ -2,8 +2,11 @@
 
 import argparse
 import os
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from blur2view import __version__
 from blur2view.cli.options import read_run
@@ -11,12 +14,20 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, complain, printable, progress
 from blur2view.errors import Blur2ViewError, OutputError, within_memory
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
+from blur2view.output_files import (
+    below_shared_folder,
+    is_ours,
+    prepare_folder,
+    remove_empty,
+    unwritable,
+    write_atomically,
+)
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.segmentation.mask import segment
 from blur2view.visualization.report import Entry, report
 
 DONE, FAILED = 0, 1
+FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -52,21 +63,28 @@ def _check_output(options: argparse.Namespace) -> None:
 
 def _entries(options: argparse.Namespace, run: Run, network: SmearNetwork) -> list[Entry]:
     """Return the entry of every photograph, and print a line about each."""
-    jobs, say = progress(options.images)
+    names = shown_names(options.images)
+    jobs, say = progress(list(zip(options.images, names, strict=True)))
     entries = []
-    for image in jobs:
+    for image, name in jobs:
         try:
             with within_memory(image):
                 one = estimate_file(image, network, run)
-                entries.append(_entry(one, masked=not options.no_mask, timings=not options.no_timings))
+                shown = replace(one, path=Path(name))
+                entries.append(_entry(shown, masked=not options.no_mask, timings=not options.no_timings))
         except Blur2ViewError as error:
-            entries.append(Entry.failed(str(image), str(error)))
+            entries.append(Entry.failed(name, FOLDERS.sub("", str(error).replace(str(image), name))))
             complain(error, say)
         else:
             if options.verbosity > QUIET:
                 line = verdict_line(str(image), one.estimate.geometry)
                 say(line if options.verbosity == SHORT else f"{line}\n  {one.estimate.geometry.reason}")
     return entries
+
+
+def shown_names(images: Sequence[Path]) -> list[str]:
+    """Return names without the folders that all photographs share: a report is made to be sent."""
+    return [path.name if ".." in path.parts else str(path) for path in below_shared_folder(images)]
 
 
 def _entry(one: FileEstimate, *, masked: bool, timings: bool) -> Entry:

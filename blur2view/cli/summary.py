@@ -12,17 +12,14 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoVie
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.mask_overlay import headline
-from blur2view.visualization.verdicts import verdict
+from blur2view.visualization.verdicts import sentence
 
 FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 
 
 def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
     """Return the configuration of a photograph and the one sentence that matters."""
-    kind, sentence = verdict(geometry)
-    if kind == "none":
-        sentence = geometry.reason[:1].upper() + geometry.reason[1:]
-    return f"{printable(name)}: {geometry.config.name}. {sentence.removesuffix('.')}"
+    return f"{printable(name)}: {geometry.config.name}. {sentence(geometry).removesuffix('.')}"
 
 
 def estimate_summary(
@@ -73,11 +70,17 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     """Return one line: how many smears fit, the rotation or the epipole, the camera if it was scaled."""
     if geometry.F is None and geometry.H is None:
         return f"{document.num_matches} smears used"
-    parts = [f"{document.num_inliers} of {document.num_matches} smears fit ({document.support:.0%})"]
+    fit = f"{document.num_inliers} of {document.num_matches} smears fit"
+    # beside H a share of F would read as certainty
+    parts = [
+        f"{fit} F, but H explains them, too"
+        if geometry.F is not None and geometry.H is not None
+        else f"{fit} ({document.support:.0%})"
+    ]
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _untold(document))
         if document.angular_velocity_rad_s is not None:
-            parts.append(f"{np.linalg.norm(document.angular_velocity_rad_s):.3g} rad/s")
+            parts.append(rate(document))
     elif geometry.F is not None:
         parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
     if document.camera is not None and "scaled" in document.camera.source:
@@ -121,6 +124,15 @@ def _rotation(document: EstimateDocument) -> str:
     return angle
 
 
+def rate(document: EstimateDocument) -> str:
+    """Return the angular velocity with its standard deviation, or that it is not told from none."""
+    known = float(np.linalg.norm(document.angular_velocity_rad_s or 0.0))
+    if document.pose_covariance is None or not document.exposure_s:
+        return f"{known:.3g} rad/s"
+    sigma = np.radians(max(document.pose_covariance.rotation_sigma_deg)) / document.exposure_s
+    return f"{known:.3g} rad/s (sigma {sigma:.2g}{', not told from none' if known < sigma else ''})"
+
+
 def _untold(document: EstimateDocument) -> str:
     """Return why a pose's translation is zero; nothing if it is not."""
     if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
@@ -137,7 +149,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     rotation = _rotation(document)
     if document.angular_velocity_rad_s is not None:
         rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
-        rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s"
+        rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
     if not any(pose.translation):
         return [rotation + _untold(document)]
     direction = ", ".join(f"{value:.3f}" for value in pose.translation)

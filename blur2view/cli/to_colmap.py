@@ -8,10 +8,9 @@ from pathlib import Path
 from blur2view.cli.options import read_run
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, PhotographViews, make_views, name_photographs, with_time
+from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.database import refuse_existing, write_database
-from blur2view.colmap.hloc_files import write_hloc
 from blur2view.colmap.link import write_links
-from blur2view.colmap.text_formats import write_matches_text
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.to_colmap import (
     DATABASE,
@@ -32,6 +31,8 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     _check_usage(options, usage_error)
     if options.db is not None and not options.link:
         refuse_existing(options.db)
+    if options.output is not None:
+        (hloc_files if options.format == HLOC else text_formats).refuse_foreign(options.output)
     photographs, failures = name_photographs(options)
     made: list[PhotographViews] = []
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
@@ -95,9 +96,9 @@ def _write(options: argparse.Namespace, made: Sequence[PhotographViews]) -> Path
         return write_links(options.db, [one.job for one in made], backup=not options.no_backup)
     views = [one.views for one in made]
     if options.format == MATCHES:
-        write_matches_text(options.output, views, [one.photograph.path for one in made])
+        text_formats.write_matches_text(options.output, views, [one.photograph.path for one in made])
     elif options.format == HLOC:
-        write_hloc(options.output, views)
+        hloc_files.write_hloc(options.output, views)
     elif made:
         write_database(options.db, views)
     return None

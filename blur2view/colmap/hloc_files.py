@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from io import BytesIO
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.colmap.text_formats import refuse_names
+from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
+from blur2view.output_files import write_together
 
 UNMATCHED = -1
+NAMES = ("features.h5", "matches.h5", "pairs.txt")
 
 
 def pair_name(name1: str, name2: str) -> str:
@@ -46,7 +50,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     Parameters
     ----------
     folder : Path
-        Created if needed; what an earlier call wrote there is replaced.
+        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
     sequence : sequence of ExposureViews
 
     Returns
@@ -57,11 +61,13 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     Raises
     ------
     OutputError
-        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written.
+        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written or is not
+        ours.
     """
     refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
-    paths = [folder / name for name in ("features.h5", "matches.h5", "pairs.txt")]
+    refuse_foreign(folder)
+    paths = [folder / name for name in NAMES]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _write(paths, sequence, h5py)
@@ -69,6 +75,44 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
         reason = error.strerror or " ".join(str(error).split())
         raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
     return paths
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Refuse a folder whose files of these names hold more than views: hloc keeps its own in such files.
+
+    Raises
+    ------
+    OutputError
+        If so, or if one cannot be read as what it should be.
+    """
+    for name in NAMES:
+        path = folder / name
+        if os.path.lexists(path) and not _holds_views_alone(path):
+            raise OutputError(
+                f"{path}: holds more than views of an earlier call; choose another folder with -o"
+            )
+
+
+def _holds_views_alone(path: Path) -> bool:
+    """Return whether all names in one of hloc's files are those of views."""
+    if path.suffix == ".txt":
+        return are_views(path.read_text("utf-8", "replace").split())
+    names: list[str] = []
+
+    def note(name: str, node: Any) -> None:
+        """Note the names of a group that holds what hloc puts there for an image, or a pair of them."""
+        holds = {"keypoints": [name], "matches0": name.split("/")}
+        if not hasattr(node, "keys"):  # a dataset; that of a group is noted with it
+            names.extend([] if "/" in name else [name])
+            return
+        names.extend(part for key in node for part in holds.get(key, []))
+
+    try:
+        with _h5py().File(path, "r") as file:
+            file.visititems(note)
+    except OSError:
+        return False
+    return are_views(names)
 
 
 def _h5py() -> Any:
@@ -87,19 +131,18 @@ def _h5py() -> Any:
 
 
 def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) -> None:
-    """Write all files beside their paths, then rename them; nothing is left of a failure."""
-    beside = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
-    try:
-        with h5py.File(beside[0], "w") as features, h5py.File(beside[1], "w") as matches:
+    """Write all files together; nothing is left of a failure.
+
+    HDF5 is made in memory first: where a disk is full its library ends the process (h5py 3.16).
+    """
+    features, matches = BytesIO(), BytesIO()
+    for stream, add in ((features, _add_features), (matches, _add_matches)):
+        with h5py.File(stream, "w") as file:
             for views in sequence:
-                _add_features(features, views)
-                _add_matches(matches, views)
-        beside[2].write_text("".join(" ".join(views.names) + "\n" for views in sequence))
-        for temporary, path in zip(beside, paths, strict=True):
-            temporary.replace(path)
-    finally:
-        for temporary in beside:
-            temporary.unlink(missing_ok=True)
+                add(file, views)
+    pairs = "".join(" ".join(views.names) + "\n" for views in sequence).encode()
+    contents = zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)
+    write_together({path: methodcaller("write", content) for path, content in contents})
 
 
 def _add_features(file: Any, views: ExposureViews) -> None:

@@ -169,7 +169,7 @@ def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, repl
         "data": matches_blob(pair.inliers),
         "config": CONFIGURATIONS[geometry.config.name],
         "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
-        "E": matrix_blob(geometry.E),
+        "E": matrix_blob(geometry.E_of_pose),
         "H": matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
         "qvec": matrix_blob(None if pose is None else quaternion(pose.rotation)),
         "tvec": matrix_blob(None if pose is None else pose.translation),

@@ -12,6 +12,7 @@ a zero F). With ``raw`` it would verify them at 4 px, at which most exposures ar
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -47,7 +48,7 @@ def write_matches_text(
     Parameters
     ----------
     folder : Path
-        Created if needed; what an earlier call wrote there is replaced.
+        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
     sequence : sequence of ExposureViews
     photographs : sequence of Path
         Of the same length. COLMAP reads the size and EXIF of every image it imports, so each view gets a
@@ -63,11 +64,12 @@ def write_matches_text(
     ValueError
         If the lengths differ.
     OutputError
-        If a name holds a blank or is there twice, or a file cannot be written.
+        If a name holds a blank or is there twice, or a file cannot be written or is not ours.
     """
     if len(sequence) != len(photographs):
         raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
     refuse_names(sequence, "COLMAP's text formats")
+    refuse_foreign(folder)
     paths = [folder / "matches.txt", folder / "keypoints", folder / "images"]
     try:
         for views, photograph in zip(sequence, photographs, strict=True):
@@ -96,6 +98,32 @@ def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
             raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
         if names.count(name) > 1:
             raise OutputError(f"{name}: is there twice; name each photograph once")
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Refuse a folder with a ``matches.txt`` that has more than views.
+
+    Raises
+    ------
+    OutputError
+        If so.
+    """
+    path = folder / "matches.txt"
+    if not os.path.lexists(path):
+        return
+    try:
+        words = path.read_text("utf-8", "replace").split()
+    except OSError as error:
+        raise OutputError(
+            f"{path}: cannot be read ({error.strerror}); choose another folder with -o"
+        ) from None
+    if not are_views([word for word in words if not word.isdecimal()]):
+        raise OutputError(f"{path}: holds more than views of an earlier call; choose another folder with -o")
+
+
+def are_views(names: Sequence[str]) -> bool:
+    """Return whether all of these names of images are those of views."""
+    return all(name.endswith((OPEN, CLOSE)) for name in names)
 
 
 def _remove_earlier(folders: Sequence[Path], names: set[str]) -> None:

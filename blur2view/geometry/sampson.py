@@ -12,7 +12,9 @@ from blur2view.geometry.epipolar import homogeneous, quadratic_features
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
-CHUNK = 16384  # residuals of models at once: beyond the processor's cache each takes three to four times as long
+CHUNK = (
+    16384  # residuals of models at once: beyond the processor's cache each takes three to four times as long
+)
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:

@@ -127,6 +127,15 @@ class TwoViewGeometry:
         return Parallax.ABSENT if self.F is None else Parallax.OPEN
 
     @property
+    def E_of_pose(self) -> Array | None:
+        """E, None where the pose beside it is a rotation alone, of another motion.
+
+        COLMAP keeps both in one row; it reads E of CALIBRATED rows only (estimators/two_view_geometry.cc).
+        """
+        pose = self.cam2_from_cam1
+        return self.E if pose is None or pose.translation.any() else None
+
+    @property
     def runner_up(self) -> tuple[MotionModel, float] | None:
         """Cheapest model that was not chosen, with its penalised cost; None if there is none."""
         return next((score for score in self.scores if score[0] != self.model), None)
@@ -160,7 +169,7 @@ class TwoViewGeometry:
             self.config.name,
             np.flatnonzero(self.inlier_mask),
             F=self.F,
-            E=self.E,
+            E=self.E_of_pose,
             H=self.H,
             pose=None if pose is None else (pose.rotation, pose.translation),
         )

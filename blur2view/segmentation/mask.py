@@ -145,14 +145,14 @@ def segment(
     cells = decide(scored)
     moving, seen = (to_pixels(mask, shape) >= 0.5 for mask in (cells.moving, cells.observable))
     moving = without_small(moving)
-    labels = np.where(
-        moving, MotionLabel.MOVING, np.where(seen, MotionLabel.STATIC, MotionLabel.UNOBSERVABLE)
-    )
+    labels = np.full(shape, MotionLabel.UNOBSERVABLE, np.uint8)
+    labels[seen] = MotionLabel.STATIC
+    labels[moving] = MotionLabel.MOVING
     regions = moving_regions(moving, score := to_pixels(scored.score, shape))
     if options.objects:
         regions = with_motions(found, moving, regions, options.estimator, rng)
     return MotionMask(
-        labels=labels.astype(np.uint8),
+        labels=labels,
         probability=agreeing(to_pixels(cells.probability, shape), moving),
         score=score,
         regions=regions,
@@ -190,9 +190,10 @@ def with_motions(
 
 def moving_regions(moving: NDArray[np.bool_], score: NDArray[np.float32]) -> tuple[MovingRegion, ...]:
     """Describe the connected parts of a mask (H, W), largest first."""
-    _, part, stats, centres = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=4)
-    total = np.bincount(part.ravel(), weights=score.ravel())
-    _, first = np.unique(part, return_index=True)
+    count, part, stats, centres = cv2.connectedComponentsWithStats(moving.astype(np.uint8), connectivity=4)
+    total = np.zeros(count)
+    for row, values in zip(part, score, strict=True):  # at once it would take 16 bytes per pixel
+        total += np.bincount(row, weights=values, minlength=count)
     order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
     return tuple(
         MovingRegion(
@@ -200,7 +201,13 @@ def moving_regions(moving: NDArray[np.bool_], score: NDArray[np.float32]) -> tup
             box=(int(stats[k, 0]), int(stats[k, 1]), int(stats[k, 2]), int(stats[k, 3])),
             centroid=(float(centres[k, 0]), float(centres[k, 1])),
             score=float(total[k] / stats[k, cv2.CC_STAT_AREA]),
-            inside=(int(first[k] % part.shape[1]), int(first[k] // part.shape[1])),
+            inside=_first_pixel(part, k, stats[k]),
         )
         for k in order
     )
+
+
+def _first_pixel(part: Array, k: int, stats: NDArray[np.int32]) -> tuple[int, int]:
+    """Return (x, y) of the first pixel, row by row, of part k, whose box OpenCV's statistics hold."""
+    top, left = int(stats[cv2.CC_STAT_TOP]), int(stats[cv2.CC_STAT_LEFT])
+    return left + int(np.argmax(part[top, left:] == k)), top

@@ -8,6 +8,8 @@ import numpy as np
 
 from blur2view.robust.ransac import RansacOptions
 
+MOST = 1e6  # pixels, or standard deviations: beyond any photograph, and its square is a number
+
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions:
@@ -49,8 +51,8 @@ class EstimatorOptions:
     def __post_init__(self) -> None:
         """Refuse options out of range."""
         for name in ("max_error_px", "cutoff", "min_sigma_px", "fit_error_px"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
+            if not 0 < getattr(self, name) <= MOST:
+                raise ValueError(f"{name} must be positive, at most {MOST:g}, got {getattr(self, name)}")
         for name in ("relative_sigma", "min_length_px"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")

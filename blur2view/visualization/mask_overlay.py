@@ -62,7 +62,7 @@ def _hatch(shape: tuple[int, ...]) -> NDArray[np.bool_]:
 def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
     """Return the picture with its words below; a narrow photograph leaves it narrower than them."""
     width = max(canvas.shape[1], MIN_SIDE_PX)
-    lines = wrap(mask.reason, width - 20, TEXT_SIZE)
+    lines = wrap(mask.reason.partition(";")[0], width - 20, TEXT_SIZE)
     height = canvas.shape[0] + 38 + LEADING_PX * len(lines)
     picture = np.full((height, width, 3), PAPER, np.uint8)
     left = (width - canvas.shape[1]) // 2

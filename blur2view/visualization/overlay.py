@@ -27,7 +27,7 @@ def draw_overlay(
 
     Inlier smears are vivid, coloured by orientation; outliers are grey; white lines are epipolar lines of
     F through a spread of inliers, and a ring marks an epipole that lies in the picture. The panel below
-    holds the configuration with its reason, the key of the orientation colours and a map of sigma.
+    holds the configuration and what it means, the key of the orientation colours and a map of sigma.
 
     Parameters
     ----------
@@ -54,7 +54,23 @@ def draw_overlay(
         raise ValueError(f"expected a field of shape {image.shape[:2]}, got {field.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    view = View.of(image.shape)
+    canvas = draw_smears(image, matches, geometry)
+    return _stack(canvas, draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry))
+
+
+def draw_smears(
+    image: NDArray[np.float32], matches: SmearMatches, geometry: TwoViewGeometry, longest: int | None = None
+) -> Picture:
+    """Return the photograph with smears, epipolar lines and epipoles, without the panel.
+
+    Parameters
+    ----------
+    image, matches, geometry
+        As of `draw_overlay`.
+    longest : int, optional
+        Longer side of the picture, pixels; by default that of the overlay.
+    """
+    view = View.of(image.shape, longest)
     canvas = view.backdrop(image)
     shown = spread_subset(view.to_canvas(matches.midpoint), _quality(matches), _spacing(view, matches))
     if geometry.F is not None:
@@ -62,7 +78,7 @@ def draw_overlay(
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
     if geometry.F is not None:
         _draw_epipoles(canvas, view, geometry.F)
-    return _stack(canvas, draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry))
+    return canvas
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +98,11 @@ class View:
     scale: float
 
     @classmethod
-    def of(cls, shape: tuple[int, ...]) -> "View":
-        """Return the canvas of a photograph of shape (H, W, ...)."""
+    def of(cls, shape: tuple[int, ...], longest: int | None = None) -> "View":
+        """Return the canvas of a photograph of shape (H, W, ...), by default one to look at."""
         height, width = shape[:2]
         longer = max(height, width)
-        scale = min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX) / longer
+        scale = (longest or min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX)) / longer
         return cls(width=max(round(width * scale), 1), height=max(round(height * scale), 1), scale=scale)
 
     def to_canvas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

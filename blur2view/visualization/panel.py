@@ -1,4 +1,4 @@
-"""The panel below the overlay: the verdict in words, the key of the colours, a map of sigma."""
+"""The panel below the overlay: the verdict in plain words, the key of the colours, a map of sigma."""
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from blur2view.visualization.drawing import (
     wrap,
     write,
 )
+from blur2view.visualization.verdicts import sentence
 
 _AIDS_HEIGHT_PX = 132
 
@@ -27,14 +28,14 @@ def draw_panel(width: int, field: SmearField, matches: SmearMatches, geometry: T
     """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(field)])
     room = width - aids.shape[1] - 24
-    reason = wrap(geometry.reason, room, TEXT_SIZE)
+    plain = wrap(sentence(geometry), room, TEXT_SIZE)
     counts = wrap(_counts(matches, geometry), room, TEXT_SIZE)
-    height = max(aids.shape[0], 38 + LEADING_PX * (len(reason) + len(counts)))
+    height = max(aids.shape[0], 38 + LEADING_PX * (len(plain) + len(counts)))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
     write(panel, geometry.config.name.replace("_", " "), (10, 24), size=0.6, thickness=2)
-    for index, line in enumerate(reason + counts):
-        colour = INK if index < len(reason) else FAINT
+    for index, line in enumerate(plain + counts):
+        colour = INK if index < len(plain) else FAINT
         write(panel, line, (10, 46 + LEADING_PX * index), colour=colour)
     return panel
 
@@ -46,7 +47,7 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
     length = f"median length {np.median(matches.length_px):.1f} px"
     if geometry.F is None:
         return f"{len(matches)} smears used, {length}"
-    return f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears are inliers, {length}"
+    return f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F, {length}"
 
 
 def _orientation_key() -> Picture:

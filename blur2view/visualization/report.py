@@ -11,11 +11,14 @@ from pathlib import PurePath
 from string import Template
 from typing import Any
 
+import numpy as np
+
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
+from blur2view.visualization.overlay import draw_smears
 from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
 from blur2view.visualization.report_photograph import photograph
-from blur2view.visualization.verdicts import VERDICT_ORDER
+from blur2view.visualization.verdicts import VERDICT_ORDER, sentence
 
 SCRIPTS = (
     "unpack",
@@ -41,15 +44,15 @@ class Entry:
     Parameters
     ----------
     name : str
-        As the user named it.
+        Its path without the folders that say where the user keeps it.
     kind, verdict : str
         Kind of verdict, see `verdicts.VERDICTS`, or "failed"; the configuration, or "FAILED".
     text : str
-        The reason, or the error.
+        One sentence on what the verdict means, or the error.
     median_px : float or None
         Median length of the smears that were used.
     thumbnail : str
-        Data URI, empty for a failed photograph.
+        Data URI of the photograph with its smears, empty for a failed one.
     content : str
         JSON of `report_photograph.photograph`, empty for a failed photograph.
     """
@@ -73,13 +76,17 @@ class Entry:
     ) -> "Entry":
         """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
         shown = photograph(one, mask, mask_s, timings=timings)
+        matches, geometry = one.estimate.matches, one.estimate.geometry
+        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32) / np.float32(
+            255
+        )
         return cls(
             name=shown["name"],
             kind=shown["kind"],
-            verdict=one.estimate.geometry.config.name,
-            text=one.estimate.geometry.reason,
+            verdict=geometry.config.name,
+            text=sentence(geometry),
             median_px=shown["median_px"],
-            thumbnail=picture(one.image, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(drawn, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 
@@ -165,7 +172,7 @@ def _card(index: int, entry: Entry) -> str:
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
     return (
         f'<li class="card card-{entry.kind}" data-index="{index}" data-name="{_plain(entry.name)}" '
-        f'data-verdict="{order}" data-length="{length}">'
+        f'data-verdict="{order}" data-kind="{entry.kind}" data-length="{length}">'
         + (link if entry.content else f'<div class="card-body">{body}</div>')
         + "</li>"
     )

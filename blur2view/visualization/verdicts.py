@@ -22,8 +22,17 @@ VERDICTS = {
     Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
     Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
 }
-OPEN = "Parallax is open: F is given, but one homography, H, explains the smears, too."
+OPEN = (
+    "Parallax is open: F is given, but one homography, H, explains the smears, too; "
+    "nearer things or more blur may decide."
+)
 VERDICT_ORDER = [config.name for config in VERDICTS]
+
+
+def sentence(geometry: TwoViewGeometry) -> str:
+    """Return the one sentence that matters: what the configuration means, or why there is nothing."""
+    kind, meaning = verdict(geometry)
+    return geometry.reason[:1].upper() + geometry.reason[1:] if kind == "none" else meaning
 
 
 def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:

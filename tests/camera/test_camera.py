@@ -11,6 +11,7 @@ import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
+from blur2view.camera import exif
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import (
     from_colmap,
@@ -237,3 +238,17 @@ def test_intrinsics_that_do_not_fit() -> None:
         Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifFacts())
     with pytest.raises(CameraError, match="a.jpg.*is for 640x480"):
         Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifFacts())
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan, 0.0, -1.0, "x", (1, 2)])
+def test_what_is_no_positive_number_is_no_value_of_exif(value: object) -> None:
+    assert exif._positive({ExifTags.Base.ExposureTime.value: value}, "ExposureTime") is None
+    assert exif._positive({ExifTags.Base.ExposureTime.value: 0.25}, "ExposureTime") == 0.25
+
+
+@pytest.mark.parametrize(("unit", "mm"), [(2, 25.4), (3, 10.0), (4, 1.0)])
+def test_resolution_of_the_sensor_has_its_unit(unit: int, mm: float) -> None:
+    base = ExifTags.Base
+    tags = {base.FocalLength.value: 50.0, base.FocalPlaneXResolution.value: 100.0}
+    focal, _ = exif._focal(tags | {base.FocalPlaneResolutionUnit.value: unit}, (400, 300))
+    assert focal == pytest.approx(50 * 100 / mm)

@@ -282,3 +282,15 @@ def test_pipe_is_refused_instead_of_waiting_for_its_end(tmp_path: Path) -> None:
     for path in (tmp_path / "pipe.jpg", Path("/dev/zero")):
         with pytest.raises(ImageError, match="is no regular file"):
             read_image(path)
+
+
+def test_what_does_not_fit_in_memory_after_decoding_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object, **settings: object) -> None:
+        raise MemoryError
+
+    path = saved(tmp_path / "a.png", RGB8)
+    monkeypatch.setattr(np, "ascontiguousarray", full)
+    with pytest.raises(ImageError, match=r"a\.png: does not fit in memory"):
+        read_image(path)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.cli import commands as cli
+from blur2view.cli import summary
 from tests.support.colour_code import colour_code, write_picture
 
 SIZE = (320, 240)
@@ -102,6 +104,17 @@ def test_verbose_summary_has_the_pose(
     text = capsys.readouterr().out
     for words in ("CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"):
         assert words in text
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "words"), [(0.1, "(sigma 0.035)"), (2.0, "(sigma 0.7, not told from none)")]
+)
+def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, words: str) -> None:
+    covariance = SimpleNamespace(rotation_sigma_deg=[0.01, sigma_deg, 0.02])
+    document: Any = SimpleNamespace(
+        angular_velocity_rad_s=[0.3, 0.0, 0.4], exposure_s=0.05, pose_covariance=covariance
+    )
+    assert summary.rate(document) == f"0.5 rad/s {words}"
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,8 @@ import pytest
 from blur2view import pipeline
 from blur2view.cli import commands as cli
 from blur2view.cli import outputs as results
+from blur2view.errors import OutputError
+from blur2view.output_files import plan_outputs
 from tests.support.colour_code import colour_code, write_picture
 
 
@@ -142,3 +144,12 @@ def test_full_disk_leaves_no_half_written_file(
     assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
     (line,) = capsys.readouterr().err.splitlines()
     assert "No space left on device" in line
+
+
+def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
+    photograph, folder = tmp_path / "a.jpg", tmp_path / "out"
+    photograph.write_bytes(b"photograph")
+    folder.mkdir()
+    (folder / "a.png").symlink_to(photograph)
+    (plan,) = plan_outputs([photograph], folder, overwrite=True, kind=results.OutputFiles)
+    assert isinstance(plan, OutputError) and "would replace the photograph" in str(plan)

@@ -1,5 +1,7 @@
 """hloc's files, read back as hloc's own readers do."""
 
+import os
+import resource
 import sys
 from pathlib import Path
 
@@ -87,3 +89,61 @@ def test_a_photograph_named_twice_is_refused_and_older_files_stay(tmp_path: Path
         write_hloc(tmp_path / "out", [some_views(), some_views()])
     assert (tmp_path / "out" / "matches.h5").read_bytes() == before
     assert len(list((tmp_path / "out").iterdir())) == 3
+
+
+def filled(path: Path, groups: dict[str, str]) -> Path:
+    """Write an HDF5 file with a dataset in each of some groups."""
+    path.parent.mkdir(exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for group, dataset in groups.items():
+            file.create_group(group).create_dataset(dataset, data=[1.0])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "groups"),
+    [
+        ("features.h5", {"db/1.jpg": "keypoints"}),
+        ("features.h5", {"a.jpg#open": "keypoints", "a.jpg": "keypoints"}),
+        ("matches.h5", {"a.jpg/b.jpg": "matches0"}),
+        ("matches.h5", {"a.jpg#open/b.jpg": "matches0"}),
+    ],
+)
+def test_files_of_hloc_itself_are_refused_and_stay(tmp_path: Path, name: str, groups: dict[str, str]) -> None:
+    path = filled(tmp_path / "out" / name, groups)
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=f"{name}: holds more than views"):
+        write_hloc(tmp_path / "out", [some_views()])
+    assert path.read_bytes() == before and [file.name for file in path.parent.iterdir()] == [name]
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("pairs.txt", b"a.jpg b.jpg\n"), ("features.h5", b"no HDF5"), ("matches.h5", b"")],
+)
+def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(OutputError, match="holds more than views"):
+        write_hloc(tmp_path, [some_views()])
+    assert (tmp_path / name).read_bytes() == content
+
+
+def test_datasets_at_the_top_of_a_file_are_not_ours(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "features.h5", "w") as file:
+        file.create_dataset("mine", data=[1.0])
+    with pytest.raises(OutputError, match="holds more than views"):
+        write_hloc(tmp_path, [some_views()])
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    child = os.fork()
+    if child == 0:  # the limit holds for a whole process
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+        try:
+            write_hloc(tmp_path / "out", [some_views(count=500)])
+        except OutputError as error:
+            os._exit(7 if "out: cannot be written (File too large)" in str(error) else 8)
+        finally:
+            os._exit(9)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    assert list((tmp_path / "out").iterdir()) == []

@@ -1,10 +1,12 @@
 """Views added to a project of the user: what is written, and that nothing of the user's changes."""
 
 import sqlite3
+import threading
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -13,7 +15,7 @@ import pytest
 from blur2view.camera.colmap_database import longest_suffix
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
 from blur2view.colmap.database_matches import DatabaseMatcher
-from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
+from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links, write_links
 from blur2view.colmap.project import image_names, open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
@@ -375,3 +377,59 @@ def test_killed_writes_leave_before_or_after() -> None:
     states = {state.split(",")[0] for counter in found.values() for state in counter}
     assert states <= {"before", "after"}
     assert sum(sum(counter.values()) for counter in found.values()) == 12
+
+
+def test_linking_holds_the_lock_before_it_reads(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path, ProjectOptions(wal=False))
+    other = sqlite3.connect(path, timeout=0, isolation_level=None)
+    with (
+        closing(other),
+        open_project(path, write=True),
+        pytest.raises(sqlite3.OperationalError, match="locked"),
+    ):
+        other.execute("BEGIN IMMEDIATE")
+
+
+def test_a_writer_that_ends_soon_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path, ProjectOptions(wal=False))
+    plan = job_of(only_plan(path))
+    with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        end = threading.Timer(0.3, other.rollback)
+        end.start()
+        write_links(path, [plan], backup=False)
+        end.join()
+    assert len(image_names_of(path)) == 5
+
+
+def image_names_of(path: Path) -> dict[str, int]:
+    with open_project(path) as database:
+        return image_names(database)
+
+
+def test_the_digest_is_of_the_camera_too(tmp_path: Path) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    plan = only_plan(path)
+    assert isinstance(plan, LinkStep)
+    assert digest(plan.image) != digest(replace(plan.image, camera_id=9))
+    assert digest(plan.image) != digest(replace(plan.image, source=b""))
+
+
+def test_a_backup_has_its_name_only_when_it_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    opened: list[str] = []
+    connect = sqlite3.connect
+
+    def note(name: object, *words: Any, **options: Any) -> sqlite3.Connection:
+        opened.append(str(name))
+        connection: sqlite3.Connection = connect(str(name), *words, **options)
+        return connection
+
+    monkeypatch.setattr(sqlite3, "connect", note)
+    copy = link(path, "a_001.jpg", backup=True)
+    assert copy is not None and copy.exists()
+    assert str(copy) not in opened and any(name.endswith(".bak.tmp") for name in opened)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pycolmap
@@ -11,6 +12,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap import placement
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
@@ -167,3 +169,17 @@ def test_missing_and_broken_files_are_named_with_a_remedy(tmp_path: Path) -> Non
     (model / "cameras.bin").write_bytes(b"no cameras")
     with pytest.raises(DatabaseError, match="model: is no model that can be read; name"):
         place_views(database, model)
+
+
+def test_a_frame_s_rays_are_those_of_the_middle_of_the_exposure() -> None:
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=160, height=120, params=[200.0, 80, 60])
+    pose = SimpleNamespace(matrix=lambda: np.eye(4)[:3])
+    point = SimpleNamespace(has_point3D=lambda: True, point3D_id=0)
+    photograph = SimpleNamespace(points2D=[point], camera_id=1, cam_from_world=lambda: pose)
+    model = SimpleNamespace(cameras={1: camera}, points3D={0: SimpleNamespace(xyz=np.array([0.0, 0.0, 4.0]))})
+    ends = np.array([[100.0, 60.0]]), np.array([[120.0, 60.0]])
+    one = placement._Linked(photograph=photograph, ids=(2, 3), points=ends, matched=np.array([0]))
+    frame = placement._frame(model, one)
+    np.testing.assert_allclose(frame.rays, [[0.15, 0.0]])
+    np.testing.assert_allclose(frame.displacement, [[0.1, 0.0]])
+    np.testing.assert_allclose(frame.inverse_depth, [0.25])

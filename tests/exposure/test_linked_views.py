@@ -7,10 +7,17 @@ import pytest
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
-from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views, sample
+from blur2view.exposure.linked_views import (
+    MAX_SIGMA_SHARE,
+    STILL_PX,
+    SampledSmears,
+    keypoint_views,
+    sample,
+)
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.field import SmearField
+from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import make_scene
@@ -127,3 +134,21 @@ def test_inliers_are_judged_by_the_sigmas_that_the_estimator_weighed(
     fits = keypoint_views("a.jpg", keypoints, replace(estimate, field=turned), options).views.geometry
     right = keypoints[:, 0] >= 80
     assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()
+
+
+def test_a_feature_that_is_nowhere_stays_at_zero(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    linked = keypoint_views("a.jpg", np.array([[20.0, 20.0], [np.nan, 3.0], [np.inf, 2.0]]), found[0])
+    for points in (linked.views.points_open, linked.views.points_close):
+        np.testing.assert_array_equal(points[1:], [[0, 3], [0, 2]])
+    assert not linked.usable[1:].any()
+
+
+@pytest.mark.parametrize("known", [(True, False), (False, True), (False, False)])
+def test_errors_across_need_both_the_field_s_and_the_matches(known: tuple[bool, bool]) -> None:
+    sigma, across = (np.full(3, 0.1) if one else None for one in known)
+    smears = SampledSmears(
+        displacement=np.ones((3, 2)), sigma_px=np.full(3, 2.0), inside=np.ones(3, bool), sigma_rad=sigma
+    )
+    ends = np.arange(12.0).reshape(3, 2, 2)
+    matches = SmearMatches(ends=ends, sigma_px=np.ones(3), image_size=(20, 20), across_px=across)
+    np.testing.assert_array_equal(smears.weighed_px(matches), smears.sigma_px)

@@ -148,3 +148,8 @@ def test_a_damaged_database_is_named(tmp_path: Path, damage: str) -> None:
         with pytest.raises(DatabaseError, match="project.db"):
             database_names(path)
     assert path.read_bytes() == before
+
+
+def test_a_picture_without_features_has_empty_ones_of_sift_s_size() -> None:
+    points, descriptors = detect(np.full((100, 120), 128, np.uint8))
+    assert points.shape == (0, 2) and descriptors.shape == (0, 128)

@@ -154,3 +154,22 @@ def test_refuses_points_that_do_not_align(found: Estimate) -> None:
             name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,
             sigma_px=views.sigma_px, geometry=views.geometry, camera=None,
         )  # fmt: skip
+
+
+def test_an_end_that_cannot_be_corrected_leaves_both_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    views = views_of("a.jpg", estimate_of(make_scene(np.random.default_rng(0), count=60)))
+    kept = np.flatnonzero(views.geometry.inlier_mask)
+
+    def stumble(F: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        moved = one + 1.0, other + 1.0
+        moved[1][0, 0] = np.nan
+        return moved
+
+    monkeypatch.setattr("blur2view.exposure.views.cv2.correctMatches", stumble)
+    corrected = views.corrected()
+    for before, after in (
+        (views.points_open, corrected.points_open),
+        (views.points_close, corrected.points_close),
+    ):
+        np.testing.assert_array_equal(after[kept[0]], before[kept[0]])
+        np.testing.assert_allclose(after[kept[1:]], before[kept[1:]] + 1)

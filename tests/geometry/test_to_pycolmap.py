@@ -1,5 +1,8 @@
 """Our two-view geometry as pycolmap's: it finds the same from the same points, and its database keeps it."""
 
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.colmap.rows import Pair, put_pair
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
@@ -115,3 +119,22 @@ def test_reversed_time_is_pycolmaps_inverse() -> None:
         first, second = getattr(ours, name), getattr(theirs, name)
         np.testing.assert_allclose(first * np.sign((first * second).sum()), second, atol=1e-9)
     np.testing.assert_allclose(ours.cam2_from_cam1.matrix(), theirs.cam2_from_cam1.matrix(), atol=1e-9)
+
+
+def test_E_of_another_motion_than_the_pose_is_left_out(tmp_path: Path) -> None:
+    _, geometry = solved()
+    pose = geometry.cam2_from_cam1
+    assert pose is not None and geometry.E is not None
+    turned = replace(geometry, cam2_from_cam1=replace(pose, translation=np.zeros(3)))
+    assert geometry.to_pycolmap().E is not None
+    theirs = turned.to_pycolmap()
+    assert theirs.E is None and theirs.F is not None and theirs.cam2_from_cam1 is not None
+    with pycolmap.Database.open(tmp_path / "a.db") as database:
+        camera_id = database.write_camera(pycolmap.Camera(model="PINHOLE", width=4, height=3, params=[4] * 4))
+        for name in "ab":
+            database.write_image(pycolmap.Image(name=name, camera_id=camera_id))
+    with closing(sqlite3.connect(tmp_path / "a.db", isolation_level=None)) as connection:
+        none = np.zeros(0, int)
+        put_pair(connection, 1, 2, Pair(matched=none, inliers=none, geometry=turned))
+        ((E, qvec),) = connection.execute("SELECT E, qvec FROM two_view_geometries").fetchall()
+    assert E is None and qvec is not None

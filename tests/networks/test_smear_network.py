@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.networks.model_file import model_path
+from blur2view.networks.model_file import model_path, open_session
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears.field import to_double_angle
@@ -301,3 +301,7 @@ def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
     onnx.save(biased_network([np.nan] * 3), tmp_path / "nan.onnx")
     with pytest.raises(ModelError, match="not finite"):
         predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")
+
+
+def test_a_network_is_run_deterministically(tiny_model: Path) -> None:
+    assert open_session(tiny_model, 1).get_session_options().use_deterministic_compute

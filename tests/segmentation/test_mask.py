@@ -12,7 +12,7 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.segmentation import regions as motion_regions
 from blur2view.segmentation import score as motion_score
-from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions
+from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions, moving_regions
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.sampling import GridSmears, grid_pixels
 from blur2view.visualization import mask_overlay
@@ -273,3 +273,17 @@ def test_turned_smears_keep_midpoint_and_length_and_are_perpendicular() -> None:
     np.testing.assert_allclose(turned.mean(axis=1), ends.mean(axis=1))
     np.testing.assert_allclose(np.linalg.norm(t, axis=1), np.linalg.norm(d, axis=1))
     np.testing.assert_allclose((d * t).sum(axis=1), 0, atol=1e-9)
+
+
+def test_parts_are_described_by_their_own_pixels() -> None:
+    moving = np.zeros((30, 40), bool)
+    moving[2:5, 7] = moving[4, 3:8] = True  # its first pixel, row by row, is not at its left
+    moving[20:28, 10:30] = True
+    score = np.where(moving, 2.0, 0.0).astype(np.float32)
+    score[20:28, 10:30] += np.arange(20, dtype=np.float32)
+    large, small = moving_regions(moving, score)
+    assert (large.area_px, small.area_px) == (160, 7)
+    assert (large.box, small.box) == ((10, 20, 20, 8), (3, 2, 5, 3))
+    assert (large.inside, small.inside) == ((10, 20), (7, 2))
+    assert large.score == pytest.approx(2 + 9.5) and small.score == pytest.approx(2)
+    assert small.of(moving).sum() == 7 and small.of(moving)[4, 3]

@@ -242,6 +242,7 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
     [
         {"max_error_px": 0.0},
         {"max_error_px": np.inf},
+        {"max_error_px": 1e300},  # its square is no number
         {"fit_error_px": np.nan},
         {"relative_sigma": np.nan},
         {"coverage_blocks": 0},

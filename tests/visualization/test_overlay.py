@@ -11,6 +11,7 @@ from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
+from blur2view.visualization import panel
 from blur2view.visualization.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
 from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.overlay import View, draw_overlay, farthest_points, spread_subset
@@ -164,6 +165,16 @@ def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
         )
         heights.append(draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry).shape[0])
     assert heights[1] > heights[0] + 100
+
+
+def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[str] = []
+    monkeypatch.setattr(panel, "write", lambda canvas, text, at, **style: written.append(text))
+    geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
+    draw_overlay(flat_photo(480, 640), field_of((480, 640)), matches_at([(20, 20)]), geometry)
+    caption = " ".join(written)
+    assert "The camera moved past things at different depths: F is given." in caption
+    assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
 
 
 def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:

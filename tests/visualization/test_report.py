@@ -6,14 +6,17 @@ import json
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from blur2view.camera.camera import Camera
 from blur2view.cli import commands as cli
+from blur2view.cli.report import FOLDERS, shown_names
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.visualization.report import Entry, report
 from blur2view.visualization.report_photograph import MAX_NODES, lens, node_pixels, photograph
@@ -86,6 +89,7 @@ def test_page_holds_what_estimate_prints(
     document = json.loads(shown["document"])
     assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
     assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
+    assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
     assert document == printed
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
 
@@ -128,7 +132,27 @@ def test_failure_is_a_card_not_the_end(
     assert "is not a readable image" in text and "no such file" in text
     failures, photo = markup.blocks()
     assert [Path(failure["image"]).name for failure in failures] == ["broken.jpg", "absent.jpg"]
-    assert photo["name"] == str(moving)
+    assert photo["name"] == "moving.png"
+    assert str(tmp_path) not in (tmp_path / "page.html").read_text()
+
+
+def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
+    for name in ("a/x.jpg", "b/x.jpg"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    images = [tmp_path / "a/x.jpg", tmp_path / "b/x.jpg", Path("/secret/y.jpg")]
+    assert shown_names(images) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
+    assert shown_names(images[:1]) == ["x.jpg"]
+    line = "x.jpg: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
+    assert FOLDERS.sub("", line) == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
+
+
+def test_thumbnail_shows_the_smears() -> None:
+    entry = Entry.of(made_up(F=turning_F()))
+    data = base64.b64decode(entry.thumbnail.partition(",")[2])
+    picture = np.asarray(Image.open(BytesIO(data)).convert("RGB"), int)
+    assert max(picture.shape) == 400
+    assert (np.ptp(picture, axis=2) > 100).sum() > 200  # colours on a photograph that has none
 
 
 def test_nothing_is_replaced_unasked(

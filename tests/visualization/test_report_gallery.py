@@ -48,6 +48,35 @@ def test_gallery_sorts_by_verdict_length_and_name(opened: Opener) -> None:
     assert names(page) == ["a", "b9", "b10", "c", "d"]
 
 
+def test_gallery_shows_one_verdict(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    kind = page.locator("#show-kind")
+    offered = kind.locator("option").evaluate_all("(options) => options.map((option) => option.value)")
+    assert offered[0] == "" and set(offered[1:]) == {entry.kind for entry in gallery_entries()}
+    kind.select_option("found")
+    shown = [card.inner_text() for card in page.locator(".card:visible .card-name").all()]
+    expected = [entry for entry in gallery_entries() if entry.kind == "found"]
+    assert shown == [entry.name for entry in expected] and 0 < len(shown) < 5
+    page.locator(".card:visible a").first.click()
+    page.locator("#photo").wait_for()
+    assert page.locator("#to-next").is_visible() == (len(expected) > 1)
+    page.locator("#to-gallery").click()
+    kind.select_option("")
+    assert page.locator(".card:visible").count() == 5
+
+
+def test_a_card_holds_the_whole_sentence_of_its_verdict(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    whole = "(texts) => texts.every((text) => text.scrollHeight <= text.clientHeight)"
+    assert page.locator(".card-text").evaluate_all(whole)
+    assert "The camera moved past things at different depths" in page.locator("#cards").inner_text()
+
+
+def test_terms_of_the_page_are_explained(opened: Opener) -> None:
+    text = opened(Entry.of(made_up(F=turning_F()))).locator("#terms").inner_text()
+    assert "\u221aSErrMin is the distance in pixels" in text and "P(moves) is the motion mask's" in text
+
+
 def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
     page = opened(*gallery_entries())
     page.locator("#sort-by").focus()

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import blur2view
+from tools.arguments import existing, target
 from tools.benchmarks import estimator_report
 from tools.benchmarks.estimator_cells import (
     BASE,
@@ -174,10 +175,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, help="instances of every cell and kind")
     parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="only these methods")
     parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
-    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.testset, for network smears")
+    parser.add_argument(
+        "--scenes", type=existing, help="folder of tools.datasets.testset, for network smears"
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--log", type=Path, help="default: runs/ and the name of the plan")
-    parser.add_argument("--out", type=Path, help="default: tools/results/estimators; runs/ for other plans")
+    parser.add_argument("--out", type=target, help="default: tools/results/estimators; runs/ for other plans")
     arguments = parser.parse_args()
     plan, name = planned(arguments)
     log = Log(path=arguments.log or Path(f"runs/{name}.jsonl"))

@@ -3,15 +3,19 @@
     python -m tools.database_safety.kill_writes --count 1000
 
 Every trial copies a project, lets a child write views into it (or a fresh database, or replace views) and
-kills it after a random share of the time such a write takes. The database must then be whole and either
-exactly as before or exactly as after a whole write; the user's rows are the same in both. Kinds alternate:
-link and replace into write-ahead-logged and rollback-journal projects, with and without backup, and fresh.
+kills it after a random share of the time such a write takes. Kinds alternate: rollback journals, write-ahead
+logs, with a backup, while another program reads, with a second writer at work, on a disk that is full instead
+of a kill, in projects that were edited by hand, and fresh.
+
+The database must then be whole and as before or as after a whole write (of either writer, or of both); the
+user's rows must be the same, and it must be possible to link all photographs again.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import resource
 import shutil
 import signal
 import sqlite3
@@ -19,14 +23,17 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
 from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
@@ -34,7 +41,20 @@ from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
 IMAGES, FEATURES = 3, 500
-KINDS = ("link", "link wal", "link wal backup", "replace", "replace wal", "fresh")
+Write = Callable[[Path], object]
+KINDS = (
+    "link", "link wal", "link wal backup", "replace", "replace wal", "link wal, reader", "link, two writers",
+    "link wal, two writers", "link, full disk", "link wal backup, full disk", "replace, edited",
+    "replace wal, edited", "fresh", "fresh, full disk",
+)  # fmt: skip
+EDITS = (  # by hand, of views that were linked before; ids of photographs are 1 to 3, of views from 4
+    "DELETE FROM images WHERE name LIKE 'a_001%#close'",
+    "DELETE FROM keypoints WHERE image_id = 4",
+    "DELETE FROM matches WHERE pair_id > 2147483647 * 4",
+    "DELETE FROM two_view_geometries WHERE pair_id > 2147483647 * 6",
+    "DELETE FROM frame_data WHERE data_id > 5",
+    "UPDATE images SET name = 'mine.jpg' WHERE name = 'a_002.jpg#open'",
+)
 
 
 def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureViews:
@@ -75,25 +95,41 @@ def link_jobs(path: Path, rng: np.random.Generator, *, again: bool = False) -> l
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A kind of write: the file before it (None: none), and the write."""
+    """A kind of write: the file before it (None: none), the writes that run at once, and what disturbs them.
+
+    Of several writes the first is killed; ``full_disk`` kills none, but lets no file grow beyond a size.
+    """
 
     before: Path | None
-    write: Callable[[Path], object]
+    writes: tuple[Write, ...]
+    reader: bool = False
+    full_disk: bool = False
 
 
 def make_trial(folder: Path, kind: str) -> Trial:
     """Return one kind of write, prepared."""
     rng = np.random.default_rng(0)
-    if kind == "fresh":
+    full_disk = "full disk" in kind
+    if "fresh" in kind:
         views = [random_views(f"a_{index}.jpg", FEATURES, rng) for index in range(IMAGES)]
-        return Trial(before=None, write=lambda path: write_database(path, views))
+        return Trial(before=None, writes=(lambda path: write_database(path, views),), full_disk=full_disk)
     before = folder / f"{kind.replace(' ', '-')}.db"
     make_project(before, ProjectOptions(images=IMAGES, features=FEATURES, wal="wal" in kind))
     again = "replace" in kind
     if again:
         write_links(before, link_jobs(before, rng), backup=False)
+    if "edited" in kind:
+        with closing(sqlite3.connect(before)) as database:
+            database.executescript(";".join(EDITS))
     jobs = link_jobs(before, rng, again=again)
-    return Trial(before=before, write=lambda path: write_links(path, jobs, backup="backup" in kind))
+    shares = [jobs[:1], jobs[1:]] if "two writers" in kind else [jobs]
+    backup = "backup" in kind
+    return Trial(
+        before=before,
+        writes=tuple(partial(write_links, jobs=share, backup=backup) for share in shares),
+        reader="reader" in kind,
+        full_disk=full_disk,
+    )
 
 
 def contents(path: Path) -> object:
@@ -106,63 +142,114 @@ def contents(path: Path) -> object:
         return {table: sorted(database.execute(f"SELECT * FROM {table}"), key=repr) for table in tables}
 
 
-def run_child(trial: Trial, path: Path, delay_s: float | None) -> float:
-    """Write in a child and kill it after a delay; return how long it lived."""
+def run_children(trial: Trial, path: Path, delay_s: float | None, largest: int | None = None) -> float:
+    """Run the writes in children and kill the first after a delay; return how long it lived."""
     if trial.before is not None:
         shutil.copy(trial.before, path)
+    reader = _child(partial(_read_on, path)) if trial.reader else None
     start = time.perf_counter()
+    children = [_child(partial(write, path), largest) for write in trial.writes]
+    if delay_s is not None and largest is None:
+        time.sleep(delay_s)
+        os.kill(children[0], signal.SIGKILL)
+    os.waitpid(children[0], 0)
+    lived_s = time.perf_counter() - start
+    for child in children[1:]:
+        os.waitpid(child, 0)
+    if reader is not None:
+        os.kill(reader, signal.SIGKILL)
+        os.waitpid(reader, 0)
+    return lived_s
+
+
+def _child(work: Callable[[], object], largest: int | None = None) -> int:
+    """Start a process that does some work and ends without a word, and return its id."""
     child = os.fork()
     if child == 0:
         try:
-            trial.write(path)
+            if largest is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
+            work()
+        except Exception:  # a refusal is an outcome; what it leaves is looked at
+            pass
         finally:
             os._exit(0)
-    if delay_s is not None:
-        time.sleep(delay_s)
-        os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return time.perf_counter() - start
+    return child
+
+
+def _read_on(path: Path) -> None:
+    """Read the database again and again, as a program does that shows it."""
+    while True:
+        with closing(sqlite3.connect(path)) as database, suppress(sqlite3.OperationalError):
+            database.execute("SELECT count(*), sum(length(data)) FROM keypoints").fetchone()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expected:
-    """What a kind of write starts from and ends with, and how long it takes."""
+    """What a kind of write starts from and may end with, how long it takes, and how large files become."""
 
     trial: Trial
     before: object
-    after: object
+    after: list[object]
     duration_s: float
+    largest: int
 
 
 def expect(folder: Path, kind: str) -> Expected:
-    """Return what one whole write of a kind leaves."""
+    """Return what whole writes of a kind leave, in any order, and one alone."""
     trial, path = make_trial(folder, kind), folder / "whole.db"
+    after, durations, largest = [], [], 0
+    for count in range(1, len(trial.writes) + 1):
+        for order in permutations(trial.writes, count):
+            start = time.perf_counter()
+            if trial.before is not None:
+                shutil.copy(trial.before, path)
+            for write in order:
+                write(path)
+            durations.append(time.perf_counter() - start)
+            if trial.before and user_rows(trial.before) != user_rows(path):
+                raise RuntimeError(f"{kind}: a whole write changes rows of the user")
+            after.append(contents(path))
+            largest = max(largest, path.stat().st_size)
+            _clear(folder, path)
     before = contents(trial.before) if trial.before else None
-    duration_s = run_child(trial, path, None)
-    if trial.before and user_rows(trial.before) != user_rows(path):
-        raise RuntimeError(f"{kind}: a whole write changes rows of the user")
-    expected = Expected(trial=trial, before=before, after=contents(path), duration_s=duration_s)
-    _clear(folder, path)
-    return expected
+    return Expected(trial=trial, before=before, after=after, duration_s=max(durations), largest=largest)
 
 
-def killed(folder: Path, expected: Expected, delay_s: float) -> str:
-    """Kill one write and return what is left: "before", "after", or what is wrong."""
-    path = folder / "killed.db"
-    run_child(expected.trial, path, delay_s)
+def disturbed(folder: Path, expected: Expected, share: float) -> str:
+    """Disturb one write and return what is left: "before", "after", or what is wrong."""
+    trial, path = expected.trial, folder / "killed.db"
+    start = trial.before.stat().st_size if trial.before else 0
+    full = round(start + share * (expected.largest - start)) if trial.full_disk else None
+    run_children(trial, path, share * expected.duration_s, full)
     hot = any(path.with_name(path.name + ending).exists() for ending in ("-journal", "-wal"))
     try:
         left = contents(path)
-        if left not in (expected.before, expected.after):  # what these hold of the user is equal: `expect`
+        if left != expected.before and left not in expected.after:  # `expect`: all hold the user's rows
             return "between"
-        if path.exists() and (problems := check_database(path)):
+        if "edited" not in str(trial.before) and path.exists() and (problems := check_database(path)):
             return f"broken: {problems[0]}"
+        if why := _not_linkable(trial, path):
+            return why
     except sqlite3.Error as error:
         return f"unreadable: {error}"
     finally:
         _clear(folder, path)
     state = "before" if left == expected.before else "after"
     return f"{state}, journal left" if hot else state
+
+
+def _not_linkable(trial: Trial, path: Path) -> str:
+    """Link all photographs once more; return why that fails, or what it breaks, if so."""
+    if trial.before is None:
+        return ""
+    try:
+        write_links(path, link_jobs(path, np.random.default_rng(1), again=True), backup=False)
+    except DatabaseError as error:
+        return f"cannot be linked: {error}"
+    if user_rows(path) != user_rows(trial.before):
+        return "linking again changes rows of the user"
+    return "; ".join(line for line in check_database(path) if "#" in line)  # what is said of our views
 
 
 def _clear(folder: Path, path: Path) -> None:
@@ -182,13 +269,11 @@ def kill_many(count: int, seed: int = 0, kinds: tuple[str, ...] = KINDS) -> dict
         for number in range(count):
             kind = kinds[number % len(kinds)]
             one = expected[kind]
-            delay_s = float(rng.uniform(0, 1.1 * one.duration_s))
-            found[kind][killed(folder, one, delay_s)] += 1
+            found[kind][disturbed(folder, one, float(rng.uniform(0, 1.1)))] += 1
             if number % 50 == 49:
                 print(f"{number + 1}: {dict(sum(found.values(), Counter()))}", flush=True)
-            # as the machine is now, so that moments stay spread over the write
-            if number % 60 >= 60 - len(kinds):
-                fresh_s = run_child(one.trial, folder / "whole.db", None)
+            if number % 60 >= 60 - len(kinds):  # as the machine is now: moments stay spread over the write
+                fresh_s = run_children(one.trial, folder / "whole.db", None)
                 expected[kind] = replace(one, duration_s=0.5 * (one.duration_s + fresh_s))
                 _clear(folder, folder / "whole.db")
     return found

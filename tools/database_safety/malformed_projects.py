@@ -30,6 +30,7 @@ from blur2view.cli import to_colmap as cli_colmap
 from blur2view.cli.commands import main as blur2view
 from blur2view.colmap.schema import MAX_IMAGES
 from blur2view.networks.smear_network import SmearNetwork
+from tools.arguments import existing
 from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
 
 NAME = "a_001.jpg"
@@ -216,7 +217,7 @@ def main() -> None:
     """Count outcomes and print every line of the first of each kind."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--model", type=Path, help="a network; default the shipped one")
+    parser.add_argument("--model", type=existing, help="a network; default the shipped one")
     options = parser.parse_args()
     outcomes: Counter[str] = Counter()
     shown: set[tuple[str, str]] = set()

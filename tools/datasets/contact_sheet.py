@@ -8,12 +8,12 @@ an end is hidden).
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from tools.arguments import target
 from tools.datasets.shards import add_scene_arguments, scene_arguments
 from tools.rendering.render import Rendering, RenderOptions, render
 
@@ -58,7 +58,7 @@ def main() -> None:
     """Write a contact sheet."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--out", type=Path, required=True, help="the sheet's PNG file")
+    parser.add_argument("--out", type=target, required=True, help="the sheet's PNG file")
     add_scene_arguments(parser)
     arguments = parser.parse_args()
     if not cv2.imwrite(str(arguments.out), contact_sheet(*scene_arguments(arguments))):

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from blur2view.geometry.epipolar import epipoles
+from tools.arguments import existing, target
 from tools.datasets.testset import test_options
 from tools.rendering.render import render
 from tools.rendering.sensor import SensorOptions, photograph
@@ -29,8 +29,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("target", type=Path)
-    parser.add_argument("--photos", type=Path, help="folder of the Kodak photographs")
+    parser.add_argument("target", type=target)
+    parser.add_argument("--photos", type=existing, help="folder of the Kodak photographs")
     arguments = parser.parse_args()
     options = replace(test_options(arguments.photos, (960, 540)), smear_px=SMEAR_PX, mover_share=0.0)
     scene = render(SEED, options)

@@ -19,6 +19,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
+from tools.arguments import existing
 from tools.rendering.render import RenderOptions, render
 
 CROP_PX = 128
@@ -140,7 +141,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenes", type=int, default=12, help="number of seeds (default 12)")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--split", choices=["train", "test"], default=defaults.split)
-    parser.add_argument("--photos", type=Path, help="folder of further photographs used as textures")
+    parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
     parser.add_argument("--size", type=int, nargs=2, default=defaults.size, metavar=("WIDTH", "HEIGHT"))
 
 

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from tools.arguments import existing
 from tools.datasets.shards import start_worker
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
@@ -141,7 +142,7 @@ def main() -> None:
     )
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=60)
-    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
+    parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
     parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     arguments = parser.parse_args()

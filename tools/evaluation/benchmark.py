@@ -35,6 +35,7 @@ from blur2view.robust.minimal_solvers import solve_seven_smears
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
+from tools.arguments import target
 from tools.datasets.testset import test_options, write_scene
 
 SIZE = (1280, 720)
@@ -151,7 +152,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--out", type=Path, help="write OUT.md")
+    parser.add_argument("--out", type=target, help="write OUT.md")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -29,6 +29,7 @@ from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
+from tools.arguments import target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.baselines import scrambled
 from tools.evaluation.evaluate import true_ends
@@ -249,7 +250,7 @@ def main() -> None:
     parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
     parser.add_argument("--count", type=int, default=SCENES, help="scenes, the first that do")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="write OUT.md")
+    parser.add_argument("--out", type=target, help="write OUT.md")
     arguments = parser.parse_args()
     moving = [s for s in read_test_set(arguments.scenes) if s.F is not None and turns(s)]
     scenes = moving[: arguments.count]

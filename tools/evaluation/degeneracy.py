@@ -36,6 +36,7 @@ from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
+from tools.arguments import existing, target
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.datasets.testset import TestScene, read_test_set
@@ -250,10 +251,10 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=100, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene of each kind")
-    parser.add_argument("--scenes", type=Path, help="rendered split to name through the network")
-    parser.add_argument("--kinds", type=Path, help="folder of `motion_kinds`, to name through the network")
+    parser.add_argument("--scenes", type=existing, help="rendered split to name through the network")
+    parser.add_argument("--kinds", type=existing, help="folder of `motion_kinds`, to name likewise")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("tools/results/degeneracy.md"))
+    parser.add_argument("--out", type=target, default=Path("tools/results/degeneracy.md"))
     options = parser.parse_args()
     photographs = []
     if options.scenes is not None:

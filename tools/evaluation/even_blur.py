@@ -17,6 +17,7 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.metrics import direction_error_deg
+from tools.arguments import existing
 from tools.rendering.sensor import photograph
 from tools.rendering.textures import read_photograph
 
@@ -123,8 +124,8 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("photos", type=Path, nargs="+", help="folders of sharp photographs")
-    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
+    parser.add_argument("photos", type=existing, nargs="+", help="folders of sharp photographs")
+    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
     parser.add_argument("--sensor", action="store_true", help="the whole camera model")
     arguments = parser.parse_args()
     rows = readings(arguments.photos, blur2view.SmearNetwork(arguments.model), arguments.sensor)

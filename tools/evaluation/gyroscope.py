@@ -17,6 +17,7 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
+from tools.arguments import existing
 
 SUFFIXES = (".png", ".jpg")
 
@@ -82,8 +83,8 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("folder", type=Path, help="photographs, and their measurements as .npz")
-    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
+    parser.add_argument("folder", type=existing, help="photographs, and their measurements as .npz")
+    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
     arguments = parser.parse_args()
     if not arguments.folder.is_dir():
         raise SystemExit(f"{arguments.folder}: no such folder")

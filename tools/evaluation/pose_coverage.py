@@ -14,7 +14,6 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
+from tools.arguments import target
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     Kind,
@@ -150,7 +150,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, help="write the table to OUT.md")
+    parser.add_argument("--out", type=target, help="write the table to OUT.md")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()

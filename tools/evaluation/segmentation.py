@@ -30,6 +30,7 @@ from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.sampling import grid_pixels, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.visualization.mask_overlay import draw_motion
+from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.reports.figure_style import save_picture
 
@@ -212,8 +213,8 @@ def real_lines(folder: Path, static: Path, network: SmearNetwork) -> list[str]:
         f"{elsewhere:.1%} of the picture called moving more than 20 px from it"
     ]
     for name in STREETS:
-        shares = ", ".join(f"{share:.1%}" for share in false_shares(folder / name, network, range(SEEDS)))
-        lines.append(f"- {name}: {shares} of the street called moving (seeds 0 to {SEEDS - 1})")
+        each = ", ".join(f"{share:.1%}" for share in false_shares(folder / name, network, range(SEEDS)))
+        lines.append(f"- {name}: {each} of the street called moving (seeds 0 to {SEEDS - 1})")
     shares = [false_shares(path, network, range(1))[0] for path in sorted(static.glob("*.jpg"))]
     if shares:
         many = sum(share > LEAST_SHARE for share in shares)
@@ -283,10 +284,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("scenes", type=Path, nargs="+", help="folders of rendered scenes")
+    parser.add_argument("scenes", type=existing, nargs="+", help="folders of rendered scenes")
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
     parser.add_argument("--static", type=Path, default=STATIC, help="folder of frames in which nothing moves")
-    parser.add_argument("--out", type=Path, required=True, help="without suffix")
+    parser.add_argument("--out", type=target, required=True, help="without suffix")
     arguments = parser.parse_args()
     network = SmearNetwork()
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}

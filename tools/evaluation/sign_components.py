@@ -29,6 +29,7 @@ from blur2view.smears.sign_components import SignComponents, no_components, samp
 from blur2view.two_view.model_selection import fit_families
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import build_estimator
+from tools.arguments import existing, target
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
@@ -247,10 +248,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--scenes", type=Path, help="folder of the rendered test split")
-    parser.add_argument("--redkitchen", type=Path, help="folder of the real frames")
+    parser.add_argument("--scenes", type=existing, help="folder of the rendered test split")
+    parser.add_argument("--redkitchen", type=existing, help="folder of the real frames")
     parser.add_argument("--count", type=int, default=40, help="synthetic scenes per row")
-    parser.add_argument("--out", type=Path, default=Path("tools/results/sign_components.md"))
+    parser.add_argument("--out", type=target, default=Path("tools/results/sign_components.md"))
     arguments = parser.parse_args()
     text = report(arguments.scenes, arguments.redkitchen, arguments.count)
     print(text)

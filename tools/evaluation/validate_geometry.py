@@ -30,6 +30,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.field import smear_ends
 from blur2view.two_view.estimate import estimate_two_view
+from tools.arguments import existing, target
 from tools.datasets.synthetic_matches import IMAGE_SIZE, SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.estimators.reference_methods import METHODS, Answer, Case
 from tools.evaluation.pose_error import pose_of
@@ -212,8 +213,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, help="write the table here, too")
-    parser.add_argument("--sequence", type=Path, help="folder of tools.reconstruction.sequence")
+    parser.add_argument("--out", type=target, help="write the table here, too")
+    parser.add_argument("--sequence", type=existing, help="folder of tools.reconstruction.sequence")
     parser.add_argument("--seeds", type=int, default=len(SEEDS))
     arguments = parser.parse_args()
     judged: dict[Any, list[Judged]] = validate(synthetic_cases(range(arguments.seeds), LENGTHS_PX))

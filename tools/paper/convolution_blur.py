@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
+from tools.arguments import existing, target
 from tools.datasets.exposure import coded
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import Exposure, pixel_grid
@@ -127,8 +128,10 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
-    parser.add_argument("--out", type=Path, required=True, help="PNG to write; OUT.json is written beside it")
+    parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
+    parser.add_argument(
+        "--out", type=target, required=True, help="PNG to write; OUT.json is written beside it"
+    )
     arguments = parser.parse_args()
     found = blurs(SEED, arguments.photos)
     with style():

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import blur2view
+from tools.arguments import existing
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.paper import convolution_blur, failure_cases, paper_summary, paper_tables
 from tools.paper.crop_batches import TrainOptions
@@ -114,10 +115,10 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--photos", type=Path, help="folder of the Kodak suite's 24 PNG files")
+    parser.add_argument("--photos", type=existing, help="folder of the Kodak suite's 24 PNG files")
     parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
-    parser.add_argument("--shards", type=Path, default=Path("render"), help="(default: %(default)s)")
-    parser.add_argument("--scenes", type=Path, default=Path("render/test"), help="(default: %(default)s)")
+    parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")
+    parser.add_argument("--scenes", type=existing, default=Path("render/test"), help="(default: %(default)s)")
     parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
     parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
     parser.add_argument("--steps", type=int, default=Plan.steps)

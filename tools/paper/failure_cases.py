@@ -21,6 +21,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.field import smear_ends
+from tools.arguments import existing, target
 from tools.rendering.exposure import grid_points
 from tools.rendering.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.rendering.render import Rendering
@@ -90,10 +91,10 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
+    parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--model", help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=Path, required=True, help="JSON file to write")
+    parser.add_argument("--out", type=target, required=True, help="JSON file to write")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     document = study(network, arguments.photos, range(arguments.seeds))

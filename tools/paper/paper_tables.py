@@ -37,6 +37,7 @@ from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
+from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import paper_two_view
 
@@ -271,9 +272,9 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("scenes", type=Path, help="folder in the format of tools.datasets.testset")
+    parser.add_argument("scenes", type=existing, help="folder in the format of tools.datasets.testset")
     parser.add_argument("--work", type=Path, default=Path("runs/paper/table2.jsonl"))
-    parser.add_argument("--out", type=Path, required=True, help="write OUT.json and OUT.png")
+    parser.add_argument("--out", type=target, required=True, help="write OUT.json and OUT.png")
     parser.add_argument("--model", help="ONNX file; the shipped one by default")
     parser.add_argument("--images", type=int, default=1_000_000, help="only so many")
     arguments = parser.parse_args()

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import Blur2ViewError
+from tools.arguments import existing
 from tools.datasets.testset import sharp_photograph
 from tools.reconstruction.wandering import sample_path
 from tools.rendering.canvas import Canvas, paint
@@ -316,7 +317,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=SequenceOptions.frames)
-    parser.add_argument("--photos", type=Path, help="folder of further photographs used as textures")
+    parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
     parser.add_argument("--size", type=int, nargs=2, default=SequenceOptions.size)
     arguments = parser.parse_args()
     size = (arguments.size[0], arguments.size[1])

@@ -35,6 +35,7 @@ from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_vector
+from tools.arguments import existing, target
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.recording import Recording, redkitchen_recording, rendered_recording
 from tools.reconstruction.sfm_report import markdown
@@ -195,11 +196,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sequence", type=Path, help="folder of tools.reconstruction.sequence")
-    parser.add_argument("--redkitchen", type=Path, help="folder of redkitchen_sequence")
+    parser.add_argument("--sequence", type=existing, help="folder of tools.reconstruction.sequence")
+    parser.add_argument("--redkitchen", type=existing, help="folder of redkitchen_sequence")
     parser.add_argument("--frames", type=int, help="only so many frames of each")
-    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=Path, help="write OUT.md and OUT.png")
+    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
+    parser.add_argument("--out", type=target, help="write OUT.md and OUT.png")
     arguments = parser.parse_args()
     recordings = [] if arguments.sequence is None else [rendered_recording(arguments.sequence)]
     recordings += [] if arguments.redkitchen is None else [redkitchen_recording(arguments.redkitchen)]

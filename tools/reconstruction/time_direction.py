@@ -31,6 +31,7 @@ from blur2view.exposure.time_direction import with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.rotation import rotation_vector
+from tools.arguments import existing, target
 from tools.reconstruction.sequence import read_sequence, relative_pose
 
 ROOM_DEPTH_M = 2.0  # RedKitchen's; between 1 m and infinity its flow keeps its direction to 0.99 (cosine)
@@ -235,10 +236,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--rendered", type=Path, nargs="+", default=[], help="folders of rendered sequences")
-    parser.add_argument("--redkitchen", type=Path, help="folder of the recorded sequence")
-    parser.add_argument("--out", type=Path, help="write <out>.md and <out>.png")
-    parser.add_argument("--model", type=Path, help="another network than the shipped one")
+    parser.add_argument(
+        "--rendered", type=existing, nargs="+", default=[], help="folders of rendered sequences"
+    )
+    parser.add_argument("--redkitchen", type=existing, help="folder of the recorded sequence")
+    parser.add_argument("--out", type=target, help="write <out>.md and <out>.png")
+    parser.add_argument("--model", type=existing, help="another network than the shipped one")
     arguments = parser.parse_args()
     videos = [rendered(folder) for folder in arguments.rendered]
     videos += [redkitchen(arguments.redkitchen)] if arguments.redkitchen else []

@@ -33,6 +33,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
 
 LEAST_SMEAR_PX, LEAST_TRANSLATION = 12.0, 0.2
@@ -285,9 +286,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
-    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=Path, help="write OUT.md")
+    parser.add_argument("scenes", type=existing, help="folder written by tools.datasets.testset")
+    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
+    parser.add_argument("--out", type=target, help="write OUT.md")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     scenes = [scene for scene in read_test_set(arguments.scenes) if counts(scene)]

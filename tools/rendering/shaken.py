@@ -249,7 +249,7 @@ def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) ->
 
 
 def oval(rng: np.random.Generator, linear: Array) -> Array:
-    """Return radiance (H, W, 3) spread evenly over an ellipse of any direction, its longer half axis 1 to 7 px."""
+    """Return radiance (H, W, 3) spread evenly over an ellipse, its longer half axis 1 to 7 px."""
     longer = np.exp(rng.uniform(0, np.log(7)))
     axes, angle = longer * np.array([1, rng.uniform(0.5, 0.9)]), rng.uniform(0, np.pi)
     reach = int(np.ceil(longer)) + 1

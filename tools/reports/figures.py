@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import blur2view
+from tools.arguments import existing, target
 from tools.datasets.testset import read_test_set
 from tools.rendering.failure_scenes import KINDS
 from tools.reports.figure_cases import Case, cases
@@ -58,11 +59,13 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
+    parser.add_argument("scenes", type=existing, help="folder written by tools.datasets.testset")
     parser.add_argument(
-        "--out", type=Path, default=Path("tools/results/figures"), help="(default: %(default)s)"
+        "--out", type=target, default=Path("tools/results/figures"), help="(default: %(default)s)"
     )
-    parser.add_argument("--photos", type=Path, help="folder of texture photographs, for the failure cases")
+    parser.add_argument(
+        "--photos", type=existing, help="folder of texture photographs, for the failure cases"
+    )
     parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     parser.add_argument("--only", default="", choices=[*OF_CASES, FAILURES], help="draw one of them")
     arguments = parser.parse_args()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.visualization.drawing import INK, PAPER, write
 from blur2view.visualization.overlay import draw_overlay
+from tools.arguments import existing, target
 from tools.reports.figure_style import save_picture
 
 Picture = NDArray[np.uint8]
@@ -61,8 +62,8 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("photographs", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, required=True, help="WebP to write")
+    parser.add_argument("photographs", type=existing, nargs="+")
+    parser.add_argument("--out", type=target, required=True, help="WebP to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
     parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()

@@ -13,13 +13,17 @@ import tempfile
 from io import BytesIO
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
 
 from blur2view.cli import commands as cli
+from tools.arguments import existing, target
 from tools.reports.figure_style import save_picture
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WINDOW = (1280, 800)
@@ -61,11 +65,15 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("photograph", type=Path)
-    parser.add_argument("--out", type=Path, help="WebP to write")
+    parser.add_argument("photograph", type=existing)
+    parser.add_argument("--out", type=target, help="WebP to write")
     parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
     parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        parser.error("this needs playwright; install it with: pip install playwright")
     chromium = find_chromium()
     if chromium is None:
         parser.error("no Chromium here; apt-get install chromium")

@@ -21,6 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import ModelError
+from tools.arguments import existing, target
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
@@ -164,8 +165,8 @@ def main() -> None:
     """Export one checkpoint."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("checkpoint", type=Path)
-    parser.add_argument("target", type=Path)
+    parser.add_argument("checkpoint", type=existing)
+    parser.add_argument("target", type=target)
     arguments = parser.parse_args()
     try:
         export(arguments.checkpoint, arguments.target)

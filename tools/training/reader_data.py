@@ -1,7 +1,7 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of one size of pictures: rendered scenes, or photographs and textures of 640x512 or of 1280x1024.
+numbered shards of pictures of one size: rendered scenes, or photographs and textures of 640x512 or 1280x1024.
 Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
 Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
 (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tools.arguments import existing
 from tools.datasets.shards import Scenes, decode_linear, require_shards
 from tools.rendering import textures
 from tools.rendering.exposure import GRID
@@ -217,8 +218,12 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
-    parser.add_argument("--scenes", type=Path, help="folder of tools.datasets.shards, --size 320 256 or 640 512")
+    parser.add_argument(
+        "--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs"
+    )
+    parser.add_argument(
+        "--scenes", type=existing, help="folder of tools.datasets.shards, --size 320 256 or 640 512"
+    )
     parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")

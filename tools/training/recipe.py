@@ -11,6 +11,7 @@ import multiprocessing
 from dataclasses import dataclass
 from pathlib import Path
 
+from tools.arguments import existing
 from tools.datasets.shards import require_shards, start_worker, write_shards
 from tools.rendering.render import RenderOptions
 from tools.training import reader_data
@@ -103,7 +104,9 @@ def main() -> None:
     """Command line."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--photos", type=Path, nargs="+", required=True, help="folders of sharp photographs")
+    parser.add_argument(
+        "--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs"
+    )
     parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
     parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
     for name in ("scenes", "val_scenes", "shards", "steps"):

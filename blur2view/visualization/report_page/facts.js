@@ -31,12 +31,17 @@ function showFacts(photo) {
   showSeconds(photo.seconds);
 }
 
+function inliersOf({ F, H, num_inliers: inliers, support }) {
+  if (!F && !H) return "-";
+  return F && H ? `${inliers} of F; H explains them, too` : `${inliers} (${Math.round(100 * support)} %)`;
+}
+
 function countsOf({ facts, medianPx, lens }) {
   const pairs = [
     ["photograph", `${facts.width} x ${facts.height}`],
     ["smears used", String(facts.num_matches)],
     ["parallax", facts.parallax],
-    ["inliers", facts.F || facts.H ? `${facts.num_inliers} (${Math.round(100 * facts.support)} %)` : "-"],
+    ["inliers", inliersOf(facts)],
     ["median length", medianPx === null ? "-" : `${medianPx.toFixed(1)} px`],
     ["network", facts.model_id],
     ["seed", String(facts.seed)],

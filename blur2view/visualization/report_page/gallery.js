@@ -1,4 +1,4 @@
-// The index of photographs: sorting its cards, and stepping through them in that order.
+// The index of photographs: sorting its cards, showing those of one verdict, and stepping through them.
 
 class Gallery {
   constructor() {
@@ -6,7 +6,12 @@ class Gallery {
     this.by = byId("sort-by");
     this.reverse = byId("sort-direction");
     this.cards = [...this.list.children];
+    this.kind = byId("show-kind");
     byId("sorting").hidden = this.cards.length < 2;
+    for (const option of [...this.kind.options]) {
+      if (option.value && !this.cards.some(({ dataset }) => dataset.kind === option.value)) option.remove();
+    }
+    this.kind.addEventListener("change", () => this.filter());
     this.by.addEventListener("change", () => this.sort());
     this.reverse.addEventListener("click", () => {
       this.reverse.setAttribute("aria-pressed", String(!this.reversed));
@@ -33,16 +38,28 @@ class Gallery {
     this.list.replaceChildren(...this.cards);
   }
 
-  /** Numbers of the photographs that can be opened, in the order shown. */
+  /** Hide the cards of other verdicts. */
+  filter() {
+    for (const card of this.cards) card.hidden = Boolean(this.kind.value) && card.dataset.kind !== this.kind.value;
+  }
+
+  /** Numbers of the photographs that can be opened, in the order of their cards. */
   get order() {
     return this.cards.filter((card) => card.querySelector("a")).map((card) => Number(card.dataset.index));
   }
 
+  /** The same, without those that are hidden. */
+  get shown() {
+    const hidden = this.cards.filter((card) => card.hidden).map((card) => Number(card.dataset.index));
+    return this.order.filter((index) => !hidden.includes(index));
+  }
+
   /** Point the links of a photograph to its neighbours. */
   link(index) {
-    const { order } = this;
-    const place = order.indexOf(index);
-    const targets = [["to-previous", order[place - 1]], ["to-next", order[place + 1]]];
+    const { shown } = this;
+    const place = shown.indexOf(index);
+    const beside = (step) => (place < 0 ? undefined : shown[place + step]);
+    const targets = [["to-previous", beside(-1)], ["to-next", beside(1)]];
     for (const [id, target] of targets) {
       byId(id).classList.toggle("gone", target === undefined);
       byId(id).href = `#photo-${target}`;

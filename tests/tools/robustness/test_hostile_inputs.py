@@ -1,0 +1,115 @@
+"""The judge of calls finds what is wrong with one, and hostile inputs are the same every time."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools.robustness.hostile_files import CONTENTS, encoded, hostile_photograph
+from tools.robustness.hostile_inputs import make_cases, try_all
+from tools.robustness.politeness import Call, complaints
+
+
+@pytest.fixture
+def call(tmp_path: Path) -> Call:
+    """Return a call of ``estimate --json`` with nothing wrong: one photograph done, one refused."""
+    document = {"estimates": [{"image": "good.jpg"}], "failures": [{"image": "bad.jpg", "error": "damaged"}]}
+    return Call(
+        words=["estimate", "--json"],
+        folder=tmp_path,
+        photographs=[tmp_path / "good.jpg", tmp_path / "bad.jpg"],
+        code=1,
+        printed=json.dumps(document).encode() + b"\n",
+        said=b"blur2view: bad.jpg: is damaged; copy it again\n",
+        seconds=1.0,
+        peak_gib=0.3,
+    )
+
+
+def test_a_polite_call_has_no_complaints(call: Call) -> None:
+    assert complaints(call) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"code": None}, "hangs"),
+        ({"code": -11}, "exit code -11"),
+        ({"peak_gib": 2.5}, "takes 2.50 GiB"),
+        ({"said": b"Traceback (most recent call last):\n  x\nValueError: 3\n"}, "traceback: ValueError: 3"),
+        ({"said": b"libpng warning: iCCP\nblur2view: bad.jpg: x; y\n"}, "foreign line: libpng"),
+        ({"said": b"blur2view: \x1b[31m.jpg: x; y\n"}, "control characters"),
+        ({"said": b"blur2view: bad.jpg: x; y"}, "is not whole"),
+        ({"said": b"", "code": 1}, "exit code 1 with 0 lines"),
+        ({"said": b"blur2view: a\n" * 3}, "3 lines about 2 photographs"),
+        ({"said": b"blur2view: a; b\n", "code": 2}, "its usage error is none"),
+    ],
+)
+def test_what_is_wrong_is_found(call: Call, change: dict[str, object], words: str) -> None:
+    assert any(words in complaint for complaint in complaints(replace(call, **change)))  # type: ignore[arg-type]
+
+
+def test_a_photograph_left_undone_is_found(call: Call) -> None:
+    document = {"estimates": [], "failures": [{"image": "bad.jpg", "error": "damaged"}]}
+    undone = replace(call, printed=json.dumps(document).encode())
+    assert complaints(undone) == ["0 photographs done, 1 expected"]
+    assert complaints(undone, full_disk=True) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (".a.json.12.tmp", b"", "leaves .a.json.12.tmp"),
+        ("a.json", b"{", "a.json is damaged"),
+        ("a.png", b"\x89PNG", "a.png is cut"),
+        ("page.html", b"<html>", "page.html is cut"),
+        ("a.smear.npz", b"PK", "a.smear.npz is damaged"),
+        ("new.db", b"SQLite format 3", "new.db is damaged"),
+    ],
+)
+def test_files_that_are_not_whole_are_found(call: Call, name: str, content: bytes, words: str) -> None:
+    (call.folder / name).write_bytes(content)
+    assert any(words in complaint for complaint in complaints(call))
+
+
+def test_results_without_their_fellows_are_found(call: Call) -> None:
+    (call.folder / "a.json").write_text("{}")
+    assert "leaves a without .png, .smear.npz" in complaints(call)
+
+
+def test_equal_seeds_give_equal_inputs(tmp_path: Path) -> None:
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+    kinds = set()
+    for number in range(len(CONTENTS)):
+        paths = []
+        for folder in ("one", "two"):
+            kind, path = hostile_photograph(tmp_path / folder, np.random.default_rng([0, number]), number)
+            paths.append(path)
+            kinds.add(kind)
+        assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert kinds == set(CONTENTS)
+    words = []
+    for folder, seed in zip("abc", (3, 3, 4), strict=True):
+        (tmp_path / folder).mkdir()
+        cases = make_cases(tmp_path / folder, 20, seed)
+        words.append([case.words for case in cases if case.kind == "arguments"])
+    assert words[0] == words[1] != words[2]
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+def test_pictures_before_any_damage_are_pictures(tmp_path: Path, kind: str) -> None:
+    from blur2view.camera.image import read_image
+
+    path = tmp_path / "a"
+    path.write_bytes(encoded(np.random.default_rng(0), kind))
+    assert read_image(path).shape[2] == 3
+
+
+@pytest.mark.slow
+def test_commands_are_polite() -> None:
+    tallies = try_all(12, 5, say=lambda line: None)
+    assert {kind: tally.rude for kind, tally in tallies.items()} == dict.fromkeys(tallies, [])
+    assert sum(tally.inputs for tally in tallies.values()) == 12

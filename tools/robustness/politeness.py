@@ -1,0 +1,152 @@
+"""What a call of the command line must not do, whatever it is given."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from blur2view.errors import Blur2ViewError
+from tools.database_safety.colmap_check import check_database
+
+MOST_GIB = 2.0
+ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
+           "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
+STREAMS = {".stdout", ".stderr"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """A call of the command line and what came of it; ``code`` None if it had to be ended.
+
+    ``photographs`` are the inputs, the first of which is good; ``folder`` is where it ran.
+    """
+
+    words: list[str]
+    folder: Path
+    photographs: list[Path]
+    code: int | None
+    printed: bytes
+    said: bytes
+    seconds: float
+    peak_gib: float
+
+    @property
+    def lines(self) -> list[str]:
+        """Return what stands on stderr."""
+        return self.said.decode("utf-8", "replace").split("\n")[:-1]
+
+
+def complaints(call: Call, *, full_disk: bool = False) -> list[str]:
+    """Return everything that is wrong with a call, an empty list if nothing is.
+
+    Parameters
+    ----------
+    call : Call
+    full_disk : bool
+        Whether results could not be written, so that none need be there.
+    """
+    found = [*_ending(call), *_streams(call), *_files(call)]
+    if call.code in (0, 1) and len(call.photographs) > 1 and not full_disk:
+        found += _undone(call)
+    return found
+
+
+def _ending(call: Call) -> Iterator[str]:
+    """Complain about how the process ended and what it took."""
+    if call.code is None:
+        yield f"hangs, ended after {call.seconds:.0f} s"
+    elif call.code not in (0, 1, 2):
+        yield f"exit code {call.code}"
+    if call.peak_gib > MOST_GIB:
+        yield f"takes {call.peak_gib:.2f} GiB"
+
+
+def _streams(call: Call) -> Iterator[str]:
+    """Complain about foreign lines, control characters, and lines that are too many or too few."""
+    if b"Traceback" in call.said + call.printed:
+        stream = call.said if b"Traceback" in call.said else call.printed
+        yield "traceback: " + stream.decode("utf-8", "replace").strip().split("\n")[-1]
+        return
+    text = (call.said + call.printed).decode("utf-8", "replace")
+    if odd := sorted({mark for mark in text if not mark.isprintable() and mark != "\n"}):
+        yield f"prints control characters {odd}"
+    if call.said and not call.said.endswith(b"\n"):
+        yield "its last line on stderr is not whole"
+    if call.code == 2:
+        if not call.lines or ": error: " not in call.lines[-1] or not call.lines[0].startswith("usage: "):
+            yield f"its usage error is none: {call.lines[-1:]}"
+        return
+    if foreign := [line for line in call.lines if not line.startswith("blur2view: ")]:
+        yield f"foreign line: {foreign[0]}"
+    if bool(call.lines) != (call.code == 1):
+        yield f"exit code {call.code} with {len(call.lines)} lines on stderr"
+    if len(call.lines) > len(call.photographs):
+        yield f"{len(call.lines)} lines about {len(call.photographs)} photographs"
+
+
+def _files(call: Call) -> Iterator[str]:
+    """Complain about files that are not whole, are temporary, or lie where nothing was asked for."""
+    there = [path for path in sorted(call.folder.rglob("*")) if path.name not in STREAMS]
+    for path in there:
+        if path.name.startswith(".") or path.suffix in (".tmp", ".bak") or path.name.endswith("-journal"):
+            yield f"leaves {path.relative_to(call.folder)}"
+        elif path.is_file() and not path.is_symlink() and (why := _damage(path)):
+            yield f"{path.relative_to(call.folder)} {why}"
+    endings = ENDINGS.get(call.words[0], ())
+    for stem in {
+        str(path).removesuffix(ending) for ending in endings for path in there if path.name.endswith(ending)
+    }:
+        if missing := [ending for ending in endings if not Path(stem + ending).exists()]:
+            yield f"leaves {Path(stem).name} without {', '.join(missing)}"
+    if call.code == 2 and len(there) > 1:
+        yield f"writes {there[-1].name} in spite of wrong usage"
+
+
+def _damage(path: Path) -> str:
+    """Return what is wrong with a result; nothing of a file of another kind."""
+    data = path.read_bytes()
+    try:
+        match path.suffix:
+            case ".json":
+                json.loads(data)
+            case ".npz":
+                with zipfile.ZipFile(path) as archive:
+                    return f"has a damaged {bad}" if (bad := archive.testzip()) else ""
+            case ".html":
+                return "" if data.rstrip().endswith(b"</html>") else "is cut"
+            case ".png":
+                return "" if data.endswith(b"IEND\xaeB`\x82") else "is cut"
+            case ".db":
+                return "; ".join(check_database(path))
+    except (ValueError, OSError, zipfile.BadZipFile, sqlite3.Error, Blur2ViewError) as error:
+        return f"is damaged: {error}"
+    return ""
+
+
+def _undone(call: Call) -> Iterator[str]:
+    """Complain where photographs without a line on stderr have no result."""
+    expected = len({path.as_posix() for path in call.photographs}) - len(call.lines)
+    command, out = call.words[0], call.folder / "out"
+    if "--json" in call.words:
+        document = json.loads(call.printed)
+        done = len(document["estimates"])
+        if len(document["failures"]) != len(call.lines):
+            yield f"{len(document['failures'])} failures in JSON, {len(call.lines)} lines"
+    elif command in ENDINGS:
+        done = len(list(out.rglob(f"*{ENDINGS[command][-1]}")))
+    elif command == "report":
+        page = call.folder / "page.html"
+        done = page.read_bytes().count(b'id="photo-data-') if page.exists() else 0
+    elif "--db" in call.words:
+        with sqlite3.connect(call.folder / "new.db") as database:
+            done = database.execute("SELECT count(*) FROM images").fetchone()[0] // 2
+    elif "hloc" in call.words:
+        done = len((out / "pairs.txt").read_text().splitlines())
+    else:
+        done = (out / "matches.txt").read_text().count("#open ")
+    if done != expected or not done:
+        yield f"{done} photographs done, {expected} expected"
