@@ -23,6 +23,10 @@ class OutputError(Blur2ViewError):
     """A result cannot be written."""
 
 
+class RunError(Blur2ViewError):
+    """A run over many photographs cannot go on."""
+
+
 class CameraError(Blur2ViewError):
     """A camera's intrinsics cannot be used."""
 

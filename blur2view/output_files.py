@@ -70,7 +70,12 @@ class ResultKind(Protocol[Files]):
 
 
 def plan_outputs(
-    images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
+    images: Sequence[Path],
+    folder: Path,
+    *,
+    overwrite: bool,
+    kind: ResultKind[Files],
+    names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
     """Return the files of each photograph, or why they must not be written.
 
@@ -84,6 +89,8 @@ def plan_outputs(
         Whether files of an earlier call may be replaced. Photographs and files of others never are.
     kind : ResultKind
         What a photograph's files are, such as :class:`OutputFiles`.
+    names : mapping of Path to Path, optional
+        What results are called where that is known, see `result_names`.
 
     Returns
     -------
@@ -93,7 +100,7 @@ def plan_outputs(
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
     plan: list[Files | OutputError] = []
-    for image, name in zip(images, result_names(images), strict=True):
+    for image, name in zip(images, result_names(images, names or {}), strict=True):
         files = kind(folder=folder / name.parent, stem=name.name)
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
@@ -128,23 +135,26 @@ def is_ours(path: Path) -> bool:
     return False
 
 
-def result_names(images: Sequence[Path]) -> list[Path]:
-    """Return each photograph's stem, with its subfolder where two have one, and its suffix if need be."""
+def result_names(images: Sequence[Path], known: Mapping[Path, Path]) -> list[Path]:
+    """Return each photograph's known name or stem; where two have one its subfolder, suffix if need be."""
     below = [Path(*(part for part in path.parts if part != "..")) for path in below_shared_folder(images)]
-    distinct = dict(zip(map(os.path.abspath, images), below, strict=True)).values()
-    stems = Counter(path.stem for path in distinct)
-    wholes = Counter(path.parent / path.stem for path in distinct)
+    short = [known.get(image, Path(image.stem)) for image in images]
+    distinct = dict(zip(map(os.path.abspath, images), zip(short, below, strict=True), strict=True)).values()
+    shorts = Counter(name for name, _ in distinct)
+    wholes = Counter(path.parent / path.stem for _, path in distinct)
     names = []
-    for path in below:
+    for name, path in zip(short, below, strict=True):
         whole = path.parent / path.stem
-        names.append(Path(path.stem) if stems[path.stem] == 1 else whole if wholes[whole] == 1 else path)
+        names.append(name if shorts[name] == 1 else whole if wholes[whole] == 1 else path)
     return names
 
 
 def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
     """Return paths below the folder that all files share; one at which there is none changes no other's."""
     absolute = [os.path.abspath(path) for path in paths]
-    there = [path for path in absolute if os.path.isfile(path)] or absolute
+    # a file or, below it, a frame of a video
+    there = [path for path in absolute if os.path.isfile(path) or os.path.isfile(os.path.dirname(path))]
+    there = there or absolute
     folder = os.path.commonpath([os.path.dirname(path) for path in there])
     return [Path(os.path.relpath(path, folder)) for path in absolute]
 

@@ -169,7 +169,7 @@ class FileEstimate:
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 
 
-def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
+def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | None = None) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Parameters
@@ -179,6 +179,8 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
     run : Run
         The options. Each photograph has a generator of its own, so that its result does not depend on those
         before it.
+    content : bytes, optional
+        Of the file, where it has been read already.
 
     Raises
     ------
@@ -186,9 +188,9 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
         If the file cannot be read, its camera cannot be determined or the network cannot be run.
     """
     start = time.perf_counter()
-    image = read_image(path, max_memory_gib=run.max_memory_gib)
+    image = read_image(path, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
-    exif = read_exif(path)
+    exif = read_exif(path, content)
     camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
     result = estimate(
         image,

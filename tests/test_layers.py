@@ -27,7 +27,7 @@ ROWS = [
     "pipeline",
     "segmentation exposure",
     "documents",
-    "visualization colmap",
+    "visualization colmap batch",
     "mapping view_placement matches_text",  # the short public paths
     "__init__",
     "cli",

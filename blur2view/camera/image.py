@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
+from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.errors import ImageError
 from blur2view.input_files import read_regular
 
@@ -25,11 +26,33 @@ BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
 BACKDROP = 0.5
 DNG_VERSION, NEW_SUBFILE_TYPE = 50706, 254  # tags of TIFF; a subfile of odd type is a smaller copy of another
+# By which photographs in a folder are known; named by themselves they may be of any.
+PHOTOGRAPH_SUFFIXES = frozenset(
+    [
+        ".avif",
+        ".bmp",
+        ".jfif",
+        ".jp2",
+        ".jpe",
+        ".jpeg",
+        ".jpg",
+        ".mpo",
+        ".png",
+        ".ppm",
+        ".tif",
+        ".tiff",
+        ".webp",
+    ]
+)
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def read_image(
-    path: str | os.PathLike[str], *, as_stored: bool = False, max_memory_gib: float = math.inf
+    path: str | os.PathLike[str],
+    *,
+    as_stored: bool = False,
+    max_memory_gib: float = math.inf,
+    content: bytes | None = None,
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
@@ -46,6 +69,8 @@ def read_image(
         Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
     max_memory_gib : float
         Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
+    content : bytes, optional
+        The file's content, where it has been read already.
 
     Returns
     -------
@@ -59,7 +84,9 @@ def read_image(
         be used. The message is one line that names the path and the remedy.
     """
     path = Path(path)
-    encoded = _read_bytes(path)
+    encoded = read_content(path) if content is None else content
+    if not encoded:
+        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         photo = _decode(path, encoded, as_stored, max_memory_gib)
@@ -74,19 +101,31 @@ class _Decoded:
     white: int
 
 
-def _read_bytes(path: Path) -> bytes:
-    """Return the file's content or raise ImageError."""
+def read_content(path: Path) -> bytes:
+    """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
+
+    Raises
+    ------
+    ImageError
+        If it cannot be read.
+    EndOfVideo
+        If the video announces more frames than it has.
+    """
+    frame = frame_of(path)
+    if frame is not None:
+        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
+    if is_video(path):
+        frame_numbers(path)  # which says what is wrong, if anything is
+        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
     try:
         encoded = read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
-        raise ImageError(f"{path}: is a directory; name the images in it, for example {path}/*.jpg") from None
+        raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-    if not encoded:
-        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     return encoded
 
 

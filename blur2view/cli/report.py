@@ -7,46 +7,68 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from blur2view import __version__
+from blur2view.batch.job import Job, Made
+from blur2view.cli.batch import CommandRun, manifest_beside
+from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import QUIET, SHORT, complain, printable, progress
-from blur2view.errors import Blur2ViewError, OutputError, within_memory
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.errors import OutputError
 from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
-from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.pipeline import Run, estimate_file
 from blur2view.segmentation.mask import segment
-from blur2view.segmentation.network import MotionNetwork
 from blur2view.visualization.report import Entry, report
-
-DONE, FAILED = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Networks:
-    """The networks of a call; without the one for motion segmentation there are no masks."""
+class ReportWork:
+    """The work on one photograph."""
 
-    smear: SmearNetwork
-    motion: MotionNetwork | None
+    run: Run
+    networks: Networks
+    mask: bool
+    timings: bool
+    verbosity: int
+
+    def __call__(self, job: Job[None]) -> Made[Entry]:
+        """Return the entry of one photograph."""
+        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        start = time.perf_counter()
+        mask = segment(one.estimate, one.image, network=self.networks.motion) if self.mask else None
+        mask_s = None if mask is None else time.perf_counter() - start
+        geometry = one.estimate.geometry
+        line = verdict_line(str(job.path), geometry)
+        summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
+        return Made(kept=Entry.of(one, mask, mask_s, timings=self.timings), summary=summary)
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Return the exit code, after estimating every photograph and writing the page.
 
-    A photograph that fails gets a card with its reason; if all fail nothing is written.
+    A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
+    leaves a page of what is done.
     """
-    run = read_run(options, usage_error)
+    work = ReportWork(
+        run=read_run(options, usage_error),
+        networks=Networks.of(options.model),
+        mask=not options.no_mask,
+        timings=not options.no_timings,
+        verbosity=options.verbosity,
+    )
     _check_output(options)
-    smear = SmearNetwork(options.model)
-    motion = None if options.no_mask else MotionNetwork.beside(smear)
-    networks = Networks(smear=smear, motion=motion)
     created = prepare_folder(options.output.parent)
-    entries = _entries(options, run, networks)
-    failed = sum(entry.kind == "failed" for entry in entries)
-    if failed == len(entries):
+    run: CommandRun[None, Entry] = CommandRun(options, work, manifest_beside(options.output))
+    entries = [
+        Entry.failed(str(result.path), result.error) if result.made is None else result.made.kept
+        for result in run.results(options.images, [None] * len(options.images))
+    ]
+    if all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
+        if run.interrupted:
+            return run.exit_code
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)
-    return FAILED if failed else DONE
+    return run.exit_code
 
 
 def _check_output(options: argparse.Namespace) -> None:
@@ -56,37 +78,10 @@ def _check_output(options: argparse.Namespace) -> None:
         raise OutputError(f"{target}: the page would replace a photograph; name another with -o")
     if target.is_dir():
         raise OutputError(f"{target}: is a folder; name the page, for example -o {target / 'report.html'}")
-    if os.path.lexists(target) and not options.overwrite:
+    if os.path.lexists(target) and not (options.overwrite or options.resume):
         raise OutputError(f"{target}: exists; name another page with -o or add --overwrite")
     if os.path.lexists(target) and not is_ours(target):
         raise OutputError(f"{target}: is no page of an earlier call; name another with -o or remove it")
-
-
-def _entries(options: argparse.Namespace, run: Run, networks: Networks) -> list[Entry]:
-    """Return the entry of every photograph, and print a line about each."""
-    jobs, say = progress(options.images)
-    entries = []
-    for image in jobs:
-        try:
-            with within_memory(image):
-                one = estimate_file(image, networks.smear, run)
-                entries.append(_entry(one, networks.motion, timings=not options.no_timings))
-        except Blur2ViewError as error:
-            entries.append(Entry.failed(str(image), str(error)))
-            complain(error, say)
-        else:
-            if options.verbosity > QUIET:
-                line = verdict_line(str(image), one.estimate.geometry)
-                say(line if options.verbosity == SHORT else f"{line}\n  {one.estimate.geometry.reason}")
-    return entries
-
-
-def _entry(one: FileEstimate, network: MotionNetwork | None, *, timings: bool) -> Entry:
-    """Return the entry of one photograph; without a motion segmentation network without a mask."""
-    start = time.perf_counter()
-    mask = None if network is None else segment(one.estimate, one.image, network=network)
-    mask_s = None if mask is None else time.perf_counter() - start
-    return Entry.of(one, mask, mask_s, timings=timings)
 
 
 def _write(options: argparse.Namespace, entries: list[Entry]) -> None:

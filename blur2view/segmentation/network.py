@@ -76,9 +76,9 @@ class MotionNetwork:
         self.info = read_info(self.path, self._session)
 
     @classmethod
-    def beside(cls, smears: SmearNetwork) -> MotionNetwork:
+    def beside(cls, smears: SmearNetwork, *, threads: int | None = None) -> MotionNetwork:
         """Return the shipped network with these smears if they come in cells of 4 px, else with its own."""
-        return cls(smears=smears if smears.info.stride == STRIDE else None)
+        return cls(smears=smears if smears.info.stride == STRIDE else None, threads=threads)
 
     def with_local_smears(self, found: Estimate, image: NDArray[np.float32]) -> Estimate:
         """Return the estimate with the smears that masks are made of."""

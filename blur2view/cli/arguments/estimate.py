@@ -8,6 +8,7 @@ from blur2view.cli.arguments.shared import (
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
     add_verbosity,
     epilog,
     keys,
@@ -75,6 +76,7 @@ def describe(parser: CommandParser) -> None:
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
     add_verbosity(output)
+    add_running(parser)
     add_camera(parser, exposure=True)
     add_estimation(parser)
     parser.epilog = epilog(

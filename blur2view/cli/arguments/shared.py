@@ -96,13 +96,67 @@ def epilog(*tables: str, examples: Sequence[str]) -> str:
 
 def add_photographs(parser: argparse.ArgumentParser) -> None:
     """Describe the photographs of a call."""
-    parser.add_argument_group("input").add_argument(
+    group = parser.add_argument_group("input")
+    add = group.add_argument
+    add(
         "images",
         nargs="+",
-        type=Path,
-        metavar="IMG",
-        help="photographs: JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits",
+        metavar="INPUT",
+        help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits); folders of "
+        "photographs; videos, whose frames are named VIDEO/000120 by their number; @LIST, a file that names "
+        "one of these on each line; - for such a list from standard input",
     )
+    add("--recursive", action="store_true", help="folders stand for their subfolders, too")
+    add("--every", type=int, default=1, metavar="N", help="of a video take one frame in N (default: all)")
+    add(
+        "--from",
+        dest="first",
+        type=frame_or_seconds,
+        default=0,
+        metavar="FRAME",
+        help="the first frame of a video: a number from 0, or a time as 12.5s",
+    )
+    add("--to", dest="last", type=frame_or_seconds, metavar="FRAME", help="the last frame, included")
+
+
+def add_running(parser: argparse.ArgumentParser) -> None:
+    """Describe how many photographs are gone through."""
+    add = parser.add_argument_group(
+        "many photographs",
+        paragraph(
+            "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut "
+            "loses only the photographs in hand."
+        ),
+    ).add_argument
+    add(
+        "--jobs",
+        type=positive,
+        metavar="N",
+        help="processes, of one thread each; any number gives the same bytes (default: one per core)",
+    )
+    add(
+        "--resume",
+        action="store_true",
+        help="go on: skip photographs that an earlier call has done with the same content, network and "
+        "options, whose results are whole; do the others, also over earlier results",
+    )
+    add("--max-failures", type=positive, metavar="N", help="stop when as many photographs have failed")
+
+
+def positive(text: str) -> int:
+    """Return a number of 1 or more."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {number}")
+    return number
+
+
+def frame_or_seconds(text: str) -> int | float:
+    """Return a frame's number, or a time in seconds as a float."""
+    try:
+        return float(text.removesuffix("s")) if text.endswith("s") else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}") from None
 
 
 def add_verbosity(group: Any) -> None:

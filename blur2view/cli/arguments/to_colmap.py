@@ -9,6 +9,7 @@ from blur2view.cli.arguments.shared import (
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
     add_verbosity,
     epilog,
     keys,
@@ -75,6 +76,7 @@ def describe(parser: CommandParser) -> None:
     _add_target(output.add_argument)
     add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
+    add_running(parser)
     add_camera(parser, exposure=False)
     add_estimation(parser)
     parser.epilog = epilog(
