@@ -5,6 +5,7 @@ import math
 import os
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
+from blur2view.camera.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.errors import ImageError
 from blur2view.input_files import read_regular
@@ -25,24 +27,16 @@ MAX_PIXELS = 175_000_000
 BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
 BACKDROP = 0.5
+# of these formats a file may be an animation or have pages
+MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 DNG_VERSION, NEW_SUBFILE_TYPE = 50706, 254  # tags of TIFF; a subfile of odd type is a smaller copy of another
 # By which photographs in a folder are known; named by themselves they may be of any.
-PHOTOGRAPH_SUFFIXES = frozenset(
-    [
-        ".avif",
-        ".bmp",
-        ".jfif",
-        ".jp2",
-        ".jpe",
-        ".jpeg",
-        ".jpg",
-        ".mpo",
-        ".png",
-        ".ppm",
-        ".tif",
-        ".tiff",
-        ".webp",
-    ]
+PHOTOGRAPH_SUFFIXES = (
+    frozenset(
+        [".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"]
+    )
+    | HEIC_SUFFIXES
+    | RAW_SUFFIXES
 )
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -58,8 +52,8 @@ def read_image(
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
-    ignored, and of several frames the first is taken. 16-bit colour with an EXIF rotation is read with
-    8 bits.
+    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
+    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
     Parameters
     ----------
@@ -131,9 +125,18 @@ def read_content(path: Path) -> bytes:
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> _Decoded:
     """Return every pixel, decoded and upright unless the picture is wanted as it is stored."""
+    check_size = partial(_check_size, path, max_memory_gib=max_memory_gib)
     try:
+        if is_raw(path, encoded):
+            return _Decoded(
+                pixels=develop(path, encoded, as_stored=as_stored, check_size=check_size), white=65535
+            )
+        if is_heic(encoded):
+            register_heic(path)
         with Image.open(io.BytesIO(encoded)) as photo:
-            _check_size(path, *photo.size, max_memory_gib)
+            check_size(*photo.size)
+            if (pictures := _pictures(photo)) > 1:
+                raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
             stored = str([tile[3] for tile in photo.tile])  # asked before getexif, which may decode
             # colour of 16 bits, which Pillow would cut to 8
             deep = len(photo.getbands()) > 1 and ";16" in stored
@@ -171,6 +174,22 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
 
 
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+
+
+def _pictures(photo: Image.Image) -> int:
+    """Return how many frames of an animation, or pages of full size, a file holds."""
+    if photo.format not in MANY_PICTURES:
+        return 1
+    count: int = getattr(photo, "n_frames", 1)
+    if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
+        pages = []
+        for page in range(count):
+            photo.seek(page)
+            pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
+        photo.seek(0)
+        # a smaller copy or a mask has a type
+        return sum(kind == pages[0] for kind in pages)
+    return count
 
 
 def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> None:

@@ -32,13 +32,23 @@ class CommandRun(Generic[Target, Kept]):
     work : Work
     manifest : Path or None
         The file in which is written down what is done; None if nothing is written.
+    prints : bool
+        Whether a line is printed for each photograph, and a total.
     """
 
-    def __init__(self, options: argparse.Namespace, work: Work[Target, Kept], manifest: Path | None) -> None:
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        work: Work[Target, Kept],
+        manifest: Path | None,
+        *,
+        prints: bool = True,
+    ) -> None:
         self.options, self.work = options, work
         self.count = len(options.images)
         self.done = self.skipped = self.failed = 0
         self.interrupted = False
+        self.prints = prints and not options.json and options.verbosity > QUIET
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
         if manifest is not None and (self.count > 1 or options.resume):
@@ -80,6 +90,7 @@ class CommandRun(Generic[Target, Kept]):
         batch = Batch(
             work=self.work,
             engine=self._engine(),
+            sends=self.options.dask is not None,
             manifest=self.manifest,
             folder=Path() if self.manifest is None else self.manifest.path.parent,
         )
@@ -101,11 +112,15 @@ class CommandRun(Generic[Target, Kept]):
             bar.close()
         if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
-        elif self.count > 1 and not self.options.json and self.options.verbosity > QUIET:
+        elif self.count > 1 and self.prints:
             print(self._total(time.monotonic() - start))
 
     def _engine(self) -> Engine:
         """Return where the work is done."""
+        if self.options.dask is not None:
+            from blur2view.batch.cluster import Cluster
+
+            return Cluster(self.options.dask)
         return processes(max(min(self.options.jobs or usable_cores(), self.count), 1))
 
     def _jobs(
@@ -132,7 +147,7 @@ class CommandRun(Generic[Target, Kept]):
         bar.step()
         if result.made is None:
             complain(Blur2ViewError(result.error), bar.say)
-        elif not self.options.json and self.options.verbosity > QUIET:
+        elif self.prints:
             short = self.count > 1 and self.options.verbosity == SHORT
             bar.say(result.made.summary.partition("\n")[0] if short else result.made.summary)
 

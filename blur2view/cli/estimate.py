@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import plan_files, run_each
@@ -21,12 +21,14 @@ class EstimateWork:
 
     run: Run
     networks: Networks
+    timings: bool
     verbosity: int
 
     def __call__(self, job: Job[OutputFiles | None]) -> Made[EstimateDocument]:
         """Return the document and the summary of one photograph, with its files."""
         one = estimate_file(job.path, self.networks.smears, self.run, job.content)
         document, files = EstimateDocument.of(one), job.target
+        document = document if self.timings else replace(document, timings_s=None)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         contents = {} if files is None else result_contents(files, document, one)
         return Made(kept=document, summary=summary, files=contents)
@@ -36,7 +38,12 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
     """Return the exit code, after estimating every photograph."""
     run = read_run(options, usage_error)
     plan = plan_files(options, OutputFiles)
-    work = EstimateWork(run=run, networks=Networks.of(options.model), verbosity=options.verbosity)
+    work = EstimateWork(
+        run=run,
+        networks=Networks.of(options.model),
+        timings=not options.no_timings,
+        verbosity=options.verbosity,
+    )
     return run_each(options, plan, work, collect)
 
 

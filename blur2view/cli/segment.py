@@ -3,7 +3,7 @@
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ class SegmentWork:
     run: Run
     wanted: SegmentOptions
     networks: Networks
+    timings: bool
     verbosity: int
 
     def __call__(self, job: Job[MaskFiles | None]) -> Made[MaskDocument]:
@@ -36,6 +37,7 @@ class SegmentWork:
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, self.wanted, rng, self.networks.motion)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
+        document = document if self.timings else replace(document, timings_s=None)
         summary = mask_summary(document, mask, job.target, self.verbosity)
         contents = {} if job.target is None else mask_contents(job.target, document, one.image, mask)
         return Made(kept=document, summary=summary, files=contents)
@@ -46,8 +48,13 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
-    networks = Networks.of(options.model)
-    work = SegmentWork(run=run, wanted=wanted, networks=networks, verbosity=options.verbosity)
+    work = SegmentWork(
+        run=run,
+        wanted=wanted,
+        networks=Networks.of(options.model),
+        timings=not options.no_timings,
+        verbosity=options.verbosity,
+    )
     return run_each(options, plan, work, collect)
 
 

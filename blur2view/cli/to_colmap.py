@@ -46,7 +46,9 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
         options.sequence = True
     networks = Networks.of(options.model)
     work = ViewsWork(database=options.db, run=run, networks=networks)
-    batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(options, work, _manifest(options))
+    batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(
+        options, work, _manifest(options), prints=False
+    )
     fresh = options.db is not None and not options.link
     replaces = fresh and batch.replaces(options.db)
     if fresh and not replaces:

@@ -88,8 +88,8 @@ class MaskDocument(Document):
         The weights of the smear network.
     motion_model_id : str or null
         The weights of the motion segmentation network; null if scores alone decided.
-    timings_s : object
-        Seconds per step: read, predict, select, solve, segment.
+    timings_s : object or null
+        Seconds per step: read, predict, select, solve, segment; null with --no-timings.
     """
 
     image: str
@@ -109,7 +109,7 @@ class MaskDocument(Document):
     seed: int
     model_id: str
     motion_model_id: str | None
-    timings_s: dict[str, float]
+    timings_s: dict[str, float] | None
 
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:

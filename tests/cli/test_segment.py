@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from blur2view.camera.image import read_image
+from blur2view.batch import job
 from blur2view.cli import commands as cli
-from blur2view.cli import outputs as mask_results
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
@@ -119,7 +119,7 @@ def test_full_disk_leaves_nothing(
     def full(contents: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mask_results, "write_together", full)
+    monkeypatch.setattr(job, "write_together", full)
     assert run(walker, "-o", tmp_path / "out") == 1
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "No space left" in printed

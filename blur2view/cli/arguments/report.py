@@ -67,7 +67,7 @@ def describe(parser: CommandParser) -> None:
     parser.epilog = epilog(
         table("on the page", CONTROLS), table("terms of the page", TERMS), examples=EXAMPLES
     )
-    parser.set_defaults(run=partial(_run, parser))
+    parser.set_defaults(run=partial(_run, parser), json=False)
 
 
 def _run(parser: CommandParser, options: argparse.Namespace) -> int:

@@ -61,6 +61,7 @@ def describe(parser: CommandParser) -> None:
     add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
     add_verbosity(output)
     add_running(parser)
     add_camera(parser, exposure=False)

@@ -121,18 +121,27 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
 
 def add_running(parser: argparse.ArgumentParser) -> None:
     """Describe how many photographs are gone through."""
-    add = parser.add_argument_group(
+    group = parser.add_argument_group(
         "many photographs",
         paragraph(
             "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut "
             "loses only the photographs in hand."
         ),
-    ).add_argument
-    add(
+    )
+    add = group.add_argument
+    either = group.add_mutually_exclusive_group()
+    either.add_argument(
         "--jobs",
         type=positive,
         metavar="N",
         help="processes, of one thread each; any number gives the same bytes (default: one per core)",
+    )
+    either.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker "
+        "tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers "
+        "need this blur2view (pip install '.[dask]')",
     )
     add(
         "--resume",
