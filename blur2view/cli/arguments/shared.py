@@ -1,6 +1,7 @@
 """What the commands share: parsers filled when they are chosen, common options, the help's format."""
 
 import argparse
+import math
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
@@ -107,7 +108,9 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         "one of these on each line; - for such a list from standard input",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
-    add("--every", type=int, default=1, metavar="N", help="of a video take one frame in N (default: all)")
+    add(
+        "--every", type=positive, default=1, metavar="N", help="of a video take one frame in N (default: all)"
+    )
     add(
         "--from",
         dest="first",
@@ -154,18 +157,20 @@ def add_running(parser: argparse.ArgumentParser) -> None:
 
 def positive(text: str) -> int:
     """Return a number of 1 or more."""
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be 1 or more, got {number}")
-    return number
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text}")
+    return int(text)
 
 
 def frame_or_seconds(text: str) -> int | float:
     """Return a frame's number, or a time in seconds as a float."""
     try:
-        return float(text.removesuffix("s")) if text.endswith("s") else int(text)
+        number = float(text.removesuffix("s")) if text.endswith("s") else int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}") from None
+        number = -1
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
+    return number
 
 
 def add_verbosity(group: Any) -> None:
