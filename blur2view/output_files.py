@@ -3,7 +3,7 @@
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
@@ -196,6 +196,26 @@ def write_together(files: Mapping[Path, Write]) -> None:
     finally:
         for path in files:
             _beside(path).unlink(missing_ok=True)
+
+
+def remove_left_over(paths: Container[Path], folders: Iterable[Path]) -> None:
+    """Remove what processes that were killed left beside these files, half written."""
+    for folder in folders:
+        for beside in folder.glob(".*.*.tmp"):
+            name, _, number = beside.name.removeprefix(".").removesuffix(".tmp").rpartition(".")
+            if beside.with_name(name) in paths and number.isdecimal() and not _is_running(int(number)):
+                beside.unlink(missing_ok=True)
+
+
+def _is_running(number: int) -> bool:
+    """Return whether there is a process of this number."""
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # another user's
+        pass
+    return True
 
 
 def _beside(path: Path) -> Path:

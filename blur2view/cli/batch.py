@@ -17,7 +17,14 @@ from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain,
 from blur2view.documents.document import Document, FailureDocument
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder, remove_empty
+from blur2view.output_files import (
+    Files,
+    ResultKind,
+    plan_outputs,
+    prepare_folder,
+    remove_empty,
+    remove_left_over,
+)
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Made = TypeVar("Made", bound=Document)
@@ -160,7 +167,7 @@ class CommandRun(Generic[Target, Kept]):
 
     def _total(self, seconds: float) -> str:
         """Return the closing line."""
-        parts = [f"{self.done} done"]
+        parts = [f"{self.done} done"] if self.done or not (self.skipped or self.failed) else []
         parts += [f"{self.skipped} done before"] * bool(self.skipped)
         parts += [f"{self.failed} failed"] * bool(self.failed)
         rate = f", {self.done / seconds:.2g} a second" if self.done and seconds > 0 else ""
@@ -191,10 +198,11 @@ def run_each(
 
     With ``--json`` the one document of ``collect`` is printed at the end.
     """
-    folders = {
-        path.parent for files in plan if files and not isinstance(files, OutputError) for path in files.paths
-    }
+    paths = {path for files in plan if files and not isinstance(files, OutputError) for path in files.paths}
+    folders = {path.parent for path in paths}
     created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
+    if options.resume:
+        remove_left_over(paths, folders)
     manifest = None if options.output is None else options.output / f"{options.command}.manifest.jsonl"
     run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest)
     documents: list[Made] = []

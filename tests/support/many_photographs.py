@@ -14,12 +14,13 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def write_photographs(folder: Path, count: int, shape: tuple[int, int] = (64, 80)) -> list[Path]:
-    """Return small pictures that differ: in each the tiny network sees another even smear."""
+    """Return small pictures that differ: in each the tiny network sees another motion."""
     folder.mkdir(parents=True, exist_ok=True)
-    fields = [np.broadcast_to([2.0 + index % 20, index / 7], (*shape, 2)) for index in range(count)]
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    motion = np.dstack([x - 30.0, y - 20.0])
     return [
-        write_picture(folder / f"{index:03d}.png", colour_code(field, 1.0))
-        for index, field in enumerate(fields)
+        write_picture(folder / f"{index:03d}.png", colour_code((0.2 + index / 50) * motion, 1.0))
+        for index in range(count)
     ]
 
 
@@ -42,6 +43,13 @@ def start(*words: object) -> subprocess.Popen[str]:
     return subprocess.Popen(
         command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+
+
+def finish(*words: object) -> tuple[int, str, str]:
+    """Return exit code, output and complaints of the program."""
+    running = start(*words)
+    printed, complaints = running.communicate()
+    return running.returncode, printed, complaints
 
 
 def environment() -> dict[str, str]:
