@@ -40,7 +40,7 @@ class Cluster:
         self.address, self._dask = address, distributed
         try:
             asyncio.run(_greet(address))  # a client that finds nobody takes as long again to be closed
-            self._client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+            self._client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError, ImportError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
@@ -93,7 +93,7 @@ class Cluster:
 
 async def _greet(address: str) -> None:
     """Raise OSError unless a scheduler answers."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     comm = await connect(address, timeout=CONNECT_S)
     comm.abort()

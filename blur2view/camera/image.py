@@ -29,7 +29,7 @@ BYTES_PER_PIXEL = 64
 BACKDROP = 0.5
 # of these formats a file may be an animation or have pages
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
-DNG_VERSION, NEW_SUBFILE_TYPE = 50706, 254  # tags of TIFF; a subfile of odd type is a smaller copy of another
+NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = (
     frozenset(
@@ -141,7 +141,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             # colour of 16 bits, which Pillow would cut to 8
             deep = len(photo.getbands()) > 1 and ";16" in stored
             tags = getattr(photo, "tag_v2", {})  # of TIFF
-            if tags.get(DNG_VERSION) and tags.get(NEW_SUBFILE_TYPE, 0) & 1:
+            if tags.get(NEW_SUBFILE_TYPE, 0) & 1:
                 raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
             bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
             if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
