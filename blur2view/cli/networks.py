@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from blur2view.batch.job import file_digest
+from blur2view.cli.terminal import TileProgress
 from blur2view.errors import RunError
 from blur2view.networks.model_file import model_path
 from blur2view.networks.smear_network import SmearNetwork
@@ -29,7 +30,7 @@ class Networks:
 
     @classmethod
     def of(cls, model: str | None) -> Networks:
-        """Return those of --model, which is loaded to see that it can be.
+        """Return those of --model, which is loaded to see that it can be; its tiles are shown to a person.
 
         Raises
         ------
@@ -38,7 +39,7 @@ class Networks:
         """
         path = model_path(model)
         digest = file_digest(path) if path.is_file() else ""
-        _smears(model, digest)  # which says what is wrong, if anything is
+        _smears(model, digest).on_tile = TileProgress()  # and which says what is wrong, if anything is
         return cls(model=model, digest=digest)
 
     @property

@@ -59,6 +59,22 @@ class Progress:
             self._bar.close()
 
 
+class TileProgress:
+    """A bar for the tiles of a large photograph, called after each of them."""
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+
+    def __call__(self, done: int, count: int) -> None:
+        """Show that so many tiles are done."""
+        if done == 1:
+            self._bar = Progress(count, TILE)
+        if self._bar is not None:
+            self._bar.step()
+            if done == count:
+                self._bar.close()
+
+
 def plural(count: int, noun: str) -> str:
     """Return a count with its noun: "1 pair", "2 pairs"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

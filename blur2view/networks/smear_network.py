@@ -1,6 +1,7 @@
 """The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
 
 import os
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -43,6 +44,8 @@ class SmearNetwork:
         session = open_session(self.path, threads or usable_cores())
         self.info = read_info(self.path, session)
         self._reader = reader_of(self.path, session, self.info)
+        self.on_tile: Callable[[int, int], object] = lambda done, count: None
+        """Called after each tile of a photograph with the number of tiles done and of all."""
 
     def predict(
         self,
@@ -96,12 +99,15 @@ class SmearNetwork:
         shape = rows[-1].stop // stride, columns[-1].stop // stride
         total = np.zeros((*shape, self.info.channels), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
+        done, count = 0, len(rows) * len(columns)
         for row, row_weight in ramps(rows, stride):
             for column, column_weight in ramps(columns, stride):
                 window = cells(row, stride), cells(column, stride)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
                 total[window] += self._reader.read(reflected(image, row, column), levels) * tile_weight
                 weight[window] += tile_weight
+                done += 1
+                self.on_tile(done, count)
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // stride), : -(-width // stride)]

@@ -18,13 +18,22 @@ from blur2view import pipeline
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
+from blur2view.networks import smear_network
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.tiles import TileOptions
 from blur2view.pipeline import estimate
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.overlay import draw_overlay
-from tests.support.colour_code import HEIGHT, WIDTH, colour_code_network, forward_motion
+from tests.support.colour_code import (
+    HEIGHT,
+    WIDTH,
+    colour_code,
+    colour_code_network,
+    forward_motion,
+    write_picture,
+)
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -204,6 +213,29 @@ def test_many_photographs_show_progress_to_a_person(
     assert captured.out.startswith(f"{still}: DEGENERATE")
     assert run(still) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_large_photograph_shows_its_tiles_to_a_person(
+    run: Any,
+    tiny_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(
+        smear_network, "TileOptions", lambda: TileOptions(max_pixels=4096, tile_px=64, overlap_px=0)
+    )
+    large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
+    assert run(large) == 0 and capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert run(large) == 0
+    printed = capsys.readouterr().err
+    assert "/6 [" in printed and "tile" in printed
+    network = SmearNetwork(tiny_model)
+    seen: list[tuple[int, int]] = []
+    network.on_tile = lambda done, count: seen.append((done, count))
+    network.predict(read_image(large))
+    assert seen == [(done, 6) for done in range(1, 7)]
 
 
 def test_interrupt_is_no_traceback(

@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 
 from blur2view.cli.arguments.shared import (
+    MANIFEST,
     CommandParser,
     add_camera,
     add_estimation,
@@ -55,7 +56,8 @@ FILES = (
 )
 EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
-    "blur2view estimate photographs/*.jpg --json > estimates.json",
+    "blur2view estimate photographs --recursive -o results --resume",
+    "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
     'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
 )
 
@@ -82,7 +84,7 @@ def describe(parser: CommandParser) -> None:
     add_estimation(parser)
     parser.epilog = epilog(
         table("configurations, in COLMAP's names", CONFIGURATIONS),
-        table("files of -o", FILES),
+        table("files of -o", (*FILES, MANIFEST)),
         table("JSON document of --json", keys(EstimatesDocument)),
         table("JSON document of a photograph", keys(EstimateDocument)),
         examples=EXAMPLES,

@@ -38,7 +38,7 @@ TERMS = (
     ("sigma", "standard deviation of a smear that the network predicts, pixels"),
 )
 EXAMPLES = (
-    "blur2view report photographs/*.jpg -o report.html",
+    "blur2view report clip.mp4 --every 10 -o report.html",
     "blur2view report a.jpg --focal 525 --no-mask --overwrite",
 )
 

@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 
 from blur2view.cli.arguments.shared import (
+    MANIFEST,
     CommandParser,
     add_camera,
     add_estimation,
@@ -67,7 +68,7 @@ def describe(parser: CommandParser) -> None:
     add_camera(parser, exposure=False)
     add_estimation(parser)
     parser.epilog = epilog(
-        table("files of -o", FILES),
+        table("files of -o", (*FILES, MANIFEST)),
         table("JSON document of --json", keys(MasksDocument)),
         table("JSON document of a photograph", keys(MaskDocument)),
         examples=EXAMPLES,

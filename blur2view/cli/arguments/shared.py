@@ -16,7 +16,7 @@ EXIT_CODES = (
     ("0", "done; a photograph without F is a result, with its reason"),
     ("1", "something failed: one line on stderr each, other photographs are done all the same"),
     ("2", "wrong usage"),
-    ("130", "interrupted by Ctrl-C"),
+    ("130", "interrupted by Ctrl-C: what is done is kept, --resume goes on"),
 )
 
 
@@ -87,6 +87,12 @@ def keys(document: type) -> list[tuple[str, str]]:
             name, _, kind = line.partition(" : ")
             rows.append((name, f"({kind})"))
     return rows
+
+
+MANIFEST = (
+    "<command>.manifest.jsonl",
+    "the manifest of a call of several photographs, JSON lines: what --resume goes on with",
+)
 
 
 def epilog(*tables: str, examples: Sequence[str]) -> str:
