@@ -8,6 +8,7 @@ import threading
 from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from functools import partial
 from multiprocessing import get_context, parent_process
 from typing import Protocol
@@ -18,6 +19,8 @@ from blur2view.batch.job import Job, Kept, Outcome, Target, Work, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
 PATIENCE_S = 5.0  # a process that was told to end has that long
+END = getattr(signal, "SIGUSR1", signal.SIGTERM)  # pycolmap takes SIGTERM for a crash and prints a trace
+_ENDING = threading.Event()
 
 
 class Engine(Protocol):
@@ -72,7 +75,7 @@ def _submitted(
 ) -> Future[Outcome[Kept]]:
     """Return the future of a job; it has failed already if the processes have died meanwhile."""
     try:
-        return executor.submit(perform, work, job)
+        return executor.submit(_performed, work, job)
     except BrokenProcessPool as error:
         future: Future[Outcome[Kept]] = Future()
         future.set_exception(error)
@@ -83,7 +86,7 @@ def _alone(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
     executor = _executor(1)
     try:
-        return executor.submit(perform, work, job).result()
+        return executor.submit(_performed, work, job).result()
     except BrokenProcessPool:
         error = f"{job.path}: the process that read it died, perhaps of too little memory; resize it"
         return Outcome(error=error)
@@ -99,14 +102,22 @@ def _executor(count: int) -> ProcessPoolExecutor:
 def _begin() -> None:
     """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)  # so that half-written files are removed
+    signal.signal(END, _leave)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     cv2.setNumThreads(1)
 
 
 def _leave(number: int, frame: object) -> None:
-    """End this process, after what its functions do finally."""
-    raise SystemExit(128 + number)
+    """End the job in hand, after what its functions do finally: half-written files are removed."""
+    _ENDING.set()
+    raise SystemExit
+
+
+def _performed(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
+    """Return the outcome of a job in a process that was not told to end."""
+    if _ENDING.is_set():
+        raise SystemExit
+    return perform(work, job)
 
 
 def _end_with_parent() -> None:
@@ -122,7 +133,9 @@ def _end(executor: ProcessPoolExecutor) -> None:
     processes = list((executor._processes or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:
-        process.terminate()
+        if process.pid is not None:
+            with suppress(OSError):  # it has ended
+                os.kill(process.pid, END)
     for process in processes:
         process.join(PATIENCE_S)
         if process.is_alive():

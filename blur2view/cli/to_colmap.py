@@ -31,6 +31,7 @@ from blur2view.documents.to_colmap import (
     ToColmapDocument,
     ViewsDocument,
 )
+from blur2view.output_files import prepare_folder, remove_empty
 
 FAILED = 1
 
@@ -45,6 +46,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     if options.sequence is None and options.inputs.one_video:
         options.sequence = True
     networks = Networks.of(options.model)
+    created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
     work = ViewsWork(database=options.db, run=run, networks=networks)
     batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(
         options, work, _manifest(options), prints=False
@@ -59,6 +61,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
         made, failed = make_views(batch, wanted)
         failures += failed
     if batch.interrupted and (options.link or not made):
+        remove_empty(created)
         return batch.exit_code
     made = with_time(options, made)
     if options.corrected:
@@ -67,6 +70,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     document = _write_document(options, made, kept, failures, replaces)
     if fresh and made and not options.dry_run and batch.manifest is not None:
         batch.manifest.append_target(options.db)
+    remove_empty(created)
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
