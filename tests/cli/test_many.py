@@ -98,7 +98,7 @@ def test_other_options_are_done_again(
     read.clear()
     assert run(folder, "-o", tmp_path / "out", "--resume", *option) == 0
     assert len(read) == 5
-    assert run(folder, "-o", tmp_path / "out", "--resume", "--max-memory", 1, *option) == 0
+    assert run(folder, "-o", tmp_path / "out", "--resume", "--max-memory", 1, "-q", *option) == 0
     assert len(read) == 5
 
 

@@ -109,9 +109,10 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         "images",
         nargs="+",
         metavar="INPUT",
-        help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits); folders of "
-        "photographs; videos, whose frames are named VIDEO/000120 by their number; @LIST, a file that names "
-        "one of these on each line; - for such a list from standard input",
+        help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
+        "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
+        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line; - for such a list "
+        "from standard input",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
     add(
