@@ -208,7 +208,9 @@ def remove_left_over(paths: Container[Path], folders: Iterable[Path]) -> None:
 
 
 def _is_running(number: int) -> bool:
-    """Return whether there is a process of this number."""
+    """Return whether there is a process of this number; where that cannot be asked, as if there were."""
+    if os.name != "posix":
+        return True
     try:
         os.kill(number, 0)
     except ProcessLookupError:

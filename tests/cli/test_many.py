@@ -3,8 +3,10 @@
 import json
 import shutil
 import signal
+import sqlite3
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from blur2view import pipeline
 from blur2view.batch import job
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
+from blur2view.output_files import write_together
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents, finish, start, write_photographs, write_video
 
@@ -155,20 +158,19 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
     run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str], read: list[str],
 ) -> None:  # fmt: skip
-    write = job.write_together
     room = iter(range(3))
 
     def full(files: Any) -> None:
         if next(room, None) is None:
             raise OSError(28, "No space left on device")
-        write(files)
+        write_together(files)
 
     monkeypatch.setattr(job, "write_together", full)
     assert run(folder, "-o", tmp_path / "out") == 1
     error, stopped = capsys.readouterr().err.splitlines()
     assert "No space left on device" in error
     assert stopped.startswith("blur2view: stopped after 4 of 5 photographs")
-    monkeypatch.setattr(job, "write_together", write)
+    monkeypatch.setattr(job, "write_together", write_together)
     read.clear()
     assert run(folder, "-o", tmp_path / "out", "--resume") == 0
     assert read == ["003.png", "004.png"]
@@ -276,6 +278,20 @@ def test_frames_of_a_video_are_estimated_in_order(
     assert facts["image"] == f"{video}/000010" and (facts["width"], facts["height"]) == (80, 64)
     assert run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume") == 0
     assert "4 photographs: 2 done, 2 done before" in capsys.readouterr().out
+
+
+def test_frames_of_a_video_come_into_a_report_and_a_database(tmp_path: Path, tiny_model: Path) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    shared = [str(video), "--every", "10", "--jobs", "1", "--model", str(tiny_model)]
+    assert cli.main(["report", *shared, "--no-mask", "-o", str(tmp_path / "page.html")]) == 0
+    assert "3 photographs, " in (tmp_path / "page.html").read_text()
+    assert cli.main(["to-colmap", *shared, "--db", str(tmp_path / "new.db")]) == 0
+    with closing(sqlite3.connect(tmp_path / "new.db")) as database:
+        names = [row[0] for row in database.execute("SELECT name FROM images ORDER BY name")]
+    assert names[:2] == ["000000#close", "000000#open"] and len(names) == 6
+    folder = tmp_path / "text"
+    assert cli.main(["to-colmap", *shared, "--format", "matches", "-o", str(folder)]) == 0
+    assert read_image(folder / "images" / "000010#open").shape == (64, 80, 3)
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(
