@@ -13,10 +13,10 @@ from blur2view.errors import OutputError
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
 SIGNS = {
-    ".json": b'"model_id":',
-    ".npz": b"displacement.npy",
-    ".png": b"Software\0" + SIGNED_BY.encode(),
-    ".html": b'name="generator" content="blur2view ',
+    ".json": (b'"model_id":', b'"generator": "blur2view '),
+    ".npz": (b"displacement.npy",),
+    ".png": (b"Software\0" + SIGNED_BY.encode(),),
+    ".html": (b'name="generator" content="blur2view ',),
 }
 Write = Callable[[BinaryIO], object]
 
@@ -42,6 +42,41 @@ def prepare_folder(folder: Path) -> list[Path]:
     except OSError as error:
         raise unwritable(folder, error) from None
     return created
+
+
+def check_file(
+    target: Path, what: str, inputs: Iterable[Path] = (), *, overwrite: bool, option: str = "-o"
+) -> None:
+    """Refuse, before any work, to write one file where it would replace what it must not.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    what : str
+        What it is, for the message: "page".
+    inputs : iterable of Path
+        The photographs of the call.
+    overwrite : bool
+        Whether a file of an earlier call may be replaced.
+    option : str
+        The option that names it.
+
+    Raises
+    ------
+    OutputError
+        If it is an input, a folder, or there already and not to be replaced.
+    """
+    if os.path.realpath(target) in {os.path.realpath(path) for path in inputs}:
+        raise OutputError(f"{target}: the {what} would replace a photograph; name another with {option}")
+    if target.is_dir():
+        raise OutputError(f"{target}: is a folder; name the {what} with {option}")
+    if os.path.lexists(target) and not overwrite:
+        raise OutputError(f"{target}: exists; name another {what} with {option} or add --overwrite")
+    if os.path.lexists(target) and not is_ours(target):
+        raise OutputError(
+            f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
+        )
 
 
 def remove_empty(folders: Sequence[Path]) -> None:
@@ -129,9 +164,10 @@ def is_ours(path: Path) -> bool:
     """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
     if not path.is_file():
         return False
-    sign = SIGNS.get(path.suffix.lower(), SIGNS[".html"])  # a report has any name
+    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"])  # a report has any name
     with suppress(OSError), path.open("rb") as file:
-        return sign in file.read(1 << 20)
+        start = file.read(1 << 20)
+        return any(sign in start for sign in signs)
     return False
 
 

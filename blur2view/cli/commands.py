@@ -1,4 +1,4 @@
-"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap`` and ``report``.
+"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap``, ``to-transforms`` and ``report``.
 
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
@@ -10,13 +10,19 @@ import sys
 from collections.abc import Sequence
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap
+from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms
 from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
-COMMANDS = {"estimate": estimate, "segment": segment, "to-colmap": to_colmap, "report": report}
+COMMANDS = {
+    "estimate": estimate,
+    "segment": segment,
+    "to-colmap": to_colmap,
+    "to-transforms": to_transforms,
+    "report": report,
+}
 DESCRIPTION = """
 One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
 blur2view COMMAND --help explains the options, files and JSON keys of a command.

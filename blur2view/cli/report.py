@@ -1,7 +1,6 @@
 """The command ``blur2view report``: one page that shows the result of every photograph."""
 
 import argparse
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.errors import OutputError
-from blur2view.output_files import is_ours, prepare_folder, remove_empty, unwritable, write_atomically
+from blur2view.output_files import check_file, prepare_folder, remove_empty, unwritable, write_atomically
 from blur2view.pipeline import Run, estimate_file
 from blur2view.segmentation.mask import segment
 from blur2view.visualization.report import Entry, report
@@ -55,7 +54,8 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
         timings=not options.no_timings,
         verbosity=options.verbosity,
     )
-    _check_output(options)
+    overwrite = options.overwrite or options.resume
+    check_file(options.output, "page", options.images, overwrite=overwrite)
     created = prepare_folder(options.output.parent)
     run: CommandRun[None, Entry] = CommandRun(options, work, manifest_beside(options.output))
     entries = [
@@ -69,19 +69,6 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)
     return run.exit_code
-
-
-def _check_output(options: argparse.Namespace) -> None:
-    """Refuse before any work to replace a photograph, or a page without being asked."""
-    target = options.output
-    if os.path.realpath(target) in {os.path.realpath(image) for image in options.images}:
-        raise OutputError(f"{target}: the page would replace a photograph; name another with -o")
-    if target.is_dir():
-        raise OutputError(f"{target}: is a folder; name the page, for example -o {target / 'report.html'}")
-    if os.path.lexists(target) and not (options.overwrite or options.resume):
-        raise OutputError(f"{target}: exists; name another page with -o or add --overwrite")
-    if os.path.lexists(target) and not is_ours(target):
-        raise OutputError(f"{target}: is no page of an earlier call; name another with -o or remove it")
 
 
 def _write(options: argparse.Namespace, entries: list[Entry]) -> None:
