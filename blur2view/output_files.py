@@ -14,7 +14,7 @@ SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
 SIGNS = {
     ".json": (b'"model_id":', b'"generator": "blur2view '),
-    ".npz": (b"displacement.npy",),
+    ".npz": (b"smear_grid.npy", b"displacement.npy"),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
 }

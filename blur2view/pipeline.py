@@ -15,6 +15,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -71,6 +72,8 @@ class Estimate:
         Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
+    grid : SmearGrid or None
+        What ``field`` was resampled from; None where it is from elsewhere.
     """
 
     field: SmearField
@@ -79,6 +82,7 @@ class Estimate:
     model_id: str
     timings: Timings
     camera: Camera | None = None
+    grid: SmearGrid | None = None
 
 
 def estimate(
@@ -118,7 +122,8 @@ def estimate(
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
-    field = network.predict(image)
+    grid = network.predict_grid(image)
+    field = grid.at_pixels()
     clock.append(time.perf_counter())
     matches = select_matches(field, select)
     clock.append(time.perf_counter())
@@ -127,6 +132,7 @@ def estimate(
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
         field=field,
+        grid=grid,
         matches=matches,
         geometry=geometry,
         model_id=network.info.model_id,

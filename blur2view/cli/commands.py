@@ -65,7 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def take_inputs(options: argparse.Namespace) -> None:
-    """Put the photographs in place of the words that name them."""
+    """Put the photographs in place of the words that name them, if the command takes any."""
+    if not hasattr(options, "recursive"):
+        return
     from blur2view.batch.inputs import Frames, list_photographs
 
     frames = Frames(every=options.every, first=options.first, last=options.last)

@@ -23,6 +23,7 @@ class EstimateWork:
     networks: Networks
     timings: bool
     verbosity: int
+    full_field: bool
 
     def __call__(self, job: Job[OutputFiles | None]) -> Made[EstimateDocument]:
         """Return the document and the summary of one photograph, with its files."""
@@ -30,7 +31,9 @@ class EstimateWork:
         document, files = EstimateDocument.of(one), job.target
         document = document if self.timings else replace(document, timings_s=None)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
-        contents = {} if files is None else result_contents(files, document, one)
+        if files is None:
+            return Made(kept=document, summary=summary)
+        contents = result_contents(files, document, one, full_field=self.full_field)
         return Made(kept=document, summary=summary, files=contents)
 
 
@@ -43,6 +46,7 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
         networks=Networks.of(options.model),
         timings=not options.no_timings,
         verbosity=options.verbosity,
+        full_field=options.full_field,
     )
     return run_each(options, plan, work, collect)
 

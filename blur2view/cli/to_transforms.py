@@ -23,14 +23,14 @@ def run_to_transforms(options: argparse.Namespace, usage_error: Callable[[str], 
         usage_error(f"--exposure must be positive and finite, got {options.exposure}")
     target: Path = options.output
     check_file(target, "file", overwrite=options.overwrite)
-    images = options.images or target.parent / "images"
+    images = options.photographs or target.parent / "images"
     content = transforms(
         options.model,
         dialect=options.dialect,
         images=relative_folder(images, target),
         exposure_s=options.exposure,
     )
-    if options.images is not None:
+    if options.photographs is not None:
         _check_photographs(target, content)
     _write(target, content)
     if options.verbosity > QUIET:

@@ -24,6 +24,7 @@ from blur2view.networks.tiles import TileOptions
 from blur2view.pipeline import estimate
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import SelectOptions
+from blur2view.smears.stored import load_smears
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.overlay import draw_overlay
 from tests.support.colour_code import (
@@ -52,9 +53,9 @@ def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None
     assert set(facts["timings_s"]) == {"read", "predict", "select", "solve"}
 
     with np.load(out / "moving.smear.npz") as arrays:
-        assert arrays["displacement"].shape == (HEIGHT, WIDTH, 2)
-        assert arrays["displacement"].dtype == arrays["sigma_px"].dtype == np.float32
-        assert arrays["sigma_px"].shape == (HEIGHT, WIDTH)
+        assert arrays["smear_grid"].shape == (HEIGHT // 4, WIDTH // 4, 3)
+        assert arrays["smear_grid"].dtype == np.float16
+        assert arrays["stride"] == 4 and arrays["shape"].tolist() == [HEIGHT, WIDTH]
         assert arrays["ends"].shape == (facts["num_matches"], 2, 2)
         assert arrays["inlier_mask"].sum() == facts["num_inliers"]
         assert arrays["swapped"].shape == arrays["match_sigma_px"].shape == arrays["inlier_mask"].shape
@@ -407,7 +408,7 @@ def test_certainty_of_directions_is_written_where_the_network_has_it(tmp_path: P
     for channels, written in ((3, False), (4, True)):
         onnx.save(colour_code_network(channels=channels), tmp_path / "network.onnx")
         words = ["estimate", str(moving), "--model", str(tmp_path / "network.onnx"), "--overwrite"]
-        assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
-        with np.load(tmp_path / "out" / f"{moving.stem}.smear.npz") as stored:
-            assert ("sigma_rad" in stored) == written
-            assert not written or stored["sigma_rad"].shape == stored["sigma_px"].shape
+        for full in ([], ["--full-field"]):
+            assert cli.main([*words, *full, "-o", str(tmp_path / "out")]) == 0
+            field = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
+            assert (field.sigma_rad is not None) == written

@@ -58,6 +58,7 @@ def describe(parser: CommandParser) -> None:
     given.add_argument("model", type=Path, metavar="MODEL", help="folder of a COLMAP model with views")
     given.add_argument(
         "--images",
+        dest="photographs",
         type=Path,
         metavar="DIR",
         help="folder of the photographs, which must be there (default: images beside the file)",
