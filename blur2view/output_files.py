@@ -11,12 +11,14 @@ from typing import BinaryIO, Protocol, TypeVar
 from blur2view.errors import OutputError
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
-# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
+# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
+# the head of a table
 SIGNS = {
     ".json": (b'"model_id":', b'"generator": "blur2view '),
     ".npz": (b"smear_grid.npy", b"displacement.npy"),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
+    ".csv": (b"name,verdict,parallax,smear_px,",),
 }
 Write = Callable[[BinaryIO], object]
 
@@ -164,7 +166,7 @@ def is_ours(path: Path) -> bool:
     """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
     if not path.is_file():
         return False
-    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"])  # a report has any name
+    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"] + SIGNS[".csv"])  # these have any name
     with suppress(OSError), path.open("rb") as file:
         start = file.read(1 << 20)
         return any(sign in start for sign in signs)

@@ -174,6 +174,11 @@ class FileEstimate:
         steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 
+    @property
+    def seconds(self) -> float:
+        """Return the seconds of all steps."""
+        return sum(self.timings_s.values())
+
 
 def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | None = None) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from blur2view.batch.inputs import Inputs
 from blur2view.batch.job import Job, Kept, Target, Work
 from blur2view.batch.manifest import Manifest
 from blur2view.batch.processes import Engine, processes
@@ -15,15 +16,20 @@ from blur2view.batch.run import Batch, Result
 from blur2view.cli.settings import settings_of
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural
 from blur2view.documents.document import Document, FailureDocument
+from blur2view.documents.table import Row, row, table_text
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import (
     Files,
     ResultKind,
+    below_shared_folder,
+    check_file,
     plan_outputs,
     prepare_folder,
     remove_empty,
     remove_left_over,
+    unwritable,
+    write_atomically,
 )
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
@@ -41,6 +47,13 @@ class CommandRun(Generic[Target, Kept]):
         The file in which is written down what is done; None if nothing is written.
     prints : bool
         Whether a line is printed for each photograph, and a total.
+
+    Attributes
+    ----------
+    rows : list of Row
+        Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
+    judge : callable
+        Adds to a row what the command says of it.
     """
 
     def __init__(
@@ -56,6 +69,13 @@ class CommandRun(Generic[Target, Kept]):
         self.done = self.skipped = self.failed = 0
         self.interrupted = False
         self.prints = prints and not options.json and options.verbosity > QUIET
+        self.rows: list[Row] = []
+        self.judge: Callable[[Row], Row] = lambda row: row
+        self.names = colmap_names(options.inputs)
+        overwrite = getattr(options, "overwrite", False) or options.resume
+        if options.csv is not None:
+            check_file(options.csv, "table", options.images, overwrite=overwrite, option="--csv")
+            prepare_folder(options.csv.parent)
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
         if manifest is not None and (self.count > 1 or options.resume):
@@ -108,6 +128,8 @@ class CommandRun(Generic[Target, Kept]):
             with closing(batch.results(self._jobs(paths, targets, sources))) as results:
                 for result in results:
                     self._tell(result, bar)
+                    said = None if result.made is None else result.made.row
+                    self.rows.append(self.judge(row(self.names[result.path], said, result.error)))
                     yield result
                     if result.stop or (most is not None and self.failed >= most):
                         stopped = "stopped"
@@ -117,6 +139,8 @@ class CommandRun(Generic[Target, Kept]):
             stopped = "interrupted"
         finally:
             bar.close()
+        if self.options.csv is not None and self.rows:
+            write_text(self.options.csv, table_text(self.rows))
         if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
         elif self.count > 1 and self.prints:
@@ -174,6 +198,28 @@ class CommandRun(Generic[Target, Kept]):
         return f"{plural(self.count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
 
 
+def colmap_names(inputs: Inputs) -> dict[Path, str]:
+    """Return the name of every photograph below the one folder that was given, or else that all share."""
+    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
+    roots |= {path.parent for path in inputs.paths if path not in below}
+    if len(roots) == 1:
+        (root,) = roots
+        return {path: path.relative_to(root).as_posix() for path in inputs.paths}
+    shared = below_shared_folder(inputs.paths)
+    return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write a table or a list, whole or not at all."""
+    created = prepare_folder(target.parent)
+    try:
+        write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+    except OSError as error:
+        remove_empty(created)
+        raise unwritable(target.parent, error) from None
+
+
 def manifest_beside(target: Path) -> Path:
     """Return the manifest of a file of all photographs."""
     return target.with_name(f"{target.name}.manifest.jsonl")
@@ -203,7 +249,9 @@ def run_each(
     created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
     if options.resume:
         remove_left_over(paths, folders)
-    manifest = None if options.output is None else options.output / f"{options.command}.manifest.jsonl"
+    manifest = None if options.csv is None else manifest_beside(options.csv)
+    if options.output is not None:
+        manifest = options.output / f"{options.command}.manifest.jsonl"
     run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest)
     documents: list[Made] = []
     failures: list[FailureDocument] = []

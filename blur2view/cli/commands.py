@@ -1,4 +1,4 @@
-"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap``, ``to-transforms`` and ``report``.
+"""The command line: ``blur2view estimate`` and the other commands.
 
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms
+from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
 from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
@@ -22,6 +22,7 @@ COMMANDS = {
     "to-colmap": to_colmap,
     "to-transforms": to_transforms,
     "report": report,
+    "triage": triage,
 }
 DESCRIPTION = """
 One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.

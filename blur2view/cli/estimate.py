@@ -12,6 +12,7 @@ from blur2view.cli.outputs import OutputFiles, result_contents
 from blur2view.cli.summary import estimate_summary
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
+from blur2view.documents.table import facts
 from blur2view.pipeline import Run, estimate_file
 
 
@@ -31,10 +32,11 @@ class EstimateWork:
         document, files = EstimateDocument.of(one), job.target
         document = document if self.timings else replace(document, timings_s=None)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
+        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         if files is None:
-            return Made(kept=document, summary=summary)
+            return Made(kept=document, summary=summary, row=said)
         contents = result_contents(files, document, one, full_field=self.full_field)
-        return Made(kept=document, summary=summary, files=contents)
+        return Made(kept=document, summary=summary, files=contents, row=said)
 
 
 def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

@@ -12,6 +12,7 @@ from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.documents.table import facts
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, prepare_folder, remove_empty, unwritable, write_atomically
 from blur2view.pipeline import Run, estimate_file
@@ -38,7 +39,8 @@ class ReportWork:
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), geometry)
         summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
-        return Made(kept=Entry.of(one, mask, mask_s, timings=self.timings), summary=summary)
+        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        return Made(kept=Entry.of(one, mask, mask_s, timings=self.timings), summary=summary, row=said)
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

@@ -16,6 +16,7 @@ from blur2view.cli.summary import mask_summary
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument, MasksDocument
+from blur2view.documents.table import facts
 from blur2view.pipeline import Run, estimate_file
 from blur2view.segmentation.mask import SegmentOptions, segment
 
@@ -40,7 +41,8 @@ class SegmentWork:
         document = document if self.timings else replace(document, timings_s=None)
         summary = mask_summary(document, mask, job.target, self.verbosity)
         contents = {} if job.target is None else mask_contents(job.target, document, one.image, mask)
-        return Made(kept=document, summary=summary, files=contents)
+        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        return Made(kept=document, summary=summary, files=contents, row=said)
 
 
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

@@ -13,7 +13,7 @@ from blur2view.segmentation.network import SHIPPED, SHIPPED_SMEARS
 INPUT = {"images", "inputs", "recursive", "every", "first", "last"}
 RUNNING = {"command", "run", "jobs", "dask", "resume", "max_failures", "max_memory"}
 OUTPUT = {"output", "overwrite", "json", "verbosity", "db", "dry_run", "no_backup", "replace", "format"}
-OF_ALL = {"skip_degenerate", "corrected", "sequence"}
+OF_ALL = {"skip_degenerate", "corrected", "sequence", "csv", "keep", "blurred", "max_smear"}
 OF_THE_CALL = INPUT | RUNNING | OUTPUT | OF_ALL | {"model"}
 """Options on which no photograph's own result depends, and --model, which stands for its file."""
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from blur2view import __version__
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.transforms import relative_folder, transforms
 from blur2view.errors import OutputError
@@ -51,7 +52,8 @@ def _check_photographs(target: Path, content: dict[str, Any]) -> None:
 
 def _write(target: Path, content: dict[str, Any]) -> None:
     """Write the file whole or not at all."""
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
+    text = json.dumps(signed, indent=2, allow_nan=False) + "\n"
     created = prepare_folder(target.parent)
     try:
         write_atomically(target, lambda file: file.write(text.encode()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.documents.document import FailureDocument
+from blur2view.documents.table import facts
 from blur2view.documents.to_colmap import ViewsDocument
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
@@ -142,7 +143,8 @@ class ViewsWork:
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
             kept = KeptViews(views=linked.views, usable=linked.usable)
-        return Made(kept=kept, summary=verdict_line(photograph.name, result.geometry))
+        said = facts(result, run.exposure_s, sum(asdict(result.timings).values()))
+        return Made(kept=kept, summary=verdict_line(photograph.name, result.geometry), row=said)
 
 
 def make_views(

@@ -41,7 +41,6 @@ from typing import Any
 
 import numpy as np
 
-from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.colmap.placement import read_model
 from blur2view.documents.transforms import DIALECTS, INSTANT_NGP
@@ -162,7 +161,7 @@ def transforms(
         frames.append({"file_path": path, **own, "transform_matrix": one.middle.tolist(), **motion})
     times = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
     whole = _box(model, photographs) if dialect == INSTANT_NGP else times
-    return {"generator": f"blur2view {__version__}", **shared, **whole, "frames": frames}
+    return {**shared, **whole, "frames": frames}
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:

@@ -90,8 +90,8 @@ def test_command_writes_the_smears_of_its_estimate(
     found = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
     field = SmearNetwork(tiny_model).predict(read_image(moving))
     assert found.shape == field.shape
-    double = [to_double_angle(one.displacement) for one in (found, field)]
-    np.testing.assert_allclose(*double, atol=0 if full else 0.03)
+    read, predicted = (to_double_angle(one.displacement) for one in (found, field))
+    np.testing.assert_allclose(read, predicted, atol=0 if full else 0.03)
     # the files of either kind are known as ours
     assert run(moving, "-o", tmp_path / "out", "--overwrite") == 0
 

@@ -10,6 +10,7 @@ from blur2view.cli.arguments.shared import (
     add_estimation,
     add_photographs,
     add_running,
+    add_table,
     add_verbosity,
     epilog,
     output_path,
@@ -60,6 +61,7 @@ def describe(parser: CommandParser) -> None:
     add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
     add("--no-mask", action="store_true", help="without the motion mask: faster")
     add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_table(output.add_argument)
     add_verbosity(output)
     add_running(parser)
     add_camera(parser, exposure=True)

@@ -10,6 +10,7 @@ from blur2view.cli.arguments.shared import (
     add_estimation,
     add_photographs,
     add_running,
+    add_table,
     add_verbosity,
     epilog,
     keys,
@@ -63,6 +64,7 @@ def describe(parser: CommandParser) -> None:
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
     add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_table(output.add_argument)
     add_verbosity(output)
     add_running(parser)
     add_camera(parser, exposure=False)

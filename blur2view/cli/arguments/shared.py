@@ -129,6 +129,16 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
     add("--to", dest="last", type=frame_or_seconds, metavar="FRAME", help="the last frame, included")
 
 
+def add_table(add: Callable[..., Any]) -> None:
+    """Describe the table of all photographs."""
+    add(
+        "--csv",
+        type=output_path,
+        metavar="FILE",
+        help="write a table with a row for each photograph: what blur2view triage --help explains",
+    )
+
+
 def add_running(parser: argparse.ArgumentParser) -> None:
     """Describe how many photographs are gone through."""
     group = parser.add_argument_group(

@@ -10,6 +10,7 @@ from blur2view.cli.arguments.shared import (
     add_estimation,
     add_photographs,
     add_running,
+    add_table,
     add_verbosity,
     epilog,
     keys,
@@ -74,6 +75,7 @@ def describe(parser: CommandParser) -> None:
     add_photographs(parser)
     output = parser.add_argument_group("output")
     _add_target(output.add_argument)
+    add_table(output.add_argument)
     add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
     add_running(parser)
