@@ -74,7 +74,7 @@ class CommandRun(Generic[Target, Kept]):
         self.names = colmap_names(options.inputs)
         overwrite = getattr(options, "overwrite", False) or options.resume
         if options.csv is not None:
-            check_file(options.csv, "table", options.images, overwrite=overwrite, option="--csv")
+            _check_table(options, overwrite=overwrite)
             prepare_folder(options.csv.parent)
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
@@ -208,6 +208,15 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
         return {path: path.relative_to(root).as_posix() for path in inputs.paths}
     shared = below_shared_folder(inputs.paths)
     return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+
+
+def _check_table(options: argparse.Namespace, *, overwrite: bool) -> None:
+    """Refuse a table that would replace what it must not, or be one with another file of the call."""
+    target: Path = options.csv
+    check_file(target, "table", options.images, overwrite=overwrite, option="--csv")
+    others = (getattr(options, name, None) for name in ("output", "db", "keep"))
+    if target.resolve() in {other.resolve() for other in others if other is not None}:
+        raise OutputError(f"{target}: two results would be one file; name another with --csv")
 
 
 def write_text(target: Path, text: str) -> None:

@@ -11,7 +11,7 @@ from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import CommandRun, manifest_beside, write_text
 from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
-from blur2view.cli.terminal import QUIET, plural, printable
+from blur2view.cli.terminal import QUIET, complain, plural, printable
 from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row, facts
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, prepare_folder
@@ -57,7 +57,7 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
         pass  # a row is all that is left of a photograph
     if options.keep is not None:
         wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
-        write_text(options.keep, "".join(f"{row.name}\n" for row in run.rows if row.use in wanted))
+        write_text(options.keep, list_text([row.name for row in run.rows if row.use in wanted]))
     if options.verbosity > QUIET:
         print(summary(run.rows, options))
     return run.exit_code
@@ -76,6 +76,14 @@ def use_of(row: Row, max_smear_px: float) -> str:
     return UNUSABLE if row.smear_px is None or row.verdict in NO_GEOMETRY else BLURRED
 
 
+def list_text(names: Sequence[str]) -> str:
+    """Return COLMAP's list of images, one a line; a name with a line break, which none holds, is left out."""
+    for name in names:
+        if name.splitlines() != [name]:
+            complain(OutputError(f"{name}: has a line break in its name, which no list holds; rename it"))
+    return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
+
+
 def _check_list(options: argparse.Namespace, names: Collection[str]) -> None:
     """Refuse a list that would replace what it must not; ours names nothing but these photographs."""
     target: Path = options.keep
@@ -90,8 +98,6 @@ def _check_list(options: argparse.Namespace, names: Collection[str]) -> None:
             )
     else:
         check_file(target, "list", options.images, overwrite=False, option="--keep")
-    if options.csv is not None and options.csv.resolve() == target.resolve():
-        raise OutputError(f"{target}: table and list would be one file; name another with --keep")
 
 
 def summary(rows: Sequence[Row], options: argparse.Namespace) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.triage import use_of
+from blur2view.cli.triage import list_text, use_of
 from blur2view.documents.table import Row, row, table_text
 from blur2view.smears.field import SmearField
 from blur2view.smears.sharpness import median_smear
@@ -123,7 +123,9 @@ def test_files_of_others_are_spared(
     assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
     assert capsys.readouterr().err.count("of an earlier call") == 2
     assert call("triage", tiny_model, frames, "--csv", tmp_path / "one", "--keep", tmp_path / "one") == 1
-    assert "would be one file" in capsys.readouterr().err
+    assert call("report", tiny_model, frames, "-o", tmp_path / "two", "--csv", tmp_path / "two") == 1
+    assert capsys.readouterr().err.count("two results would be one file") == 2
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
 
 
 @pytest.mark.parametrize(
@@ -180,6 +182,11 @@ def test_use_follows_smear_and_geometry() -> None:
         "blurred"
     }
     assert use(None, "", "broken") == ""
+
+
+def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
+    assert list_text(["a.png", "b\nc.png", "d e.png"]) == "a.png\nd e.png\n"
+    assert "b\\nc.png: has a line break" in capsys.readouterr().err
 
 
 def test_names_with_commas_and_lines_stay_one_cell() -> None:
