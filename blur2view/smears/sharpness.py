@@ -39,7 +39,7 @@ def median_smear(field: SmearField) -> MedianSmear | None:
     """Return the smear of a photograph as a whole; None if hardly any of it shows texture.
 
     The plain median over all that shows texture, the truest to the name: its rank correlation with that of
-    the true smears is 0.91 on the test split (``python -m tools.evaluation.triage``).
+    the true smears is 0.91 on the test split (``python -m tools.benchmarks.triage``).
     """
     smears = GridSmears.of(field)
     seen = smears.sigma_px < UNSEEN_PX

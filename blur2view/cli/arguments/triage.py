@@ -21,7 +21,7 @@ from blur2view.documents.table import Row
 
 MAX_SMEAR_PX = 3.0
 """Longest median smear of a photograph that is called sharp: at most this, half of the SIFT features that a
-photograph shares with itself under fresh noise are still matched (``python -m tools.evaluation.triage``;
+photograph shares with itself under fresh noise are still matched (``python -m tools.benchmarks.triage``;
 chosen on the photographs of Kodak's suite that train networks, shown on the others)."""
 
 ABOUT = "sort photographs by their smears: sharp, blurred but of use, unusable"

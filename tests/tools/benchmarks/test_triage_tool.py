@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tools.evaluation.triage import (
+from tools.benchmarks.triage import (
     LENGTHS_PX,
     Ordered,
     features_left,

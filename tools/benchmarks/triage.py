@@ -1,6 +1,6 @@
 """Whether smears put photographs in the order of their blur, and what blur costs their features.
 
-``python -m tools.evaluation.triage render/test --photos KODAK/train KODAK/held --out tools/results/triage``
+``python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held --out tools/results/triage``
 writes a table of three parts. Order: Spearman's rank correlation with the true median smear, of our median
 smear and of the variance of the Laplacian (OpenCV, grey, as ``colmap2nerf.py`` of instant-ngp has it), over
 the photographs of a test set, over these and the sharp first instants of the same scenes, whose smear is
