@@ -22,6 +22,7 @@ First calls
   the pose.
 - ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
 - ``segment(found, image)``: what moves by itself, as `blur2view segment` has it.
+- ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.
 - ``write_database(Path("new.db"), [views_of("a.jpg", found)])``: what `blur2view to-colmap` writes.
 - ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
 
@@ -61,8 +62,10 @@ if TYPE_CHECKING:
     from blur2view.pipeline import Estimate, Timings, estimate
     from blur2view.segmentation.mask import MotionLabel, MotionMask, MovingRegion, SegmentOptions, segment
     from blur2view.smears.field import SmearField
+    from blur2view.smears.grid import SmearGrid
     from blur2view.smears.matches import SmearMatches
     from blur2view.smears.sampling import SelectOptions, select_matches
+    from blur2view.smears.stored import StoredSmears, load_smears
     from blur2view.two_view.estimate import estimate_two_view
     from blur2view.two_view.options import EstimatorOptions
     from blur2view.visualization.overlay import draw_overlay
@@ -94,8 +97,10 @@ __all__ = [
     "SegmentOptions",
     "SelectOptions",
     "SmearField",
+    "SmearGrid",
     "SmearMatches",
     "SmearNetwork",
+    "StoredSmears",
     "TileOptions",
     "TimeDirection",
     "Timings",
@@ -105,6 +110,7 @@ __all__ = [
     "estimate",
     "estimate_two_view",
     "global_options",
+    "load_smears",
     "mapper_options",
     "place_views",
     "predict",
@@ -134,7 +140,9 @@ _PUBLIC = {
     "segmentation.mask": ("MotionLabel", "MotionMask", "MovingRegion", "SegmentOptions", "segment"),
     "smears.field": ("SmearField",),
     "smears.matches": ("SmearMatches",),
+    "smears.grid": ("SmearGrid",),
     "smears.sampling": ("SelectOptions", "select_matches"),
+    "smears.stored": ("StoredSmears", "load_smears"),
     "two_view.estimate": ("estimate_two_view",),
     "two_view.options": ("EstimatorOptions",),
     "visualization.overlay": ("draw_overlay",),

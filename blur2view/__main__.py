@@ -11,6 +11,8 @@ def program() -> int:
         for name in ("stdin", "stdout", "stderr"):
             if getattr(sys, name) is None:  # closed: the next file opened would take its place
                 setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")  # of NumPy, read on import: sums depend on the number of threads
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
         # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led

@@ -20,7 +20,11 @@ class ModelError(Blur2ViewError):
 
 
 class OutputError(Blur2ViewError):
-    """A result cannot be written."""
+    """A result cannot be written, or read again."""
+
+
+class RunError(Blur2ViewError):
+    """A run over many photographs cannot go on."""
 
 
 class CameraError(Blur2ViewError):

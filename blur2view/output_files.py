@@ -3,7 +3,7 @@
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
@@ -11,12 +11,14 @@ from typing import BinaryIO, Protocol, TypeVar
 from blur2view.errors import OutputError
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
-# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag
+# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
+# the head of a table
 SIGNS = {
-    ".json": b'"model_id":',
-    ".npz": b"displacement.npy",
-    ".png": b"Software\0" + SIGNED_BY.encode(),
-    ".html": b'name="generator" content="blur2view ',
+    ".json": (b'"model_id":', b'"generator": "blur2view '),
+    ".npz": (b"smear_grid.npy", b"displacement.npy"),
+    ".png": (b"Software\0" + SIGNED_BY.encode(),),
+    ".html": (b'name="generator" content="blur2view ',),
+    ".csv": (b"name,verdict,parallax,smear_px,",),
 }
 Write = Callable[[BinaryIO], object]
 
@@ -42,6 +44,41 @@ def prepare_folder(folder: Path) -> list[Path]:
     except OSError as error:
         raise unwritable(folder, error) from None
     return created
+
+
+def check_file(
+    target: Path, what: str, inputs: Iterable[Path] = (), *, overwrite: bool, option: str = "-o"
+) -> None:
+    """Refuse, before any work, to write one file where it would replace what it must not.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    what : str
+        What it is, for the message: "page".
+    inputs : iterable of Path
+        The photographs of the call.
+    overwrite : bool
+        Whether a file of an earlier call may be replaced.
+    option : str
+        The option that names it.
+
+    Raises
+    ------
+    OutputError
+        If it is an input, a folder, or there already and not to be replaced.
+    """
+    if os.path.realpath(target) in {os.path.realpath(path) for path in inputs}:
+        raise OutputError(f"{target}: the {what} would replace a photograph; name another with {option}")
+    if target.is_dir():
+        raise OutputError(f"{target}: is a folder; name the {what} with {option}")
+    if os.path.lexists(target) and not overwrite:
+        raise OutputError(f"{target}: exists; name another {what} with {option} or add --overwrite")
+    if os.path.lexists(target) and not is_ours(target):
+        raise OutputError(
+            f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
+        )
 
 
 def remove_empty(folders: Sequence[Path]) -> None:
@@ -70,7 +107,12 @@ class ResultKind(Protocol[Files]):
 
 
 def plan_outputs(
-    images: Sequence[Path], folder: Path, *, overwrite: bool, kind: ResultKind[Files]
+    images: Sequence[Path],
+    folder: Path,
+    *,
+    overwrite: bool,
+    kind: ResultKind[Files],
+    names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
     """Return the files of each photograph, or why they must not be written.
 
@@ -84,6 +126,8 @@ def plan_outputs(
         Whether files of an earlier call may be replaced. Photographs and files of others never are.
     kind : ResultKind
         What a photograph's files are, such as :class:`OutputFiles`.
+    names : mapping of Path to Path, optional
+        What results are called where that is known, see `result_names`.
 
     Returns
     -------
@@ -93,7 +137,7 @@ def plan_outputs(
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
     plan: list[Files | OutputError] = []
-    for image, name in zip(images, result_names(images), strict=True):
+    for image, name in zip(images, result_names(images, names or {}), strict=True):
         files = kind(folder=folder / name.parent, stem=name.name)
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
@@ -122,29 +166,33 @@ def is_ours(path: Path) -> bool:
     """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
     if not path.is_file():
         return False
-    sign = SIGNS.get(path.suffix.lower(), SIGNS[".html"])  # a report has any name
+    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"] + SIGNS[".csv"])  # these have any name
     with suppress(OSError), path.open("rb") as file:
-        return sign in file.read(1 << 20)
+        start = file.read(1 << 20)
+        return any(sign in start for sign in signs)
     return False
 
 
-def result_names(images: Sequence[Path]) -> list[Path]:
-    """Return each photograph's stem, with its subfolder where two have one, and its suffix if need be."""
+def result_names(images: Sequence[Path], known: Mapping[Path, Path]) -> list[Path]:
+    """Return each photograph's known name or stem; where two have one its subfolder, suffix if need be."""
     below = [Path(*(part for part in path.parts if part != "..")) for path in below_shared_folder(images)]
-    distinct = dict(zip(map(os.path.abspath, images), below, strict=True)).values()
-    stems = Counter(path.stem for path in distinct)
-    wholes = Counter(path.parent / path.stem for path in distinct)
+    short = [known.get(image, Path(image.stem)) for image in images]
+    distinct = dict(zip(map(os.path.abspath, images), zip(short, below, strict=True), strict=True)).values()
+    shorts = Counter(name for name, _ in distinct)
+    wholes = Counter(path.parent / path.stem for _, path in distinct)
     names = []
-    for path in below:
+    for name, path in zip(short, below, strict=True):
         whole = path.parent / path.stem
-        names.append(Path(path.stem) if stems[path.stem] == 1 else whole if wholes[whole] == 1 else path)
+        names.append(name if shorts[name] == 1 else whole if wholes[whole] == 1 else path)
     return names
 
 
 def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
     """Return paths below the folder that all files share; one at which there is none changes no other's."""
     absolute = [os.path.abspath(path) for path in paths]
-    there = [path for path in absolute if os.path.isfile(path)] or absolute
+    # a file or, below it, a frame of a video
+    there = [path for path in absolute if os.path.isfile(path) or os.path.isfile(os.path.dirname(path))]
+    there = there or absolute
     folder = os.path.commonpath([os.path.dirname(path) for path in there])
     return [Path(os.path.relpath(path, folder)) for path in absolute]
 
@@ -186,6 +234,28 @@ def write_together(files: Mapping[Path, Write]) -> None:
     finally:
         for path in files:
             _beside(path).unlink(missing_ok=True)
+
+
+def remove_left_over(paths: Container[Path], folders: Iterable[Path]) -> None:
+    """Remove what processes that were killed left beside these files, half written."""
+    for folder in folders:
+        for beside in folder.glob(".*.*.tmp"):
+            name, _, number = beside.name.removeprefix(".").removesuffix(".tmp").rpartition(".")
+            if beside.with_name(name) in paths and number.isdecimal() and not _is_running(int(number)):
+                beside.unlink(missing_ok=True)
+
+
+def _is_running(number: int) -> bool:
+    """Return whether there is a process of this number; where that cannot be asked, as if there were."""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # another user's
+        pass
+    return True
 
 
 def _beside(path: Path) -> Path:

@@ -15,6 +15,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -71,6 +72,8 @@ class Estimate:
         Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
+    grid : SmearGrid or None
+        What ``field`` was resampled from; None where it is from elsewhere.
     """
 
     field: SmearField
@@ -79,6 +82,7 @@ class Estimate:
     model_id: str
     timings: Timings
     camera: Camera | None = None
+    grid: SmearGrid | None = None
 
 
 def estimate(
@@ -118,7 +122,8 @@ def estimate(
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
-    field = network.predict(image)
+    grid = network.predict_grid(image)
+    field = grid.at_pixels()
     clock.append(time.perf_counter())
     matches = select_matches(field, select)
     clock.append(time.perf_counter())
@@ -127,6 +132,7 @@ def estimate(
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
         field=field,
+        grid=grid,
         matches=matches,
         geometry=geometry,
         model_id=network.info.model_id,
@@ -168,8 +174,13 @@ class FileEstimate:
         steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 
+    @property
+    def seconds(self) -> float:
+        """Return the seconds of all steps."""
+        return sum(self.timings_s.values())
 
-def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
+
+def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | None = None) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Parameters
@@ -179,6 +190,8 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
     run : Run
         The options. Each photograph has a generator of its own, so that its result does not depend on those
         before it.
+    content : bytes, optional
+        Of the file, where it has been read already.
 
     Raises
     ------
@@ -186,9 +199,9 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run) -> FileEstimate:
         If the file cannot be read, its camera cannot be determined or the network cannot be run.
     """
     start = time.perf_counter()
-    image = read_image(path, max_memory_gib=run.max_memory_gib)
+    image = read_image(path, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
-    exif = read_exif(path)
+    exif = read_exif(path, content)
     camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
     result = estimate(
         image,

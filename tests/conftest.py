@@ -106,6 +106,6 @@ def run(tiny_model: Path) -> Any:
     """Return ``blur2view estimate`` with the tiny network, in this process."""
 
     def call(*arguments: object) -> int:
-        return cli.main(["estimate", "--model", str(tiny_model), *map(str, arguments)])
+        return cli.main(["estimate", "--jobs", "1", "--model", str(tiny_model), *map(str, arguments)])
 
     return call

@@ -27,7 +27,7 @@ ROWS = [
     "pipeline",
     "segmentation exposure",
     "documents",
-    "visualization colmap",
+    "visualization colmap batch",
     "mapping view_placement matches_text",  # the short public paths
     "__init__",
     "cli",
@@ -42,7 +42,13 @@ FOLDERS = sorted({path.parent for path in SOURCES})
 NUMERIC = {"numpy", "scipy", "cv2"}
 ARRAYS_ONLY = {"arrays", "smears", "geometry", "robust", "metrics", "two_view"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
-EXTRAS = {"h5py": "hloc"}  # what one door alone needs, and the extra that brings it
+DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
+EXTRAS = {
+    "h5py": "hloc",
+    "pillow_heif": "heic",
+    "rawpy": "raw",
+    "distributed": "dask",
+}  # what one door alone needs, and the extra that brings it
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "tqdm"} | set(EXTRAS)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
@@ -122,7 +128,9 @@ def test_dependencies_are_what_the_package_imports() -> None:
     assert declared == {DISTRIBUTION.get(name, name) for name in used - set(EXTRAS)}
     for name in used & set(EXTRAS):
         extra = project["optional-dependencies"][EXTRAS[name]]
-        assert [re.split(r"[<>=!~]", requirement)[0] for requirement in extra] == [name]
+        assert [re.split(r"[<>=!~]", requirement)[0] for requirement in extra] == [
+            DISTRIBUTION.get(name, name)
+        ]
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[0] == "tools"], ids=str)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ class ExifFacts:
     exposure_s: float | None = None
 
 
-def read_exif(path: str | os.PathLike[str]) -> ExifFacts:
+def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifFacts:
     """Return focal length and exposure time; None of a photograph without EXIF or a damaged one.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
@@ -47,13 +48,15 @@ def read_exif(path: str | os.PathLike[str]) -> ExifFacts:
     ----------
     path : path-like
         A photograph.
+    content : bytes, optional
+        Of its file, where it has been read already.
 
     References
     ----------
     CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
     """
     try:
-        with warnings.catch_warnings(), Image.open(path) as photo:
+        with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
             size = photo.size
             tags = dict(photo.getexif().get_ifd(ExifTags.IFD.Exif))

@@ -5,6 +5,7 @@ import math
 import os
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
+from blur2view.camera.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
+from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import read_regular
 
@@ -24,19 +27,33 @@ MAX_PIXELS = 175_000_000
 BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
 BACKDROP = 0.5
-DNG_VERSION, NEW_SUBFILE_TYPE = 50706, 254  # tags of TIFF; a subfile of odd type is a smaller copy of another
+# of these formats a file may be an animation or have pages
+MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
+NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
+# By which photographs in a folder are known; named by themselves they may be of any.
+PHOTOGRAPH_SUFFIXES = (
+    frozenset(
+        [".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"]
+    )
+    | HEIC_SUFFIXES
+    | RAW_SUFFIXES
+)
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def read_image(
-    path: str | os.PathLike[str], *, as_stored: bool = False, max_memory_gib: float = math.inf
+    path: str | os.PathLike[str],
+    *,
+    as_stored: bool = False,
+    max_memory_gib: float = math.inf,
+    content: bytes | None = None,
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
-    ignored, and of several frames the first is taken. 16-bit colour with an EXIF rotation is read with
-    8 bits.
+    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
+    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
     Parameters
     ----------
@@ -46,6 +63,8 @@ def read_image(
         Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
     max_memory_gib : float
         Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
+    content : bytes, optional
+        The file's content, where it has been read already.
 
     Returns
     -------
@@ -59,7 +78,9 @@ def read_image(
         be used. The message is one line that names the path and the remedy.
     """
     path = Path(path)
-    encoded = _read_bytes(path)
+    encoded = read_content(path) if content is None else content
+    if not encoded:
+        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         return _to_rgb(_decode(path, encoded, as_stored, max_memory_gib))
@@ -73,32 +94,53 @@ class _Decoded:
     white: int
 
 
-def _read_bytes(path: Path) -> bytes:
-    """Return the file's content or raise ImageError."""
+def read_content(path: Path) -> bytes:
+    """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
+
+    Raises
+    ------
+    ImageError
+        If it cannot be read.
+    EndOfVideo
+        If the video announces more frames than it has.
+    """
+    frame = frame_of(path)
+    if frame is not None:
+        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
+    if is_video(path):
+        frame_numbers(path)  # which says what is wrong, if anything is
+        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
     try:
         encoded = read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
-        raise ImageError(f"{path}: is a directory; name the images in it, for example {path}/*.jpg") from None
+        raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-    if not encoded:
-        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     return encoded
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> _Decoded:
     """Return every pixel, decoded and upright unless the picture is wanted as it is stored."""
+    check_size = partial(_check_size, path, max_memory_gib=max_memory_gib)
     try:
+        if is_raw(path, encoded):
+            return _Decoded(
+                pixels=develop(path, encoded, as_stored=as_stored, check_size=check_size), white=65535
+            )
+        if is_heic(encoded):
+            register_heic(path)
         with Image.open(io.BytesIO(encoded)) as photo:
-            _check_size(path, *photo.size, max_memory_gib)
+            check_size(*photo.size)
+            if (pictures := _pictures(photo)) > 1:
+                raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
             stored = str([tile[3] for tile in photo.tile])  # asked before getexif, which may decode
             # colour of 16 bits, which Pillow would cut to 8
             deep = len(photo.getbands()) > 1 and ";16" in stored
             tags = getattr(photo, "tag_v2", {})  # of TIFF
-            if tags.get(DNG_VERSION) and tags.get(NEW_SUBFILE_TYPE, 0) & 1:
+            if tags.get(NEW_SUBFILE_TYPE, 0) & 1:
                 raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
             bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
             if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
@@ -129,6 +171,22 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
 
 
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+
+
+def _pictures(photo: Image.Image) -> int:
+    """Return how many frames of an animation, or pages of full size, a file holds."""
+    if photo.format not in MANY_PICTURES:
+        return 1
+    count: int = getattr(photo, "n_frames", 1)
+    if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
+        pages = []
+        for page in range(count):
+            photo.seek(page)
+            pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
+        photo.seek(0)
+        # a smaller copy or a mask has a type
+        return sum(kind == pages[0] for kind in pages)
+    return count
 
 
 def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> None:

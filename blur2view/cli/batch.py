@@ -1,59 +1,277 @@
-"""Files beside each photograph: planned before any work, written one photograph after another."""
+"""A command over many photographs: planned before any work, done, printed and written down."""
 
 import argparse
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
-from blur2view.cli.terminal import QUIET, complain, progress
+from blur2view.batch.inputs import Inputs
+from blur2view.batch.job import Job, Kept, Target, Work
+from blur2view.batch.manifest import Manifest
+from blur2view.batch.processes import Engine, processes
+from blur2view.batch.run import Batch, Result
+from blur2view.cli.settings import settings_of
+from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural
 from blur2view.documents.document import Document, FailureDocument
-from blur2view.errors import Blur2ViewError, OutputError, within_memory
-from blur2view.output_files import Files, ResultKind, plan_outputs, prepare_folder, remove_empty
+from blur2view.documents.table import Row, row, table_text
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.networks.model_file import usable_cores
+from blur2view.output_files import (
+    Files,
+    ResultKind,
+    below_shared_folder,
+    check_file,
+    plan_outputs,
+    prepare_folder,
+    remove_empty,
+    remove_left_over,
+    unwritable,
+    write_atomically,
+)
 
-DONE, FAILED = 0, 1
+DONE, FAILED, INTERRUPTED = 0, 1, 130
 Made = TypeVar("Made", bound=Document)
-Work = Callable[[Path, Files | None], tuple[Made, str]]
-"""From a photograph and its files, if any, to its JSON document and its summary."""
+
+
+class CommandRun(Generic[Target, Kept]):
+    """The run of a command over its photographs, with what is printed meanwhile.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+    work : Work
+    manifest : Path or None
+        The file in which is written down what is done; None if nothing is written.
+    prints : bool
+        Whether a line is printed for each photograph, and a total.
+
+    Attributes
+    ----------
+    rows : list of Row
+        Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
+    judge : callable
+        Adds to a row what the command says of it.
+    """
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        work: Work[Target, Kept],
+        manifest: Path | None,
+        *,
+        prints: bool = True,
+    ) -> None:
+        self.options, self.work = options, work
+        self.count = len(options.images)
+        self.done = self.skipped = self.failed = 0
+        self.interrupted = False
+        self.prints = prints and not options.json and options.verbosity > QUIET
+        self.rows: list[Row] = []
+        self.judge: Callable[[Row], Row] = lambda row: row
+        self.names = colmap_names(options.inputs)
+        overwrite = getattr(options, "overwrite", False) or options.resume
+        if options.csv is not None:
+            _check_table(options, overwrite=overwrite)
+            prepare_folder(options.csv.parent)
+        self.manifest: Manifest | None = None
+        # one photograph alone leaves nothing to go on with
+        if manifest is not None and (self.count > 1 or options.resume):
+            self.manifest = Manifest(manifest, settings_of(options), resume=options.resume)
+            if self.manifest.cut_off:
+                complain(OutputError(f"{manifest}: its last line was cut off; that photograph is done again"))
+
+    def replaces(self, target: Path) -> bool:
+        """Return whether a file of all photographs is as an earlier call left it, and this one goes on."""
+        return self.options.resume and self.manifest is not None and self.manifest.wrote(target)
+
+    @property
+    def exit_code(self) -> int:
+        """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
+        return INTERRUPTED if self.interrupted else FAILED if self.failed else DONE
+
+    def results(
+        self,
+        paths: Sequence[Path],
+        targets: Sequence[Target | Blur2ViewError],
+        sources: Sequence[str] | None = None,
+    ) -> Generator[Result[Kept]]:
+        """Yield the result of every photograph, in order, after printing its line.
+
+        Ends early, after a line that says how to go on, if it is interrupted, the disk is full or as many
+        failed as --max-failures allows.
+
+        Parameters
+        ----------
+        paths : sequence of Path
+            The photographs.
+        targets : sequence
+            What the work on each photograph needs besides; an error if it cannot be begun.
+        sources : sequence of str, optional
+            What each result depends on besides.
+        """
+        start = time.monotonic()
+        self.count = len(paths)
+        batch = Batch(
+            work=self.work,
+            engine=self._engine(),
+            sends=self.options.dask is not None,
+            manifest=self.manifest,
+            folder=Path() if self.manifest is None else self.manifest.path.parent,
+        )
+        bar = Progress(self.count, PHOTOGRAPH)
+        most = self.options.max_failures
+        stopped = ""
+        try:
+            with closing(batch.results(self._jobs(paths, targets, sources))) as results:
+                for result in results:
+                    self._tell(result, bar)
+                    said = None if result.made is None else result.made.row
+                    self.rows.append(self.judge(row(self.names[result.path], said, result.error)))
+                    yield result
+                    if result.stop or (most is not None and self.failed >= most):
+                        stopped = "stopped"
+                        break
+        except KeyboardInterrupt:
+            self.interrupted = True
+            stopped = "interrupted"
+        finally:
+            bar.close()
+        if self.options.csv is not None and self.rows:
+            write_text(self.options.csv, table_text(self.rows))
+        if stopped and (self.interrupted or self.count > 1):
+            print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
+        elif self.count > 1 and self.prints:
+            print(self._total(time.monotonic() - start))
+
+    def _engine(self) -> Engine:
+        """Return where the work is done."""
+        if self.options.dask is not None:
+            from blur2view.batch.cluster import Cluster
+
+            return Cluster(self.options.dask)
+        return processes(max(min(self.options.jobs or usable_cores(), self.count), 1))
+
+    def _jobs(
+        self,
+        paths: Sequence[Path],
+        targets: Sequence[Target | Blur2ViewError],
+        sources: Sequence[str] | None,
+    ) -> Iterator[Job[Target] | Result[Kept]]:
+        """Yield the job of every photograph, or why it has none."""
+        refused = self.options.inputs.refused
+        for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
+            if path in refused:
+                yield Result(index=index, path=path, error=refused[path])
+            elif isinstance(target, Blur2ViewError):
+                yield Result(index=index, path=path, error=str(target))
+            else:
+                yield Job(index=index, path=path, target=target, source=sources[index] if sources else "")
+
+    def _tell(self, result: Result[Kept], bar: Progress) -> None:
+        """Count a photograph and print its line: of many the first of its summary, unless all is wanted."""
+        self.skipped += result.skipped
+        self.done += result.made is not None and not result.skipped
+        self.failed += result.made is None
+        bar.step()
+        if result.made is None:
+            complain(Blur2ViewError(result.error), bar.say)
+        elif self.prints:
+            short = self.count > 1 and self.options.verbosity == SHORT
+            bar.say(result.made.summary.partition("\n")[0] if short else result.made.summary)
+
+    def _how_to_go_on(self) -> str:
+        """Return what is said of a run that ended early."""
+        if self.count == 1:
+            return ""
+        told = f" after {self.done + self.skipped + self.failed} of {plural(self.count, 'photograph')}"
+        return told + ("; what is done is kept, the same call with --resume goes on" if self.manifest else "")
+
+    def _total(self, seconds: float) -> str:
+        """Return the closing line."""
+        parts = [f"{self.done} done"] if self.done or not (self.skipped or self.failed) else []
+        parts += [f"{self.skipped} done before"] * bool(self.skipped)
+        parts += [f"{self.failed} failed"] * bool(self.failed)
+        rate = f", {self.done / seconds:.2g} a second" if self.done and seconds > 0 else ""
+        return f"{plural(self.count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
+
+
+def colmap_names(inputs: Inputs) -> dict[Path, str]:
+    """Return the name of every photograph below the one folder that was given, or else that all share."""
+    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
+    roots |= {path.parent for path in inputs.paths if path not in below}
+    if len(roots) == 1:
+        (root,) = roots
+        return {path: path.relative_to(root).as_posix() for path in inputs.paths}
+    shared = below_shared_folder(inputs.paths)
+    return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+
+
+def _check_table(options: argparse.Namespace, *, overwrite: bool) -> None:
+    """Refuse a table that would replace what it must not, or be one with another file of the call."""
+    target: Path = options.csv
+    check_file(target, "table", options.images, overwrite=overwrite, option="--csv")
+    others = (getattr(options, name, None) for name in ("output", "db", "keep"))
+    if target.resolve() in {other.resolve() for other in others if other is not None}:
+        raise OutputError(f"{target}: two results would be one file; name another with --csv")
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write a table or a list, whole or not at all."""
+    created = prepare_folder(target.parent)
+    try:
+        write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+    except OSError as error:
+        remove_empty(created)
+        raise unwritable(target.parent, error) from None
+
+
+def manifest_beside(target: Path) -> Path:
+    """Return the manifest of a file of all photographs."""
+    return target.with_name(f"{target.name}.manifest.jsonl")
 
 
 def plan_files(options: argparse.Namespace, kind: ResultKind[Files]) -> Sequence[Files | OutputError | None]:
     """Return where each photograph's results go, decided before any work; None without -o."""
     if options.output is None:
         return [None] * len(options.images)
-    return plan_outputs(options.images, options.output, overwrite=options.overwrite, kind=kind)
+    overwrite = options.overwrite or options.resume
+    names = options.inputs.names
+    return plan_outputs(options.images, options.output, overwrite=overwrite, kind=kind, names=names)
 
 
 def run_each(
     options: argparse.Namespace,
     plan: Sequence[Files | OutputError | None],
-    work: Work[Files, Made],
+    work: Work[Files | None, Made],
     collect: Callable[[list[Made], list[FailureDocument]], Document],
 ) -> int:
     """Return the exit code, after the work on every photograph; one that fails costs a line on stderr.
 
     With ``--json`` the one document of ``collect`` is printed at the end.
     """
-    folders = {
-        path.parent for files in plan if files and not isinstance(files, OutputError) for path in files.paths
-    }
+    paths = {path for files in plan if files and not isinstance(files, OutputError) for path in files.paths}
+    folders = {path.parent for path in paths}
     created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
-    jobs, say = progress(list(zip(options.images, plan, strict=True)))
+    if options.resume:
+        remove_left_over(paths, folders)
+    manifest = None if options.csv is None else manifest_beside(options.csv)
+    if options.output is not None:
+        manifest = options.output / f"{options.command}.manifest.jsonl"
+    run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest)
     documents: list[Made] = []
     failures: list[FailureDocument] = []
-    for image, files in jobs:
-        try:
-            if isinstance(files, OutputError):
-                raise files
-            with within_memory(image):
-                document, summary = work(image, files)
-        except Blur2ViewError as error:
-            failures.append(FailureDocument(image=str(image), error=str(error)))
-            complain(error, say)
-            continue
-        documents.append(document)
-        if not options.json and options.verbosity > QUIET:
-            say(summary)
-    remove_empty(sorted(created, reverse=True))  # where nothing succeeded nothing is left behind
+    try:
+        for result in run.results(options.images, plan):
+            if result.made is None:
+                failures.append(FailureDocument(image=str(result.path), error=result.error))
+            elif options.json:
+                documents.append(result.made.kept)
+    finally:
+        remove_empty(sorted(created, reverse=True))  # where nothing succeeded nothing is left behind
     if options.json:
         print(collect(documents, failures).to_json())
-    return FAILED if failures else DONE
+    return run.exit_code

@@ -1,21 +1,29 @@
-"""The command line: ``blur2view estimate``, ``segment``, ``to-colmap`` and ``report``.
+"""The command line: ``blur2view estimate`` and the other commands.
 
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
 
+import argparse
 import io
 import os
 import sys
 from collections.abc import Sequence
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap
+from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
 from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
-COMMANDS = {"estimate": estimate, "segment": segment, "to-colmap": to_colmap, "report": report}
+COMMANDS = {
+    "estimate": estimate,
+    "segment": segment,
+    "to-colmap": to_colmap,
+    "to-transforms": to_transforms,
+    "report": report,
+    "triage": triage,
+}
 DESCRIPTION = """
 One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
 blur2view COMMAND --help explains the options, files and JSON keys of a command.
@@ -39,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
         options = build_parser().parse_args(arguments)
+        take_inputs(options)
         code = int(options.run(options))
         if sys.stdout is not None:  # None if the process was started without one
             sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
@@ -56,6 +65,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def take_inputs(options: argparse.Namespace) -> None:
+    """Put the photographs in place of the words that name them, if the command takes any."""
+    if not hasattr(options, "recursive"):
+        return
+    from blur2view.batch.inputs import Frames, list_photographs
+
+    frames = Frames(every=options.every, first=options.first, last=options.last)
+    options.inputs = list_photographs(
+        options.images, recursive=options.recursive, frames=frames, stdin=sys.stdin
+    )
+    options.images = options.inputs.paths
+
+
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
     parser = CommandParser(
@@ -65,7 +87,7 @@ def build_parser() -> CommandParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(
-        title="commands", required=True, metavar="COMMAND", parser_class=CommandParser
+        title="commands", dest="command", required=True, metavar="COMMAND", parser_class=CommandParser
     )
     for name, command in COMMANDS.items():
         commands.add_parser(name, help=command.ABOUT, describe=command.describe)

@@ -16,6 +16,8 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
     """Return the options as dataclasses; a wrong value is a usage error."""
     exposure_s = getattr(options, "exposure", None)
+    if options.resume and options.command in ("estimate", "segment") and options.output is None:
+        usage_error("--resume goes on with results in a folder; name it with -o")
     try:
         if options.seed < 0:
             raise ValueError(f"seed must not be negative, got {options.seed}")

@@ -4,7 +4,6 @@ import io
 from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,10 @@ from PIL.PngImagePlugin import PngInfo
 
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
-from blur2view.output_files import SIGNED_BY, Write, unwritable, write_together
+from blur2view.output_files import SIGNED_BY, Write
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask
+from blur2view.smears.stored import StoredSmears
 from blur2view.visualization.mask_overlay import PINK, draw_motion
 from blur2view.visualization.overlay import draw_overlay
 
@@ -60,8 +60,10 @@ class OutputFiles:
         return self.arrays, self.picture, self.document
 
 
-def write_results(files: OutputFiles, document: EstimateDocument, one: FileEstimate) -> None:
-    """Write the arrays, the overlay and the document, all or none; old ones stay until new ones are whole.
+def result_contents(
+    files: OutputFiles, document: EstimateDocument, one: FileEstimate, *, full_field: bool = False
+) -> dict[Path, Write]:
+    """Return what is written for a photograph: the arrays, the overlay and the document.
 
     Parameters
     ----------
@@ -71,41 +73,24 @@ def write_results(files: OutputFiles, document: EstimateDocument, one: FileEstim
         Of the photograph.
     one : FileEstimate
         The photograph and its estimate.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    full_field : bool
+        Whether the smears of all pixels are written, which take much, instead of the network's grid.
     """
     geometry, matches, field = one.estimate.geometry, one.estimate.matches, one.estimate.field
     picture = draw_overlay(one.image, field, matches, geometry)
     encoded = png(Image.fromarray(picture))
-    arrays: dict[str, Any] = {
-        "displacement": field.displacement,
-        "sigma_px": field.sigma_px,
-        **({} if field.sigma_rad is None else {"sigma_rad": field.sigma_rad}),
-        "inlier_mask": geometry.inlier_mask,
-        "swapped": geometry.swapped,
-        "ends": matches.ends,
-        "match_sigma_px": matches.weighed_across().sigma_px,
-    }
-    _write(
-        files.folder,
-        {
-            # compressed it takes 40 times as long (0.63 s at 1280x720) and is an eighth smaller
-            files.arrays: lambda file: np.savez(file, **arrays),
-            files.picture: methodcaller("write", encoded),
-            files.document: methodcaller("write", (document.to_json() + "\n").encode()),
-        },
+    stored = StoredSmears(
+        smears=field if full_field or one.estimate.grid is None else one.estimate.grid,
+        ends=matches.ends,
+        match_sigma_px=matches.weighed_across().sigma_px,
+        inlier_mask=geometry.inlier_mask,
+        swapped=geometry.swapped,
     )
-
-
-def _write(folder: Path, contents: dict[Path, Write]) -> None:
-    """Write the files of one photograph together."""
-    try:
-        write_together(contents)
-    except OSError as error:
-        raise unwritable(folder, error) from None
+    return {
+        files.arrays: lambda file: np.savez(file, **stored.arrays()),  # type: ignore[arg-type]
+        files.picture: methodcaller("write", encoded),
+        files.document: methodcaller("write", (document.to_json() + "\n").encode()),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,16 +134,10 @@ class MaskFiles:
         return self.mask, self.probability, self.picture, self.document
 
 
-def write_mask(
+def mask_contents(
     files: MaskFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
-) -> None:
-    """Write mask, probabilities, overlay and document, all or none; old ones stay until new ones are whole.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
+) -> dict[Path, Write]:
+    """Return what is written for a photograph: mask, probabilities, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     encoded = {
         files.mask: indexed_png(mask),
@@ -166,7 +145,7 @@ def write_mask(
         files.picture: png(Image.fromarray(draw_motion(image, mask))),
         files.document: (document.to_json() + "\n").encode(),
     }
-    _write(files.folder, {path: methodcaller("write", encoded[path]) for path in files.paths})
+    return {path: methodcaller("write", encoded[path]) for path in files.paths}
 
 
 def indexed_png(mask: MotionMask) -> bytes:

@@ -1,85 +1,90 @@
 """The command ``blur2view report``: one page that shows the result of every photograph."""
 
 import argparse
-import os
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from blur2view import __version__
+from blur2view.batch.job import Job, Made
+from blur2view.cli.batch import CommandRun, manifest_beside
+from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import QUIET, SHORT, complain, printable, progress
-from blur2view.errors import Blur2ViewError, OutputError, within_memory
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.documents.table import facts
+from blur2view.errors import OutputError
 from blur2view.output_files import (
     below_shared_folder,
-    is_ours,
+    check_file,
     prepare_folder,
     remove_empty,
     unwritable,
     write_atomically,
 )
-from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.pipeline import Run, estimate_file
 from blur2view.segmentation.mask import segment
 from blur2view.visualization.report import Entry, report
 
-DONE, FAILED = 0, 1
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportWork:
+    """The work on one photograph, which the page calls as a job's target says."""
+
+    run: Run
+    networks: Networks
+    mask: bool
+    timings: bool
+    verbosity: int
+
+    def __call__(self, job: Job[str]) -> Made[Entry]:
+        """Return the entry of one photograph."""
+        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        start = time.perf_counter()
+        mask = segment(one.estimate) if self.mask else None
+        mask_s = None if mask is None else time.perf_counter() - start
+        geometry = one.estimate.geometry
+        line = verdict_line(str(job.path), geometry)
+        summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
+        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        entry = Entry.of(replace(one, path=Path(job.target)), mask, mask_s, timings=self.timings)
+        return Made(kept=entry, summary=summary, row=said)
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
     """Return the exit code, after estimating every photograph and writing the page.
 
-    A photograph that fails gets a card with its reason; if all fail nothing is written.
+    A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
+    leaves a page of what is done.
     """
-    run = read_run(options, usage_error)
-    _check_output(options)
-    network = SmearNetwork(options.model)
+    work = ReportWork(
+        run=read_run(options, usage_error),
+        networks=Networks.of(options.model),
+        mask=not options.no_mask,
+        timings=not options.no_timings,
+        verbosity=options.verbosity,
+    )
+    overwrite = options.overwrite or options.resume
+    check_file(options.output, "page", options.images, overwrite=overwrite)
     created = prepare_folder(options.output.parent)
-    entries = _entries(options, run, network)
-    failed = sum(entry.kind == "failed" for entry in entries)
-    if failed == len(entries):
+    run: CommandRun[str, Entry] = CommandRun(options, work, manifest_beside(options.output))
+    names = shown_names(options.images)
+    shown = {path: name for path, name in zip(options.images, names, strict=True)}
+    entries = [
+        _failed(result.path, shown[result.path], result.error) if result.made is None else result.made.kept
+        for result in run.results(options.images, names)
+    ]
+    if all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
+        if run.interrupted:
+            return run.exit_code
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)
-    return FAILED if failed else DONE
-
-
-def _check_output(options: argparse.Namespace) -> None:
-    """Refuse before any work to replace a photograph, or a page without being asked."""
-    target = options.output
-    if os.path.realpath(target) in {os.path.realpath(image) for image in options.images}:
-        raise OutputError(f"{target}: the page would replace a photograph; name another with -o")
-    if target.is_dir():
-        raise OutputError(f"{target}: is a folder; name the page, for example -o {target / 'report.html'}")
-    if os.path.lexists(target) and not options.overwrite:
-        raise OutputError(f"{target}: exists; name another page with -o or add --overwrite")
-    if os.path.lexists(target) and not is_ours(target):
-        raise OutputError(f"{target}: is no page of an earlier call; name another with -o or remove it")
-
-
-def _entries(options: argparse.Namespace, run: Run, network: SmearNetwork) -> list[Entry]:
-    """Return the entry of every photograph, and print a line about each."""
-    names = shown_names(options.images)
-    jobs, say = progress(list(zip(options.images, names, strict=True)))
-    entries = []
-    for image, name in jobs:
-        try:
-            with within_memory(image):
-                one = estimate_file(image, network, run)
-                shown = replace(one, path=Path(name))
-                entries.append(_entry(shown, masked=not options.no_mask, timings=not options.no_timings))
-        except Blur2ViewError as error:
-            entries.append(Entry.failed(name, FOLDERS.sub("", str(error).replace(str(image), name))))
-            complain(error, say)
-        else:
-            if options.verbosity > QUIET:
-                line = verdict_line(str(image), one.estimate.geometry)
-                say(line if options.verbosity == SHORT else f"{line}\n  {one.estimate.geometry.reason}")
-    return entries
+    return run.exit_code
 
 
 def shown_names(images: Sequence[Path]) -> list[str]:
@@ -87,12 +92,9 @@ def shown_names(images: Sequence[Path]) -> list[str]:
     return [path.name if ".." in path.parts else str(path) for path in below_shared_folder(images)]
 
 
-def _entry(one: FileEstimate, *, masked: bool, timings: bool) -> Entry:
-    """Return the entry of one photograph, with its mask if wanted."""
-    start = time.perf_counter()
-    mask = segment(one.estimate) if masked else None
-    mask_s = None if mask is None else time.perf_counter() - start
-    return Entry.of(one, mask, mask_s, timings=timings)
+def _failed(path: Path, name: str, error: str) -> Entry:
+    """Return the entry of a photograph that could not be estimated, its line without folders."""
+    return Entry.failed(name, FOLDERS.sub("", error.replace(str(path), name)))
 
 
 def _write(options: argparse.Namespace, entries: list[Entry]) -> None:

@@ -3,20 +3,45 @@
 import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import plan_files, run_each
+from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
-from blur2view.cli.outputs import MaskFiles, write_mask
+from blur2view.cli.outputs import MaskFiles, mask_contents
 from blur2view.cli.summary import mask_summary
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument, MasksDocument
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import estimate_file
+from blur2view.documents.table import facts
+from blur2view.pipeline import Run, estimate_file
 from blur2view.segmentation.mask import SegmentOptions, segment
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentWork:
+    """The work on one photograph."""
+
+    run: Run
+    wanted: SegmentOptions
+    networks: Networks
+    timings: bool
+    verbosity: int
+
+    def __call__(self, job: Job[MaskFiles | None]) -> Made[MaskDocument]:
+        """Return the document and the summary of one photograph, with its files."""
+        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        start = time.perf_counter()
+        mask = segment(one.estimate, self.wanted, np.random.default_rng(self.run.seed))
+        document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
+        document = document if self.timings else replace(document, timings_s=None)
+        summary = mask_summary(document, mask, job.target, self.verbosity)
+        contents = {} if job.target is None else mask_contents(job.target, document, one.image, mask)
+        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        return Made(kept=document, summary=summary, files=contents, row=said)
 
 
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -24,20 +49,16 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     run = read_run(options, usage_error)
     wanted = SegmentOptions(objects=options.objects, estimator=run.options)
     plan = plan_files(options, MaskFiles)
-    network = SmearNetwork(options.model)
-
-    def work(path: Path, files: MaskFiles | None) -> tuple[MaskDocument, str]:
-        """Return the document and the summary of one photograph, after writing its files."""
-        one = estimate_file(path, network, run)
-        start = time.perf_counter()
-        mask = segment(one.estimate, wanted, np.random.default_rng(run.seed))
-        document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        if files:
-            write_mask(files, document, one.image, mask)
-        return document, mask_summary(document, mask, files, options.verbosity)
-
-    def collect(masks: list[MaskDocument], failures: list[FailureDocument]) -> MasksDocument:
-        """Return the document of the call."""
-        return MasksDocument(masks=masks, failures=failures)
-
+    work = SegmentWork(
+        run=run,
+        wanted=wanted,
+        networks=Networks.of(options.model),
+        timings=not options.no_timings,
+        verbosity=options.verbosity,
+    )
     return run_each(options, plan, work, collect)
+
+
+def collect(masks: list[MaskDocument], failures: list[FailureDocument]) -> MasksDocument:
+    """Return the document of the call."""
+    return MasksDocument(masks=masks, failures=failures)

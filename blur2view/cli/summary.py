@@ -54,7 +54,7 @@ def mask_summary(
         x, y, width, height = region.box
         line = f"{region.area_px} px at ({x}, {y}), {width}x{height}, score {region.score:.1f}"
         lines.append(f"{line}; {region.config.name}: {region.reason}" if region.config else line)
-    return _with_files([*lines, _seconds(document.timings_s)], files)
+    return _with_files([*lines, *_seconds(document.timings_s)], files)
 
 
 def _with_files(lines: list[str], files: OutputFiles | MaskFiles | None) -> str:
@@ -107,13 +107,15 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     if document.scores:
         costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
         lines.append(f"penalised costs: {costs}; {document.iterations} samples")
-    return [*lines, _seconds(document.timings_s or {})]
+    return [*lines, *_seconds(document.timings_s)]
 
 
-def _seconds(timings_s: dict[str, float]) -> str:
-    """Return the seconds of every step and their sum."""
+def _seconds(timings_s: dict[str, float] | None) -> list[str]:
+    """Return a line with the seconds of every step and their sum, if they are wanted."""
+    if timings_s is None:
+        return []
     steps = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings_s.items())
-    return f"{sum(timings_s.values()):.2f} s ({steps})"
+    return [f"{sum(timings_s.values()):.2f} s ({steps})"]
 
 
 def _rotation(document: EstimateDocument) -> str:

@@ -1,14 +1,14 @@
 """What is printed: summaries on stdout, one line per failure on stderr, progress where a person watches."""
 
 import sys
-from collections.abc import Callable, Iterable
-from typing import TypeVar
+from collections.abc import Callable
+from typing import Any, TextIO
 
 from blur2view.errors import Blur2ViewError
 
 QUIET, SHORT, VERBOSE = -1, 0, 1
 Say = Callable[..., None]
-Job = TypeVar("Job")
+PHOTOGRAPH, TILE = "photo", "tile"
 
 
 def printable(text: str) -> str:
@@ -23,13 +23,56 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
     say(f"blur2view: {printable(str(error))}", file=sys.stderr)
 
 
-def progress(jobs: list[Job]) -> tuple[Iterable[Job], Say]:
-    """Return the jobs, with a progress bar where a person watches, and a print that keeps it whole."""
-    if len(jobs) < 2 or not sys.stderr.isatty():
-        return jobs, print
-    from tqdm import tqdm  # 0.07 s, so only where it is seen
+class Progress:
+    """A bar on stderr with rate and time left, where a person watches and there is more than one step.
 
-    return tqdm(jobs, unit="photo"), tqdm.write
+    Parameters
+    ----------
+    total : int
+        Steps.
+    unit : str
+        What a step is.
+    """
+
+    def __init__(self, total: int, unit: str) -> None:
+        self._bar: Any = None
+        if total > 1 and sys.stderr.isatty():
+            from tqdm import tqdm  # 0.07 s, so only where it is seen
+
+            self._bar = tqdm(total=total, unit=unit, leave=unit == PHOTOGRAPH)
+
+    def step(self) -> None:
+        """Count one step."""
+        if self._bar is not None:
+            self._bar.update()
+
+    def say(self, text: str, file: TextIO | None = None) -> None:
+        """Print a line and keep the bar whole."""
+        if self._bar is None:
+            print(text, file=file)
+        else:
+            self._bar.write(text, file=file)
+
+    def close(self) -> None:
+        """End the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+class TileProgress:
+    """A bar for the tiles of a large photograph, called after each of them."""
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+
+    def __call__(self, done: int, count: int) -> None:
+        """Show that so many tiles are done."""
+        if done == 1:
+            self._bar = Progress(count, TILE)
+        if self._bar is not None:
+            self._bar.step()
+            if done == count:
+                self._bar.close()
 
 
 def plural(count: int, noun: str) -> str:

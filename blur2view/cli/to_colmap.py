@@ -5,9 +5,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from blur2view.cli.batch import CommandRun, manifest_beside
+from blur2view.cli.networks import Networks
 from blur2view.cli.options import read_run
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import NamedPhotograph, PhotographViews, make_views, name_photographs, with_time
+from blur2view.cli.views import (
+    KeptViews,
+    NamedPhotograph,
+    PhotographViews,
+    ViewsWork,
+    make_views,
+    name_photographs,
+    with_time,
+)
 from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.database import refuse_existing, write_database
 from blur2view.colmap.link import write_links
@@ -20,33 +30,60 @@ from blur2view.documents.to_colmap import (
     ToColmapDocument,
     ViewsDocument,
 )
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.output_files import prepare_folder, remove_empty
 
-DONE, FAILED = 0, 1
+FAILED = 1
 
 
 def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
-    """Return the exit code, after estimating every photograph and writing all of them at once."""
+    """Return the exit code, after estimating every photograph and writing all of them at once.
+
+    An interrupted run writes what is done, but nothing into a project of the user's.
+    """
     run = read_run(options, usage_error)
     _check_usage(options, usage_error)
-    if options.db is not None and not options.link:
+    if options.sequence is None and options.inputs.one_video:
+        options.sequence = True
+    networks = Networks.of(options.model)
+    created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
+    work = ViewsWork(database=options.db, run=run, networks=networks)
+    batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(
+        options, work, _manifest(options), prints=False
+    )
+    fresh = options.db is not None and not options.link
+    replaces = fresh and batch.replaces(options.db)
+    if fresh and not replaces:
         refuse_existing(options.db)
     if options.output is not None:
         (hloc_files if options.format == HLOC else text_formats).refuse_foreign(options.output)
     photographs, failures = name_photographs(options)
     made: list[PhotographViews] = []
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
-        made, failed = make_views(options, run, SmearNetwork(options.model), wanted)
+        made, failed = make_views(batch, wanted)
         failures += failed
+    if batch.interrupted and (options.link or not made):
+        remove_empty(created)
+        return batch.exit_code
     made = with_time(options, made)
     if options.corrected:
         made = [replace(one, views=one.views.corrected()) for one in made]
-    document = _write_document(options, made, [_kept(one) for one in photographs if one.kept], failures)
+    kept = [_kept(one) for one in photographs if one.kept]
+    document = _write_document(options, made, kept, failures, replaces)
+    if fresh and made and not options.dry_run and batch.manifest is not None:
+        batch.manifest.append_target(options.db)
+    remove_empty(created)
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
         print(summary(document, linked=options.link, verbosity=options.verbosity))
-    return FAILED if failures else DONE
+    return FAILED if failures and not batch.interrupted else batch.exit_code
+
+
+def _manifest(options: argparse.Namespace) -> Path | None:
+    """Return where is written down what is done; nowhere if nothing is to be written."""
+    if options.dry_run:
+        return None
+    return manifest_beside(options.db if options.output is None else options.output / options.command)
 
 
 def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], object]) -> None:
@@ -68,11 +105,12 @@ def _write_document(
     made: Sequence[PhotographViews],
     kept: list[KeptDocument],
     failures: list[FailureDocument],
+    replaces: bool,
 ) -> ToColmapDocument:
     """Return the document of the call, after writing what is not skipped."""
     skipped = [one for one in made if options.skip_degenerate and one.views.geometry.F is None]
     written = [one for one in made if one not in skipped]
-    backup = None if options.dry_run else _write(options, written)
+    backup = None if options.dry_run else _write(options, written, replaces)
     return ToColmapDocument(
         format=options.format,
         target=str(options.db or options.output),
@@ -90,7 +128,7 @@ def _kept(photograph: NamedPhotograph) -> KeptDocument:
     return KeptDocument(image=str(photograph.path), name=photograph.name)
 
 
-def _write(options: argparse.Namespace, made: Sequence[PhotographViews]) -> Path | None:
+def _write(options: argparse.Namespace, made: Sequence[PhotographViews], replaces: bool) -> Path | None:
     """Return the backup, if there is one, after writing everything at once."""
     if options.link:
         return write_links(options.db, [one.job for one in made], backup=not options.no_backup)
@@ -100,7 +138,7 @@ def _write(options: argparse.Namespace, made: Sequence[PhotographViews]) -> Path
     elif options.format == HLOC:
         hloc_files.write_hloc(options.output, views)
     elif made:
-        write_database(options.db, views)
+        write_database(options.db, views, replace=replaces)
     return None
 
 

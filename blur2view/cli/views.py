@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from blur2view.batch.job import Job, Made
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.terminal import Say, complain, progress
+from blur2view.cli.batch import CommandRun
+from blur2view.cli.networks import Networks
+from blur2view.cli.summary import verdict_line
+from blur2view.cli.terminal import complain
 from blur2view.colmap.database import inliers, matched
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
-from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links
+from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.documents.document import FailureDocument
+from blur2view.documents.table import facts
 from blur2view.documents.to_colmap import ViewsDocument
-from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, within_memory
+from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import below_shared_folder
 from blur2view.pipeline import Run, estimate
 
@@ -93,7 +97,8 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
         if plan is None and not storable(name):
             plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
         if isinstance(plan, DatabaseError):
-            failures.append(failure(path, plan))
+            complain(plan)
+            failures.append(FailureDocument(image=str(path), error=str(plan)))
         else:
             name = plan.image.name if plan else name
             photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
@@ -105,49 +110,75 @@ def fresh_names(paths: Sequence[Path]) -> list[str]:
     return [path.as_posix() for path in below_shared_folder(paths)]
 
 
-def failure(path: Path, error: Blur2ViewError, say: Say = print) -> FailureDocument:
-    """Return the document of a photograph that failed, after printing its line."""
-    complain(error, say)
-    return FailureDocument(image=str(path), error=str(error))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KeptViews:
+    """A photograph's views as a manifest keeps them."""
+
+    views: ExposureViews
+    usable: np.ndarray | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewsWork:
+    """The work on one photograph."""
+
+    database: Path | None
+    run: Run
+    networks: Networks
+
+    def __call__(self, job: Job[NamedPhotograph]) -> Made[KeptViews]:
+        """Return the views of one photograph; its field, which is large, is not kept."""
+        photograph, run = job.target, self.run
+        # COLMAP does not turn pictures upright
+        image = read_image(job.path, as_stored=True, max_memory_gib=run.max_memory_gib, content=job.content)
+        size = (image.shape[1], image.shape[0])
+        camera = _camera(self.database, photograph, run, size, job.content)
+        rng = np.random.default_rng(run.seed)
+        network = self.networks.smears
+        result = estimate(
+            image, network=network, select=run.select, options=run.options, rng=rng, camera=camera
+        )
+        if photograph.plan is None:
+            kept = KeptViews(views=views_of(photograph.name, result), usable=None)
+        else:
+            linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
+            kept = KeptViews(views=linked.views, usable=linked.usable)
+        said = facts(result, run.exposure_s, sum(asdict(result.timings).values()))
+        return Made(kept=kept, summary=verdict_line(photograph.name, result.geometry), row=said)
 
 
 def make_views(
-    options: argparse.Namespace, run: Run, network: SmearNetwork, photographs: list[NamedPhotograph]
+    run: CommandRun[NamedPhotograph, KeptViews], photographs: list[NamedPhotograph]
 ) -> tuple[list[PhotographViews], list[FailureDocument]]:
-    """Return the views of the photographs, and those that fail; fields, which are large, are not kept."""
-    jobs, say = progress(photographs)
+    """Return the views of the photographs, and those that fail."""
     made: list[PhotographViews] = []
     failures: list[FailureDocument] = []
-    for photograph in jobs:
-        try:
-            with within_memory(photograph.path):
-                made.append(_views(options.db, photograph, network, run))
-        except Blur2ViewError as error:
-            failures.append(failure(photograph.path, error, say))
+    sources = [_source(photograph) for photograph in photographs]
+    for result in run.results([photograph.path for photograph in photographs], photographs, sources):
+        if result.made is None:
+            failures.append(FailureDocument(image=str(result.path), error=result.error))
+        else:
+            kept = result.made.kept
+            photograph = photographs[result.index]
+            made.append(PhotographViews(photograph=photograph, views=kept.views, usable=kept.usable))
     return made, failures
 
 
-def _views(
-    database: Path | None, photograph: NamedPhotograph, network: SmearNetwork, run: Run
-) -> PhotographViews:
-    """Return the views of one photograph."""
-    # COLMAP does not turn pictures upright
-    image = read_image(photograph.path, as_stored=True, max_memory_gib=run.max_memory_gib)
-    size = (image.shape[1], image.shape[0])
-    camera = _camera(database, photograph, run, size)
-    rng = np.random.default_rng(run.seed)
-    result = estimate(image, network=network, select=run.select, options=run.options, rng=rng, camera=camera)
-    if photograph.plan is None:
-        return PhotographViews(photograph=photograph, views=views_of(photograph.name, result))
-    linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
-    return PhotographViews(photograph=photograph, views=linked.views, usable=linked.usable)
+def _source(photograph: NamedPhotograph) -> str:
+    """Return what views depend on besides the picture: their name, and the features that are moved."""
+    plan = photograph.plan
+    return photograph.name + ("" if plan is None else f" {digest(plan.image).hex()}")
 
 
 def _camera(
-    database: Path | None, photograph: NamedPhotograph, run: Run, size: tuple[int, int]
+    database: Path | None,
+    photograph: NamedPhotograph,
+    run: Run,
+    size: tuple[int, int],
+    content: bytes | None,
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(photograph.path, size, read_exif(photograph.path))
+    stated = run.intrinsics.of(photograph.path, size, read_exif(photograph.path, content))
     if photograph.plan is None or database is None:
         return stated
     image = photograph.plan.image

@@ -25,7 +25,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 
 
-def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
+def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace: bool = False) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
     Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
@@ -34,9 +34,11 @@ def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
     Parameters
     ----------
     path : Path
-        Must not exist.
+        Must not exist, unless it is replaced.
     photographs : sequence of ExposureViews
         Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
+    replace : bool
+        Whether a file of this name is replaced, once the new one is whole.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def write_database(path: Path, photographs: Sequence[ExposureViews]) -> None:
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
-    with new_database(path) as database:
+    with new_database(path, replace=replace) as database:
         cameras: dict[CameraColumns, int] = {}
         for views in photographs:
             columns = camera_columns(views.camera, views.size)
@@ -72,7 +74,7 @@ def refuse_existing(path: Path) -> None:
 
 
 @contextmanager
-def new_database(path: Path) -> Iterator[sqlite3.Connection]:
+def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Connection]:
     """Open an empty COLMAP database beside the path, and rename it when all is written.
 
     Raises
@@ -80,7 +82,8 @@ def new_database(path: Path) -> Iterator[sqlite3.Connection]:
     DatabaseError
         If the file exists or cannot be written.
     """
-    refuse_existing(path)
+    if not replace:
+        refuse_existing(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         beside.unlink(missing_ok=True)
@@ -90,7 +93,8 @@ def new_database(path: Path) -> Iterator[sqlite3.Connection]:
             database.executescript(f"BEGIN; {TABLES} {VIEWS_TABLE} PRAGMA user_version = {SCHEMA_VERSION};")
             yield database
             database.execute("COMMIT")
-        refuse_existing(path)  # may have come meanwhile
+        if not replace:
+            refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
     except (sqlite3.Error, OSError) as error:
         why = getattr(error, "strerror", None) or str(error)

@@ -104,7 +104,7 @@ def place_views(
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
-    placed = _read_model(model)
+    placed = read_model(model)
     linked = _read_linked(database, placed, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
@@ -122,8 +122,14 @@ def place_views(
     )
 
 
-def _read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder."""
+def read_model(folder: Path) -> Any:
+    """Return the pycolmap.Reconstruction of a folder.
+
+    Raises
+    ------
+    DatabaseError
+        If there is none.
+    """
     import pycolmap
 
     try:

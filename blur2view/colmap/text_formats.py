@@ -21,6 +21,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.image import read_content
+from blur2view.camera.video import frame_of
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import write_atomically
@@ -141,9 +143,12 @@ def _write(path: Path, text: str) -> None:
 
 
 def _link(path: Path, photograph: Path) -> None:
-    """Link a photograph under another name, or copy it where the file system has no links."""
+    """Link a photograph under another name; copy a frame, and where the file system has no links."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
+    if frame_of(photograph) is not None:
+        path.write_bytes(read_content(photograph))
+        return
     try:
         path.symlink_to(photograph.resolve())
     except OSError:

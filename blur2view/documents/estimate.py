@@ -156,8 +156,8 @@ class EstimateDocument(Document):
         The options of these names.
     model_id : str
         The weights of the smear network.
-    timings_s : object
-        Seconds per step: read, predict, select, solve.
+    timings_s : object or null
+        Seconds per step: read, predict, select, solve; null with --no-timings.
     """
 
     image: str

@@ -94,8 +94,8 @@ class MaskDocument(Document):
         The options of these names.
     model_id : str
         The weights of the smear network.
-    timings_s : object
-        Seconds per step: read, predict, select, solve, segment.
+    timings_s : object or null
+        Seconds per step: read, predict, select, solve, segment; null with --no-timings.
     """
 
     image: str
@@ -118,7 +118,7 @@ class MaskDocument(Document):
     max_error_px: float
     seed: int
     model_id: str
-    timings_s: dict[str, float]
+    timings_s: dict[str, float] | None
 
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:

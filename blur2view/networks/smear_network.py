@@ -1,6 +1,7 @@
 """The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
 
 import os
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -11,14 +12,13 @@ from blur2view.networks.model_file import model_path, open_session, read_info, u
 from blur2view.networks.octaves import PyramidOptions
 from blur2view.networks.readers import LEAST_PX, reader_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
-from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
+from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
-# Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
-_STRIP_CELLS = 8
 
 
 class SmearNetwork:
@@ -43,6 +43,8 @@ class SmearNetwork:
         session = open_session(self.path, threads or usable_cores())
         self.info = read_info(self.path, session)
         self._reader = reader_of(self.path, session, self.info)
+        self.on_tile: Callable[[int, int], object] = lambda done, count: None
+        """Called after each tile of a photograph with the number of tiles done and of all."""
 
     def predict(
         self,
@@ -50,7 +52,22 @@ class SmearNetwork:
         options: TileOptions | None = None,
         pyramid: PyramidOptions | None = None,
     ) -> SmearField:
-        """Return the smear and its sigma at every pixel.
+        """Return the smear and its sigma at every pixel: `predict_grid` at pixels.
+
+        Returns
+        -------
+        SmearField
+            Of the image's height and width, in its pixels.
+        """
+        return self.predict_grid(image, options, pyramid).at_pixels()
+
+    def predict_grid(
+        self,
+        image: NDArray[np.float32],
+        options: TileOptions | None = None,
+        pyramid: PyramidOptions | None = None,
+    ) -> SmearGrid:
+        """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
         ----------
@@ -63,9 +80,9 @@ class SmearNetwork:
 
         Returns
         -------
-        SmearField
-            Of the image's height and width, in its pixels. Where the image shows no texture at all the
-            smear is zero and the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``.
+        SmearGrid
+            In the image's pixels. Where the image shows no texture at all the smear is zero and the sigmas
+            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``.
 
         Raises
         ------
@@ -80,7 +97,8 @@ class SmearNetwork:
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         stride = self._reader.stride
         grid[_flat(image, stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
-        return _decode_grid(grid, stride, image.shape[:2])
+        height, width = image.shape[:2]
+        return SmearGrid(cells=grid, stride=stride, shape=(height, width))
 
     def _predict_grid(
         self, image: NDArray[np.float32], options: TileOptions, pyramid: PyramidOptions
@@ -96,12 +114,15 @@ class SmearNetwork:
         shape = rows[-1].stop // stride, columns[-1].stop // stride
         total = np.zeros((*shape, self.info.channels), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
+        done, count = 0, len(rows) * len(columns)
         for row, row_weight in ramps(rows, stride):
             for column, column_weight in ramps(columns, stride):
                 window = cells(row, stride), cells(column, stride)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
                 total[window] += self._reader.read(reflected(image, row, column), levels) * tile_weight
                 weight[window] += tile_weight
+                done += 1
+                self.on_tile(done, count)
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // stride), : -(-width // stride)]
@@ -153,21 +174,3 @@ def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:
     rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in image.shape[:2])
     flat: NDArray[np.bool_] = contrast[np.ix_(rows, columns)].max(axis=-1) <= 1
     return flat
-
-
-def _decode_grid(grid: NDArray[np.float32], stride: int, shape: tuple[int, ...]) -> SmearField:
-    """Resample the grid to pixels in double angle and decode, a strip of rows at a time."""
-    height, width = shape[:2]
-    displacement = np.empty((height, width, 2), np.float32)
-    sigmas = [np.empty((height, width), np.float32) for _ in range(grid.shape[2] - 2)]
-    for first in range(0, grid.shape[0], _STRIP_CELLS):
-        above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
-        pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
-        rows = slice(first * stride, min((first + _STRIP_CELLS) * stride, height))
-        strip = pixels[: rows.stop - rows.start, :width]
-        displacement[rows] = from_double_angle(strip[..., :2])
-        for k, sigma in enumerate(sigmas):
-            np.maximum(strip[..., 2 + k], 0, out=sigma[rows])
-    return SmearField(
-        displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1] if sigmas[1:] else None
-    )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.admitted import admitted_motions, least_score
@@ -207,7 +207,7 @@ def moving_regions(moving: NDArray[np.bool_], score: NDArray[np.float32]) -> tup
     )
 
 
-def _first_pixel(part: Array, k: int, stats: NDArray[np.int32]) -> tuple[int, int]:
+def _first_pixel(part: AnyArray, k: int, stats: NDArray[np.int32]) -> tuple[int, int]:
     """Return (x, y) of the first pixel, row by row, of part k, whose box OpenCV's statistics hold."""
     top, left = int(stats[cv2.CC_STAT_TOP]), int(stats[cv2.CC_STAT_LEFT])
     return left + int(np.argmax(part[top, left:] == k)), top

@@ -157,7 +157,7 @@ def test_grey_whose_zero_is_white_is_no_negative(tmp_path: Path) -> None:
 
 def test_thumbnail_of_a_raw_file_is_no_photograph(tmp_path: Path) -> None:
     tags = {50706: bytes([1, 4, 0, 0]), 254: 1}  # DNGVersion; NewSubfileType: of reduced resolution
-    path = tmp_path / "a.dng"
+    path = tmp_path / "a.tif"  # else it is given to rawpy
     Image.fromarray(RGB8).save(path, "TIFF", tiffinfo=tags)
     with pytest.raises(ImageError, match="thumbnail of a raw file; develop"):
         read_image(path)

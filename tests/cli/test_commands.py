@@ -18,13 +18,23 @@ from blur2view import pipeline
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
+from blur2view.networks import smear_network
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.tiles import TileOptions
 from blur2view.pipeline import estimate
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import SelectOptions
+from blur2view.smears.stored import load_smears
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.overlay import draw_overlay
-from tests.support.colour_code import HEIGHT, WIDTH, colour_code_network, forward_motion
+from tests.support.colour_code import (
+    HEIGHT,
+    WIDTH,
+    colour_code,
+    colour_code_network,
+    forward_motion,
+    write_picture,
+)
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -43,9 +53,9 @@ def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None
     assert set(facts["timings_s"]) == {"read", "predict", "select", "solve"}
 
     with np.load(out / "moving.smear.npz") as arrays:
-        assert arrays["displacement"].shape == (HEIGHT, WIDTH, 2)
-        assert arrays["displacement"].dtype == arrays["sigma_px"].dtype == np.float32
-        assert arrays["sigma_px"].shape == (HEIGHT, WIDTH)
+        assert arrays["smear_grid"].shape == (HEIGHT // 4, WIDTH // 4, 3)
+        assert arrays["smear_grid"].dtype == np.float16
+        assert arrays["stride"] == 4 and arrays["shape"].tolist() == [HEIGHT, WIDTH]
         assert arrays["ends"].shape == (facts["num_matches"], 2, 2)
         assert arrays["inlier_mask"].sum() == facts["num_inliers"]
         assert arrays["swapped"].shape == arrays["match_sigma_px"].shape == arrays["inlier_mask"].shape
@@ -204,6 +214,29 @@ def test_many_photographs_show_progress_to_a_person(
     assert captured.out.startswith(f"{still}: DEGENERATE")
     assert run(still) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_large_photograph_shows_its_tiles_to_a_person(
+    run: Any,
+    tiny_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(
+        smear_network, "TileOptions", lambda: TileOptions(max_pixels=4096, tile_px=64, overlap_px=0)
+    )
+    large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
+    assert run(large) == 0 and capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert run(large) == 0
+    printed = capsys.readouterr().err
+    assert "/6 [" in printed and "tile" in printed
+    network = SmearNetwork(tiny_model)
+    seen: list[tuple[int, int]] = []
+    network.on_tile = lambda done, count: seen.append((done, count))
+    network.predict(read_image(large))
+    assert seen == [(done, 6) for done in range(1, 7)]
 
 
 def test_interrupt_is_no_traceback(
@@ -375,7 +408,7 @@ def test_certainty_of_directions_is_written_where_the_network_has_it(tmp_path: P
     for channels, written in ((3, False), (4, True)):
         onnx.save(colour_code_network(channels=channels), tmp_path / "network.onnx")
         words = ["estimate", str(moving), "--model", str(tmp_path / "network.onnx"), "--overwrite"]
-        assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
-        with np.load(tmp_path / "out" / f"{moving.stem}.smear.npz") as stored:
-            assert ("sigma_rad" in stored) == written
-            assert not written or stored["sigma_rad"].shape == stored["sigma_px"].shape
+        for full in ([], ["--full-field"]):
+            assert cli.main([*words, *full, "-o", str(tmp_path / "out")]) == 0
+            field = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
+            assert (field.sigma_rad is not None) == written

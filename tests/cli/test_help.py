@@ -14,6 +14,7 @@ from blur2view.documents import document, estimate, masks, to_colmap
 from blur2view.documents.document import Document
 
 ROOT = Path(__file__).parents[2]
+WITHOUT_ESTIMATE = ("to-transforms",)
 HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
 DOCUMENTS = [
     kind
@@ -62,7 +63,8 @@ def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.Ca
         cli.main([command, "--help"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    sections = ("input:", "output:", "camera:", "estimation:", "exit codes:", "examples:")
+    own = () if command in WITHOUT_ESTIMATE else ("camera:", "estimation:")
+    sections = ("input:", "output:", *own, "exit codes:", "examples:")
     places = [text.index(f"\n{section}\n") for section in sections]
     assert places == sorted(places) and f"blur2view {command} " in text[places[-1] :]
     if command in REFERENCE:

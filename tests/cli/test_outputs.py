@@ -24,7 +24,7 @@ def test_nothing_is_overwritten_without_being_asked(
     assert run(moving, still, "-o", out) == 1
     assert "--overwrite" in capsys.readouterr().err
     assert sorted(path.name for path in out.iterdir()) == [
-        "moving.png", "still.json", "still.png", "still.smear.npz"
+        "estimate.manifest.jsonl", "moving.png", "still.json", "still.png", "still.smear.npz"
     ]  # fmt: skip
     assert (out / "moving.png").read_text() == "mine"
 

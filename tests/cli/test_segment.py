@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from blur2view.batch import job
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
-from blur2view.cli import outputs as mask_results
+from blur2view.cli import outputs
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
@@ -54,7 +55,7 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
     indexed = Image.open(out / "a.mask.png")
     assert indexed.mode == "P"
     np.testing.assert_array_equal(np.asarray(indexed), mask.labels)
-    assert indexed.convert("RGB").getpixel((140, 70)) == mask_results.PALETTE[MotionLabel.MOVING]
+    assert indexed.convert("RGB").getpixel((140, 70)) == outputs.PALETTE[MotionLabel.MOVING]
     levels = cv2.imread(str(out / "a.moving.png"), cv2.IMREAD_UNCHANGED)
     assert levels is not None
     np.testing.assert_allclose(levels / 255, mask.probability, atol=0.5 / 255 + 1e-6)
@@ -133,7 +134,7 @@ def test_full_disk_leaves_nothing(
     def full(contents: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mask_results, "write_together", full)
+    monkeypatch.setattr(job, "write_together", full)
     assert run(walker, "-o", tmp_path / "out") == 1
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "No space left" in printed

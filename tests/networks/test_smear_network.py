@@ -15,6 +15,7 @@ from blur2view.errors import ModelError
 from blur2view.networks.model_file import model_path, open_session
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
+from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import CODE_RANGE_PX, SIGMA_RANGE_PX, colour_code, colour_code_network
 
@@ -93,8 +94,7 @@ def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest
     image = colour_code(turning_field(300, 70), 1.0)
     whole = predict(image, tiny_model)
     for strip_cells in (1, 7):
-        # not by name: blur2view.predict is the function, which hides the module
-        monkeypatch.setattr(sys.modules[SmearNetwork.__module__], "_STRIP_CELLS", strip_cells)
+        monkeypatch.setattr(grid, "_STRIP_CELLS", strip_cells)
         np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
 
 

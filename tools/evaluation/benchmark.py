@@ -27,9 +27,10 @@ import cv2
 import numpy as np
 
 import blur2view
-from blur2view.cli.outputs import OutputFiles, write_results
+from blur2view.cli.outputs import OutputFiles, result_contents
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.geometry.epipolar import cross_matrix
+from blur2view.output_files import write_together
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.robust.minimal_solvers import solve_seven_smears
 from blur2view.smears.sampling import SelectOptions, select_matches
@@ -87,7 +88,9 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "network": timed(lambda: network.predict(image), repeats),
         "matches": timed(lambda: select_matches(field), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
-        "draw and write": timed(lambda: write_results(files, EstimateDocument.of(one), one), repeats),
+        "draw and write": timed(
+            lambda: write_together(result_contents(files, EstimateDocument.of(one), one)), repeats
+        ),
         "motion mask": timed(lambda: blur2view.segment(moving), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),

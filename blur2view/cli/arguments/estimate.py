@@ -4,10 +4,13 @@ import argparse
 from functools import partial
 
 from blur2view.cli.arguments.shared import (
+    MANIFEST,
     CommandParser,
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
+    add_table,
     add_verbosity,
     epilog,
     keys,
@@ -38,10 +41,14 @@ FILES = (
     ("<stem>.json", "the JSON document of the photograph; written last"),
     (
         "<stem>.smear.npz",
-        "displacement (H, W, 2), sigma_px and, where the network has it, sigma_rad (H, W), float32: the "
-        "smear of every pixel in pixels, the standard deviations of the whole (pixels) and of its direction "
-        "(radians). ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, "
-        "their sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end",
+        "smear_grid (h, w, 3 or 4), float16: the network's own grid, stride pixels a cell, cell j's centre "
+        "at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d| "
+        "sin 2phi of its smear d in pixels, sigma_px and, where the network has it, sigma_rad, the standard "
+        "deviations of the whole (pixels) and of its direction (radians). blur2view.load_smears(FILE)"
+        ".at_pixels() has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so "
+        "has the file with --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the "
+        "smears that were used, their sigma as the estimator weighs them, whether they fit, and whether "
+        "ends[:, 1] is the open end",
     ),
     (
         "<stem>.png",
@@ -51,7 +58,8 @@ FILES = (
 )
 EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
-    "blur2view estimate photographs/*.jpg --json > estimates.json",
+    "blur2view estimate photographs --recursive -o results --resume",
+    "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
     'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
 )
 
@@ -70,13 +78,22 @@ def describe(parser: CommandParser) -> None:
         help="write DIR/<stem>.json, .smear.npz and .png, see below",
     )
     add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--full-field",
+        action="store_true",
+        help="write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 "
+        "bytes a pixel",
+    )
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_table(output.add_argument)
     add_verbosity(output)
+    add_running(parser)
     add_camera(parser, exposure=True)
     add_estimation(parser)
     parser.epilog = epilog(
         table("configurations, in COLMAP's names", CONFIGURATIONS),
-        table("files of -o", FILES),
+        table("files of -o", (*FILES, MANIFEST)),
         table("JSON document of --json", keys(EstimatesDocument)),
         table("JSON document of a photograph", keys(EstimateDocument)),
         examples=EXAMPLES,

@@ -9,6 +9,8 @@ from blur2view.cli.arguments.shared import (
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
+    add_table,
     add_verbosity,
     epilog,
     output_path,
@@ -37,7 +39,7 @@ TERMS = (
     ("sigma", "standard deviation of a smear that the network predicts, pixels"),
 )
 EXAMPLES = (
-    "blur2view report photographs/*.jpg -o report.html",
+    "blur2view report clip.mp4 --every 10 -o report.html",
     "blur2view report a.jpg --focal 525 --no-mask --overwrite",
 )
 
@@ -59,13 +61,15 @@ def describe(parser: CommandParser) -> None:
     add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
     add("--no-mask", action="store_true", help="without the motion mask: faster")
     add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_table(output.add_argument)
     add_verbosity(output)
+    add_running(parser)
     add_camera(parser, exposure=True)
     add_estimation(parser)
     parser.epilog = epilog(
         table("on the page", CONTROLS), table("terms of the page", TERMS), examples=EXAMPLES
     )
-    parser.set_defaults(run=partial(_run, parser))
+    parser.set_defaults(run=partial(_run, parser), json=False)
 
 
 def _run(parser: CommandParser, options: argparse.Namespace) -> int:

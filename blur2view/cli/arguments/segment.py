@@ -4,10 +4,13 @@ import argparse
 from functools import partial
 
 from blur2view.cli.arguments.shared import (
+    MANIFEST,
     CommandParser,
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
+    add_table,
     add_verbosity,
     epilog,
     keys,
@@ -61,11 +64,14 @@ def describe(parser: CommandParser) -> None:
     add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add_table(output.add_argument)
     add_verbosity(output)
+    add_running(parser)
     add_camera(parser, exposure=False)
     add_estimation(parser)
     parser.epilog = epilog(
-        table("files of -o", FILES),
+        table("files of -o", (*FILES, MANIFEST)),
         table("JSON document of --json", keys(MasksDocument)),
         table("JSON document of a photograph", keys(MaskDocument)),
         examples=EXAMPLES,

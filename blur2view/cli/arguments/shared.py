@@ -1,6 +1,7 @@
 """What the commands share: parsers filled when they are chosen, common options, the help's format."""
 
 import argparse
+import math
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +16,7 @@ EXIT_CODES = (
     ("0", "done; a photograph without F is a result, with its reason"),
     ("1", "something failed: one line on stderr each, other photographs are done all the same"),
     ("2", "wrong usage"),
-    ("130", "interrupted by Ctrl-C"),
+    ("130", "interrupted by Ctrl-C: what is done is kept, --resume goes on"),
 )
 
 
@@ -88,6 +89,12 @@ def keys(document: type) -> list[tuple[str, str]]:
     return rows
 
 
+MANIFEST = (
+    "<command>.manifest.jsonl",
+    "the manifest of a call of several photographs, JSON lines: what --resume goes on with",
+)
+
+
 def epilog(*tables: str, examples: Sequence[str]) -> str:
     """Return what stands below the options: tables, exit codes, and examples at the end."""
     shown = "\n".join(["examples:", *(f"  {example}" for example in examples)])
@@ -96,13 +103,91 @@ def epilog(*tables: str, examples: Sequence[str]) -> str:
 
 def add_photographs(parser: argparse.ArgumentParser) -> None:
     """Describe the photographs of a call."""
-    parser.add_argument_group("input").add_argument(
+    group = parser.add_argument_group("input")
+    add = group.add_argument
+    add(
         "images",
         nargs="+",
-        type=Path,
-        metavar="IMG",
-        help="photographs: JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits",
+        metavar="INPUT",
+        help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
+        "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
+        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line; - for such a list "
+        "from standard input",
     )
+    add("--recursive", action="store_true", help="folders stand for their subfolders, too")
+    add(
+        "--every", type=positive, default=1, metavar="N", help="of a video take one frame in N (default: all)"
+    )
+    add(
+        "--from",
+        dest="first",
+        type=frame_or_seconds,
+        default=0,
+        metavar="FRAME",
+        help="the first frame of a video: a number from 0, or a time as 12.5s",
+    )
+    add("--to", dest="last", type=frame_or_seconds, metavar="FRAME", help="the last frame, included")
+
+
+def add_table(add: Callable[..., Any]) -> None:
+    """Describe the table of all photographs."""
+    add(
+        "--csv",
+        type=output_path,
+        metavar="FILE",
+        help="write a table with a row for each photograph: what blur2view triage --help explains",
+    )
+
+
+def add_running(parser: argparse.ArgumentParser) -> None:
+    """Describe how many photographs are gone through."""
+    group = parser.add_argument_group(
+        "many photographs",
+        paragraph(
+            "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut "
+            "loses only the photographs in hand."
+        ),
+    )
+    add = group.add_argument
+    either = group.add_mutually_exclusive_group()
+    either.add_argument(
+        "--jobs",
+        type=positive,
+        metavar="N",
+        help="processes, of one thread each; any number gives the same bytes (default: one per core)",
+    )
+    either.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker "
+        "tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers "
+        "need this blur2view (pip install '.[dask]')",
+    )
+    add(
+        "--resume",
+        action="store_true",
+        help="go on: skip photographs that an earlier call has done with the same content, network and "
+        "options, whose results are whole; do the others, also over earlier results",
+    )
+    add("--max-failures", type=positive, metavar="N", help="stop when as many photographs have failed")
+
+
+def positive(text: str) -> int:
+    """Return a number of 1 or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text}")
+    return int(text)
+
+
+def frame_or_seconds(text: str) -> int | float:
+    """Return a frame's number, or a time in seconds as a float."""
+    try:
+        number = float(text.removesuffix("s")) if text.endswith("s") else int(text)
+    except ValueError:
+        number = -1
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
+    return number
 
 
 def add_verbosity(group: Any) -> None:

@@ -9,6 +9,8 @@ from blur2view.cli.arguments.shared import (
     add_camera,
     add_estimation,
     add_photographs,
+    add_running,
+    add_table,
     add_verbosity,
     epilog,
     keys,
@@ -73,8 +75,10 @@ def describe(parser: CommandParser) -> None:
     add_photographs(parser)
     output = parser.add_argument_group("output")
     _add_target(output.add_argument)
+    add_table(output.add_argument)
     add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
+    add_running(parser)
     add_camera(parser, exposure=False)
     add_estimation(parser)
     parser.epilog = epilog(

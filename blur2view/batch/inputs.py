@@ -1,0 +1,187 @@
+"""What a user names, as photographs in order: files, folders, lists of names, videos."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
+from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
+from blur2view.errors import ImageError
+from blur2view.output_files import is_ours
+
+STANDARD_INPUT, LIST = "-", "@"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frames:
+    """Which frames of a video are taken.
+
+    Parameters
+    ----------
+    every : int
+        Of how many one.
+    first, last : int or float
+        An integer is a frame's number, a float a time in seconds; the last is included.
+
+    Raises
+    ------
+    ValueError
+        Unless ``every >= 1`` and none is negative.
+    """
+
+    every: int = 1
+    first: int | float = 0
+    last: int | float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.every < 1 or self.first < 0 or (self.last is not None and self.last < 0):
+            raise ValueError(f"expected every >= 1 and no negative frame, got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """The photographs of a call.
+
+    Parameters
+    ----------
+    paths : list of Path
+        In order; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among them.
+    refused : dict of Path to str
+        Why these cannot be used.
+    names : dict of Path to Path
+        What the results of a photograph are called, where its place in a folder or video says so: subfolder
+        and stem.
+    """
+
+    paths: list[Path] = field(default_factory=list)
+    names: dict[Path, Path] = field(default_factory=dict)
+    refused: dict[Path, str] = field(default_factory=dict)
+
+    @property
+    def one_video(self) -> bool:
+        """Whether all are frames of one video, and so in the order of time."""
+        frames = [frame_of(path) for path in self.paths]
+        return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+
+    def refuse(self, path: Path, reason: str) -> None:
+        """Add what cannot be used."""
+        self.paths.append(path)
+        self.refused[path] = f"{path}: {reason}"
+
+
+def list_photographs(
+    words: Sequence[str],
+    *,
+    recursive: bool = False,
+    frames: Frames | None = None,
+    stdin: TextIO | None = None,
+) -> Inputs:
+    """Return the photographs that words name.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Files; folders, which stand for the photographs in them by their suffixes, without results of
+        blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+    recursive : bool
+        Whether folders stand for all below them, too.
+    frames : Frames, optional
+        Of videos; all by default.
+    stdin : text file, optional
+
+    Raises
+    ------
+    ImageError
+        If a list cannot be read or names nothing.
+    """
+    found = Inputs()
+    for word in _without_lists(words, stdin):
+        path = Path(word)
+        if is_video(path):
+            _add_frames(found, path, frames or Frames())
+        elif path.is_dir():
+            _add_folder(found, path, recursive)
+        else:
+            found.paths.append(path)
+    return found
+
+
+def _without_lists(words: Sequence[str], stdin: TextIO | None) -> Iterator[str]:
+    """Yield words, those of lists in place of the lists."""
+    for word in words:
+        if word == STANDARD_INPUT:
+            yield from _lines("standard input", stdin.read() if stdin is not None else "")
+        elif word.startswith(LIST):
+            yield from _lines(word[1:], _text(Path(word[1:])))
+        else:
+            yield word
+
+
+def _text(path: Path) -> str:
+    """Return the text of a list; names may hold bytes that are no text."""
+    try:
+        return os.fsdecode(path.read_bytes())
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ImageError(f"{path}: the list cannot be read ({reason}); check the path") from None
+
+
+def _lines(source: str, text: str) -> list[str]:
+    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``."""
+    names = [name for name in (text.split("\0") if "\0" in text else text.splitlines()) if name.strip()]
+    if not names:
+        raise ImageError(f"{source}: names no photograph; write one on each line")
+    return names
+
+
+def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
+    """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
+    try:
+        numbers = frame_numbers(video, every=frames.every, first=frames.first, last=frames.last)
+    except ImageError as error:
+        found.paths.append(video)
+        found.refused[video] = str(error)
+        return
+    for number in numbers:
+        path = frame_path(video, number)
+        found.paths.append(path)
+        found.names[path] = Path(video.stem, path.name)
+
+
+def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
+    """Add the photographs of a folder, in the order of their names; without any it stays as it is."""
+    entries = folder.rglob("*") if recursive else folder.iterdir()
+    try:
+        photographs = [
+            path
+            for path in sorted(entries, key=_in_order)
+            if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+        ]
+    except OSError as error:
+        found.refuse(folder, f"cannot be read ({error.strerror}); check its permissions")
+        return
+    if not photographs:
+        more = "name another folder" if recursive else "add --recursive for its subfolders"
+        found.refuse(folder, f"holds no photograph; {more}")
+    found.paths.extend(photographs)
+    for path in photographs:
+        below = path.relative_to(folder)
+        if len(below.parts) > 1:
+            found.names[path] = below.with_suffix("")
+
+
+def _in_order(path: Path) -> list[tuple[str, int, str]]:
+    """Return what sorts names as a person does: frame_2 before frame_10."""
+    parts = re.findall(r"(\D*)(\d*)", str(path))
+    return [(text, int(number or 0), number) for text, number in parts]
+
+
+def _is_result(path: Path) -> bool:
+    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
+    return path.suffix.lower() == ".png" and is_ours(path)

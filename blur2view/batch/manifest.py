@@ -1,0 +1,249 @@
+"""The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
+
+A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
+manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
+each, done or failed, or of a file of all photographs.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+import pickle
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from blur2view.batch.job import Job, Made, Outcome, file_digest
+from blur2view.errors import OutputError
+from blur2view.output_files import unwritable
+
+SIGN = "blur2view"
+HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
+ARRAYS = {  # what NumPy's arrays are pickled with
+    ("numpy", "dtype"),
+    ("numpy", "ndarray"),
+    ("numpy._core.multiarray", "_reconstruct"),
+    ("numpy._core.multiarray", "scalar"),
+    ("numpy._core.numeric", "_frombuffer"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What results depend on beside their photograph.
+
+    Parameters
+    ----------
+    command : str
+    version : str
+        Of blur2view.
+    options : mapping
+        Of JSON's types.
+    files : mapping of str to str
+        SHA-256 of networks and other files that are read.
+    """
+
+    command: str
+    version: str
+    options: Mapping[str, Any]
+    files: Mapping[str, str]
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Return the line of a manifest."""
+        facts = {"command": self.command, "options": dict(self.options), "files": dict(self.files)}
+        return {SIGN: self.version, "settings": self.digest, **facts}
+
+    @property
+    def digest(self) -> str:
+        """Return a name of these settings, which every line repeats."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+
+
+class Manifest:
+    """The lines of a manifest by photograph, and the file that new ones are appended to.
+
+    Parameters
+    ----------
+    path : Path
+        The file, which appears with the first line.
+    settings : Settings
+        Of this call.
+    resume : bool
+        Whether what earlier calls did is looked up.
+
+    Raises
+    ------
+    OutputError
+        If there is a file of another kind, or one that cannot be read.
+    """
+
+    def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
+        self.path, self.settings = path, settings
+        self._begun = False
+        self.cut_off = False
+        self._done: dict[str, dict[str, Any]] = {}
+        self._targets: dict[str, str] = {}
+        lines = self._read()
+        if resume:
+            self._look_up(lines)
+
+    def knows(self, job: Job[Any]) -> bool:
+        """Return whether an earlier call with these settings did a photograph, whatever it was then."""
+        return str(job.path) in self._done
+
+    def find(self, job: Job[Any], folder: Path) -> Made[Any] | None:
+        """Return what an earlier call made of a photograph, if it is the same and its files are whole.
+
+        Parameters
+        ----------
+        job : Job
+            With its digest.
+        folder : Path
+            That the names of files are relative to.
+        """
+        line = self._done.pop(str(job.path), None)  # which may be large
+        if line is None or (line["sha256"], line["source"]) != (job.digest, job.source):
+            return None
+        if not all(_is_whole(folder / name, digest) for name, digest in line["outputs"].items()):
+            return None
+        try:
+            kept = _unpacked(line["kept"])
+        except (pickle.UnpicklingError, ValueError, zlib.error, EOFError, AttributeError, TypeError):
+            return None  # of another version, or damaged: done again
+        return Made(kept=kept, summary=line["summary"], row=line["row"])
+
+    def wrote(self, target: Path) -> bool:
+        """Return whether a file is as an earlier call left it."""
+        return _is_whole(target, self._targets.get(target.name, ""))
+
+    def append(self, job: Job[Any], outcome: Outcome[Any], folder: Path) -> None:
+        """Append the line of a photograph that is done or failed.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        about = {"settings": self.settings.digest, "image": str(job.path)}
+        if outcome.made is None:
+            self._write({**about, "error": outcome.error})
+            return
+        outputs = {path.relative_to(folder).as_posix(): digest for path, digest in outcome.outputs.items()}
+        self._write(
+            {
+                **about,
+                "sha256": outcome.digest,
+                "source": job.source,
+                "outputs": outputs,
+                "seconds": round(outcome.seconds, 3),
+                "summary": outcome.made.summary,
+                "row": outcome.made.row,
+                "kept": _packed(outcome.made.kept),
+            }
+        )
+
+    def append_target(self, target: Path) -> None:
+        """Append that a call wrote a file of all photographs, such as a database."""
+        self._write({"target": target.name, "sha256": file_digest(target)})
+
+    def _read(self) -> list[dict[str, Any]]:
+        """Return the lines of earlier calls; one that was cut off is dropped."""
+        try:
+            content = self.path.read_bytes()
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise unwritable(self.path, error) from None
+        whole = content[: content.rfind(b"\n") + 1]
+        self.cut_off = whole != content
+        lines = []
+        for text in whole.splitlines():
+            try:
+                line = json.loads(text)
+            except ValueError:
+                line = None
+            if isinstance(line, dict):
+                lines.append(line)
+            else:
+                self.cut_off = True
+        if content[: len(HEAD)] != HEAD[: len(content)]:
+            raise OutputError(f"{self.path}: is no manifest of blur2view; rename or remove it")
+        return lines
+
+    def _look_up(self, lines: list[dict[str, Any]]) -> None:
+        """Fill in what was done with these settings."""
+        for line in lines:
+            if "target" in line:
+                self._targets[line["target"]] = line["sha256"]
+            elif "outputs" in line and line.get("settings") == self.settings.digest:
+                self._done[line["image"]] = line
+            else:
+                self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
+
+    def _write(self, line: dict[str, Any]) -> None:
+        """Append a line and wait until the disk has it."""
+        lines = [line] if self._begun else [self.settings.line, line]
+        content = "".join(json.dumps(line) + "\n" for line in lines).encode()
+        try:
+            file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            try:
+                _drop_cut_line(file)
+                while content:
+                    content = content[os.write(file, content) :]
+                os.fsync(file)
+            finally:
+                os.close(file)
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: cannot be written ({error.strerror}); make room and go on with --resume"
+            ) from None
+        self._begun = True
+
+
+def _drop_cut_line(file: int) -> None:
+    """Cut a file after its last whole line."""
+    size = end = os.fstat(file).st_size
+    while end and os.pread(file, 1, end - 1) != b"\n":
+        end -= 1
+    if end != size:
+        os.ftruncate(file, end)
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    """Return whether a file has this content."""
+    try:
+        return file_digest(path) == digest
+    except OSError:
+        return False
+
+
+def _packed(kept: object) -> str:
+    """Return an object as text."""
+    return base64.b85encode(zlib.compress(pickle.dumps(kept), 1)).decode()
+
+
+def _unpacked(text: str) -> Any:
+    """Return the object of a text; it is of our dataclasses, enums and arrays, or refused."""
+    return _Unpickler(io.BytesIO(zlib.decompress(base64.b85decode(text)))).load()
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return a dataclass or an enum of this package, or what arrays need; refuse all else."""
+        if (module, name) in ARRAYS or (module.startswith("pathlib") and name.endswith("Path")):
+            return super().find_class(module, name)
+        if module.partition(".")[0] == SIGN:
+            found = super().find_class(module, name)
+            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, Enum)):
+                return found
+        raise pickle.UnpicklingError(f"{module}.{name} is none of ours")

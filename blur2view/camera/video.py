@@ -1,0 +1,153 @@
+"""Frames of videos, read in order by OpenCV; ``VIDEO/000120`` is the path of frame 120."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.errors import ImageError
+
+SUFFIXES = frozenset(  # of what OpenCV's FFmpeg reads
+    [
+        ".3gp",
+        ".avi",
+        ".m2ts",
+        ".m4v",
+        ".mkv",
+        ".mov",
+        ".mp4",
+        ".mpeg",
+        ".mpg",
+        ".mts",
+        ".ogv",
+        ".webm",
+        ".wmv",
+    ]
+)
+DIGITS = 6  # of a frame's name
+TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
+
+
+class EndOfVideo(Exception):
+    """A frame is announced by its video, and not in it; nothing that a user must mend."""
+
+
+def is_video(path: Path) -> bool:
+    """Return whether a file is a video by its name."""
+    return path.suffix.lower() in SUFFIXES and path.is_file()
+
+
+def frame_path(video: Path, number: int) -> Path:
+    """Return the path by which a frame is named."""
+    return video / f"{number:0{DIGITS}d}"
+
+
+def frame_of(path: Path) -> tuple[Path, int] | None:
+    """Return video and number of a frame's path; None of any other path."""
+    if path.name.isdecimal() and is_video(path.parent):
+        return path.parent, int(path.name)
+    return None
+
+
+def frame_numbers(
+    video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
+) -> range:
+    """Return the numbers of frames.
+
+    Parameters
+    ----------
+    video : Path
+    every : int
+        Of how many one is taken.
+    first, last : int or float
+        The first and the last frame, an integer by number, a float by seconds; the last is included.
+
+    Raises
+    ------
+    ImageError
+        If the video cannot be opened or has no frames.
+    """
+    capture = _opened(video)
+    count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+    capture.release()
+    if count < 1:
+        raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
+    begin, end = (
+        number if isinstance(number, int) else round(number * rate)
+        for number in (first, count - 1 if last is None else last)
+    )
+    numbers = range(begin, min(end, count - 1) + 1, every)
+    if not numbers:
+        raise ImageError(
+            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {first} to {end}"
+        )
+    return numbers
+
+
+def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
+    """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
+
+    Raises
+    ------
+    ImageError
+        If the video cannot be opened or ends too early.
+    EndOfVideo
+        If it ends within a second of where it says, or the frame before could not be read either.
+    """
+    return _reader(video).read(number)
+
+
+class _Reader:
+    """A video, read forwards: to seek is not exact with every codec."""
+
+    def __init__(self, video: Path) -> None:
+        self.video = video
+        self.broken = False
+        self._open()
+
+    def _open(self) -> None:
+        """Begin at the first frame."""
+        self.capture, self.position = _opened(self.video), 0
+
+    def read(self, number: int) -> NDArray[np.uint8]:
+        """Return a frame."""
+        if number < self.position:
+            self._open()
+        while self.position <= number:
+            if not self.capture.grab():
+                self._end()
+            self.position += 1
+        read, pixels = self.capture.retrieve()
+        if not read:
+            raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
+        return np.asarray(pixels, np.uint8)
+
+    def _end(self) -> None:
+        """Raise why there is no next frame."""
+        announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        missing_s = (announced - self.position) / max(self.capture.get(cv2.CAP_PROP_FPS), 1.0)
+        if self.broken or missing_s <= TAIL_S:
+            raise EndOfVideo(f"{self.video}: has {self.position} frames")
+        self.broken = True
+        raise ImageError(
+            f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
+        )
+
+
+@lru_cache(maxsize=1)
+def _reader(video: Path) -> _Reader:
+    """Return the reader of a video; the last one stays open."""
+    return _Reader(video)
+
+
+def _opened(video: Path) -> Any:
+    """Return a video that is open, or raise ImageError."""
+    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
+    return capture

@@ -1,0 +1,259 @@
+"""A model with exposures as ``transforms.json``: what trainers of radiance fields read for blurred frames.
+
+A model as `place_views` gives it holds three poses of a photograph: at mid exposure (NAME), when the shutter
+opened (NAME#open) and when it closed (NAME#close). The world stays the model's, its unit the model's, so that
+its points need no change. Both dialects share these conventions, with their sources:
+
+- ``transform_matrix`` (4x4) is world_from_camera. Camera axes are OpenGL's: x right, y up, z backwards, that
+  is COLMAP's with y and z reversed (instant-ngp, ``scripts/colmap2nerf.py`` with ``--keep_colmap_coords``;
+  nerfstudio, ``process_data/colmap_utils.py``).
+- ``w``, ``h``, ``fl_x``, ``fl_y``, ``cx``, ``cy``, ``k1`` ... are COLMAP's own numbers, (0.5, 0.5) at the
+  centre of the top-left pixel (``src/nerf_loader.cu`` divides ``cx`` by ``w``; ``colmap_utils.py`` copies
+  them). They stand above the frames if all frames share a camera, else in every frame.
+- ``file_path`` is relative to the folder of the file.
+
+instant-ngp (``src/nerf_loader.cu``, ``include/neural-graphics-primitives/nerf_loader.h``): the camera of a
+frame goes from ``transform_matrix_start`` to ``transform_matrix_end``; ``transform_matrix`` is what its other
+tools look from. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as
+a + b u + c v + d r, r random in [0, 1]; [0, 0, 0, 1] is a global shutter, open from start to end.
+``sharpness`` is relative: a frame goes if its own is not above ``sharpness_discard_threshold`` (0 unless
+written) times its neighbours' mean. Ours is that of `blur2view.smears.sharpness`. A position p becomes
+``scale`` p + ``offset`` and should lie near the unit cube; ours puts the cameras as far from the median of
+the points as ``colmap2nerf.py`` does (mean 4, times NERF_SCALE 0.33), in its box of ``aabb_scale`` 16.
+
+nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
+``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -
+centre at the open) / ``exposure_time``, in the model's unit per second, ``camera_angular_velocity`` the
+rotation vector from the open to the close camera over ``exposure_time``, radians per second, both rotated
+into the camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure
+time shows in a photograph, so that 1 s will do where the time is unknown.
+
+A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.colmap.placement import read_model
+from blur2view.documents.transforms import DIALECTS, INSTANT_NGP
+from blur2view.errors import DatabaseError
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.smears.sharpness import sharpness
+
+OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
+PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+GLOBAL_SHUTTER = [0, 0, 0, 1]
+BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
+RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExposedPhotograph:
+    """A photograph of a model, with the poses of its exposure.
+
+    Parameters
+    ----------
+    name : str
+        In the model.
+    camera_id : int
+    middle : ndarray of shape (4, 4)
+        world_from_camera at mid exposure, OpenGL's camera axes.
+    ends : (ndarray, ndarray) or None
+        The same at shutter-open and shutter-close; None without views.
+    smear_px : float or None
+        Median distance between both projections of the points that it observes; None without points.
+    """
+
+    name: str
+    camera_id: int
+    middle: Array
+    ends: tuple[Array, Array] | None = None
+    smear_px: float | None = None
+
+
+def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
+    """Return the photographs of a pycolmap.Reconstruction, by name.
+
+    A photograph that is not registered itself, but both of whose views are, has the pose halfway between.
+    """
+    images = {image.name: image for image in model.images.values() if image.has_pose}
+    exposed = {name.removesuffix(OPEN) for name in images if name.endswith(OPEN)}
+    exposed = {name for name in exposed if name + CLOSE in images}
+    photographs = {name for name in images if not name.endswith((OPEN, CLOSE))}
+    return [_exposed(model, images, name, name in exposed) for name in sorted(photographs | exposed)]
+
+
+def _exposed(model: Any, images: Mapping[str, Any], name: str, has_views: bool) -> ExposedPhotograph:
+    """Return a photograph that is registered itself or has both views."""
+    own = images.get(name)
+    if not has_views:
+        middle = _world_from_camera(own)
+        return ExposedPhotograph(name=name, camera_id=images[name].camera_id, middle=middle)
+    views = images[name + OPEN], images[name + CLOSE]
+    first, last = map(_world_from_camera, views)
+    return ExposedPhotograph(
+        name=name,
+        camera_id=views[0].camera_id,
+        middle=_halfway(first, last) if own is None else _world_from_camera(own),
+        ends=(first, last),
+        smear_px=_smear_px(model, views[0] if own is None else own, views),
+    )
+
+
+def transforms(
+    folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
+) -> dict[str, Any]:
+    """Return the content of ``transforms.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a model with views, as `place_views` gives it.
+    dialect : str
+        One of `DIALECTS`.
+    images : str
+        Folder of the photographs as seen from that of the file.
+    exposure_s : float
+        Exposure time in seconds, of nerfstudio's dialect.
+
+    Returns
+    -------
+    dict
+        Of plain JSON types; the module says what they mean.
+
+    Raises
+    ------
+    DatabaseError
+        If there is no such model, no photograph has both views, or a camera is of a kind that these files
+        cannot hold.
+    ValueError
+        If the dialect is unknown or the exposure time not positive and finite.
+    """
+    if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
+        raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
+    model = read_model(folder)
+    photographs = exposed_photographs(model)
+    if all(one.ends is None for one in photographs):
+        raise DatabaseError(
+            f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
+            "blur2view.place_views"
+        )
+    cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
+    kinds = sorted({one["camera_model"] for one in cameras.values()})
+    if len(kinds) > 1:
+        raise DatabaseError(f"{folder}: has plain and fisheye cameras; undistort the photographs first")
+    shared = next(iter(cameras.values())) if len(cameras) == 1 else {"camera_model": kinds[0]}
+    frames = []
+    for one in photographs:
+        own = {} if len(cameras) == 1 else cameras[one.camera_id]
+        path = os.path.join(images, one.name).replace(os.sep, "/")
+        motion = _start_and_end(one) if dialect == INSTANT_NGP else _velocities(one, exposure_s)
+        frames.append({"file_path": path, **own, "transform_matrix": one.middle.tolist(), **motion})
+    times = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
+    whole = _box(model, photographs) if dialect == INSTANT_NGP else times
+    return {**shared, **whole, "frames": frames}
+
+
+def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
+    """Return the keys that describe a pycolmap.Camera.
+
+    Raises
+    ------
+    DatabaseError
+        If its model is none that both readers know.
+    """
+    if camera.model_name not in (*PLAIN, *FISHEYE):
+        raise DatabaseError(
+            f"{folder}: camera {camera.camera_id} is {camera.model_name}, which transforms.json cannot hold; "
+            "undistort the photographs first with colmap image_undistorter"
+        )
+    fisheye = camera.model_name in FISHEYE
+    found = {"w": camera.width, "h": camera.height}
+    for name, value in zip(camera.params_info.split(", "), camera.params.tolist(), strict=True):
+        found |= dict.fromkeys(RENAMED.get(name, (name,)), value)
+    absent = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
+    kind = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True} if fisheye else {"camera_model": "OPENCV"}
+    return kind | found | {name: 0.0 for name in absent if name not in found}
+
+
+def relative_folder(images: Path, target: Path) -> str:
+    """Return the folder of the photographs as seen from that of the file."""
+    return os.path.relpath(images, target.parent)
+
+
+def _world_from_camera(image: Any) -> Array:
+    """Return the pose (4, 4) of a pycolmap.Image with OpenGL's camera axes."""
+    return _homogeneous(image.cam_from_world().inverse().matrix()) @ OPENGL
+
+
+def _homogeneous(pose: Array) -> Array:
+    """Return a pose (3, 4) as a matrix (4, 4)."""
+    return np.vstack([pose, [0, 0, 0, 1]])
+
+
+def _halfway(first: Array, last: Array) -> Array:
+    """Return the pose (4, 4) halfway between two."""
+    half = rotation_matrix(0.5 * rotation_vector(last[:3, :3] @ first[:3, :3].T))
+    return _homogeneous(np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])]))
+
+
+def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
+    """Return the median distance of what an image observes between both views."""
+    numbers = [point.point3D_id for point in image.points2D if point.has_point3D()]
+    if not numbers:
+        return None
+    points = np.stack([model.points3D[number].xyz for number in numbers])
+    ends = [
+        model.cameras[view.camera_id].img_from_cam(
+            points @ (pose := view.cam_from_world().matrix())[:, :3].T + pose[:, 3]
+        )
+        for view in views
+    ]
+    length = np.linalg.norm(ends[1] - ends[0], axis=1)
+    seen = np.isfinite(length)  # not behind a camera
+    return float(np.median(length[seen])) if seen.any() else None
+
+
+def _start_and_end(one: ExposedPhotograph) -> Mapping[str, Any]:
+    """Return what instant-ngp reads of an exposure."""
+    if one.ends is None:
+        return {}
+    start, end = (pose.tolist() for pose in one.ends)
+    sharp = {} if one.smear_px is None else {"sharpness": sharpness(one.smear_px)}
+    moved = {"transform_matrix_start": start, "transform_matrix_end": end}
+    return {**sharp, **moved}
+
+
+def _velocities(one: ExposedPhotograph, exposure_s: float) -> Mapping[str, Any]:
+    """Return what the fork of nerfstudio reads of an exposure."""
+    linear, angular = np.zeros(3), np.zeros(3)
+    if one.ends is not None:
+        first, last = one.ends
+        camera_from_world = one.middle[:3, :3].T
+        linear = camera_from_world @ (last[:3, 3] - first[:3, 3]) / exposure_s
+        angular = camera_from_world @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
+    return {"camera_linear_velocity": linear.tolist(), "camera_angular_velocity": angular.tolist()}
+
+
+def _box(model: Any, photographs: list[ExposedPhotograph]) -> dict[str, Any]:
+    """Return the shutter, where instant-ngp's box lies in the world, and which way is up."""
+    centres = np.stack([one.middle[:3, 3] for one in photographs])
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    middle = np.median(points if len(points) else centres, axis=0)
+    distance = float(np.linalg.norm(centres - middle, axis=1).mean())
+    scale = NERF_SCALE * MEAN_DISTANCE / distance if distance > 0 else NERF_SCALE
+    up = np.sum([one.middle[:3, 1] for one in photographs], axis=0)
+    norm = float(np.linalg.norm(up))
+    upright = {"up": (up / norm).tolist()} if norm > 0 else {}
+    place = {"aabb_scale": BOX, "scale": scale, "offset": (0.5 - scale * middle).tolist()}
+    return {"rolling_shutter": GLOBAL_SHUTTER, **place, **upright}

@@ -1,0 +1,3 @@
+"""The names of the dialects of ``transforms.json``."""
+
+INSTANT_NGP, NERFSTUDIO = DIALECTS = ("instant-ngp", "nerfstudio")

@@ -1,0 +1,111 @@
+"""What a user names becomes photographs in order."""
+
+import io
+from pathlib import Path
+
+import pytest
+
+from blur2view.batch.inputs import Frames, Inputs, list_photographs
+from blur2view.cli.outputs import png
+from blur2view.errors import ImageError
+from tests.support.many_photographs import write_video
+
+
+def listed(*words: object, **options: object) -> Inputs:
+    """Return the photographs that words name."""
+    return list_photographs([str(word) for word in words], **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of photographs, a text, a result of ours and a subfolder."""
+    for name in ("frame_10.jpg", "frame_2.JPG", "notes.txt", "sub/a.tif", "sub/deep/b.heic", "c.NEF"):
+        path = tmp_path / "in" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x")
+    from PIL import Image
+
+    (tmp_path / "in/ours.png").write_bytes(png(Image.new("L", (4, 4))))
+    return tmp_path / "in"
+
+
+def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder: Path) -> None:
+    found = listed(folder)
+    assert [path.name for path in found.paths] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
+    assert not found.refused and not found.names
+
+
+def test_subfolders_are_kept_in_names(folder: Path) -> None:
+    found = listed(folder, recursive=True)
+    below = [path.relative_to(folder).as_posix() for path in found.paths]
+    assert below == ["c.NEF", "frame_2.JPG", "frame_10.jpg", "sub/a.tif", "sub/deep/b.heic"]
+    assert found.names == {
+        folder / "sub/a.tif": Path("sub/a"),
+        folder / "sub/deep/b.heic": Path("sub/deep/b"),
+    }
+
+
+def test_folder_without_photographs_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:
+    (folder / "empty").mkdir()
+    (found,) = listed(folder / "empty").refused.values()
+    assert "holds no photograph" in found and "--recursive" in found
+    (found,) = listed(folder / "empty", recursive=True).refused.values()
+    assert "holds no photograph" in found and "--recursive" not in found
+
+
+@pytest.mark.parametrize("separator", ["\n", "\r\n", "\0"])
+def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separator: str) -> None:
+    text = separator.join([str(folder / "frame_10.jpg"), "", "absent.png", str(folder / "sub")]) + separator
+    (tmp_path / "list.txt").write_bytes(text.encode())
+    expected = [folder / "frame_10.jpg", Path("absent.png"), folder / "sub/a.tif"]
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.StringIO(text)).paths == expected
+    assert listed("first.jpg", "-", "last.jpg", stdin=io.StringIO(text)).paths == [
+        Path("first.jpg"), *expected, Path("last.jpg")
+    ]  # fmt: skip
+
+
+def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
+    (tmp_path / "empty.txt").write_text("\n\n")
+    with pytest.raises(ImageError, match=r"absent\.txt: the list cannot be read \(No such file"):
+        listed(f"@{tmp_path / 'absent.txt'}")
+    with pytest.raises(ImageError, match=r"empty\.txt: names no photograph"):
+        listed(f"@{tmp_path / 'empty.txt'}")
+    with pytest.raises(ImageError, match="standard input: names no photograph"):
+        listed("-", stdin=io.StringIO(""))
+
+
+@pytest.mark.parametrize(
+    ("frames", "numbers"),
+    [
+        (Frames(), range(25)),
+        (Frames(every=10), range(0, 25, 10)),
+        (Frames(every=4, first=3, last=12), [3, 7, 11]),
+        (Frames(first=1.2, last=1.4), [12, 13, 14]),
+        (Frames(first=20, last=99), range(20, 25)),
+    ],
+)
+def test_video_stands_for_its_frames_named_after_their_numbers(
+    tmp_path: Path, frames: Frames, numbers: range | list[int]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    found = listed(video, frames=frames)
+    assert found.paths == [video / f"{number:06d}" for number in numbers]
+    assert list(found.names.values()) == [Path("clip", f"{number:06d}") for number in numbers]
+    assert found.one_video
+
+
+def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    (reason,) = listed(video, frames=Frames(first=30)).refused.values()
+    assert "has 25 frames in 2.5 s, none from 30" in reason
+    (tmp_path / "text.mp4").write_text("text")
+    found = listed(tmp_path / "text.mp4", "a.jpg")
+    assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]
+    assert found.paths == [tmp_path / "text.mp4", Path("a.jpg")] and not found.one_video
+
+
+@pytest.mark.parametrize("wrong", [{"every": 0}, {"first": -1}, {"last": -0.5}])
+def test_impossible_frames_are_errors(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="expected every >= 1"):
+        Frames(**wrong)  # type: ignore[arg-type]

@@ -1,0 +1,85 @@
+"""``--dask``: the same bytes from two processes, one of which is killed; nobody at the address."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.many_photographs import contents, environment, finish, start, write_photographs
+
+pytest.importorskip("distributed", reason="--dask needs the extra dask")
+pytestmark = pytest.mark.slow
+Cluster = tuple[str, list[subprocess.Popen[bytes]]]
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """Yield the address of a scheduler with two workers, and the workers."""
+    file = tmp_path / "scheduler.json"
+    shared = ["--scheduler-file", str(file), "--no-dashboard"]
+
+    def run(name: str, *words: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{name}", *shared, *words]
+        return subprocess.Popen(
+            command, env=environment(), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    processes = [run("scheduler", "--port", "0", "--host", "127.0.0.1")]
+    while not file.exists() or not file.read_text().endswith("}"):
+        time.sleep(0.05)
+    address = next(word for word in file.read_text().split('"') if word.startswith("tcp://"))
+    processes += [run("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
+    yield address, processes[1:]
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
+    cluster: Cluster, tmp_path: Path, tiny_model: Path
+) -> None:
+    address, workers = cluster
+    write_photographs(tmp_path / "in", 30, (128, 160))
+    words = ["estimate", tmp_path / "in", "--model", tiny_model, "--no-timings"]
+    assert finish(*words, "--jobs", 1, "-o", tmp_path / "here")[0] == 0
+    running = start(*words, "--dask", address, "-o", tmp_path / "out")
+    manifest = tmp_path / "out" / "estimate.manifest.jsonl"
+    while running.poll() is None and (not manifest.exists() or manifest.read_bytes().count(b"\n") < 5):
+        time.sleep(0.01)
+    workers[0].send_signal(signal.SIGKILL)
+    before = manifest.read_text().count('"outputs"')
+    printed, complaints = running.communicate()
+    assert running.returncode == 0 and complaints == "" and before < 30
+    assert printed.splitlines()[-1].startswith("30 photographs: 30 done in ")
+    assert contents(tmp_path / "out") == contents(tmp_path / "here")
+
+
+def test_photographs_and_network_need_not_lie_where_the_workers_are(cluster: Cluster, tmp_path: Path) -> None:
+    address, _ = cluster
+    write_photographs(tmp_path / "in", 2)
+    (tmp_path / "in" / "bad.png").write_text("bad")
+    code, printed, complaints = finish("estimate", tmp_path / "in", "--dask", address)
+    assert code == 1 and complaints.count("\n") == 1 and "bad.png: is not a readable image" in complaints
+    assert "3 photographs: 2 done, 1 failed" in printed
+
+
+def test_nobody_at_the_address_is_one_line(tmp_path: Path) -> None:
+    (photograph,) = write_photographs(tmp_path, 1)
+    for address in ("tcp://127.0.0.1:9", "nonsense"):
+        code, printed, complaints = finish("estimate", photograph, "--dask", address)
+        assert code == 1 and printed == "" and complaints.count("\n") == 1
+        assert f"{address}: no Dask scheduler answers" in complaints
+
+
+def test_cluster_without_workers_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+    address, workers = cluster
+    for worker in workers:
+        worker.kill()
+        worker.wait()
+    (photograph,) = write_photographs(tmp_path, 1)
+    code, _, complaints = finish("estimate", photograph, "--dask", address)
+    assert code == 1 and complaints.count("\n") == 1 and "has no worker; start some with" in complaints

@@ -1,0 +1,221 @@
+"""``--csv`` and ``blur2view triage``: what the table holds, which photographs the list names."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.cli import commands as cli
+from blur2view.cli.triage import list_text, use_of
+from blur2view.documents.table import Row, row, table_text
+from blur2view.smears.field import SmearField
+from blur2view.smears.sharpness import median_smear
+from tests.support.colour_code import colour_code, forward_motion, write_picture
+
+COLUMNS = [
+    "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
+    "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
+]  # fmt: skip
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """Return a folder of photographs: one still, one blurred by forward motion, one without any order."""
+    folder = tmp_path / "frames"
+    (folder / "left").mkdir(parents=True)
+    texture = 1 + 0.5 * (np.indices((64, 80)) // 8 % 2).sum(axis=0)  # in sigma; what has none has no smear
+    write_picture(folder / "still.png", colour_code(np.zeros((64, 80, 2)), texture))
+    write_picture(folder / "left" / "moving.png", colour_code(forward_motion(), 1.0))
+    rng = np.random.default_rng(0)
+    cells = rng.normal(0, 12, (60, 80, 2))
+    chaos = np.repeat(np.repeat(cells, 4, 0), 4, 1)
+    write_picture(folder / "chaos.png", colour_code(chaos, 1.0))
+    return folder
+
+
+def call(command: str, tiny_model: Path, *words: object) -> int:
+    return cli.main([command, "--model", str(tiny_model), "--jobs", "1", *map(str, words)])
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+    assert reader.fieldnames == COLUMNS
+    return rows
+
+
+def test_table_and_list_of_a_folder(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet, keep = tmp_path / "deep" / "t.csv", tmp_path / "other" / "keep.txt"
+    words = (frames, "--recursive", "--csv", sheet, "--keep", keep)
+    assert call("triage", tiny_model, *words) == 0
+    rows = {one["name"]: one for one in table(sheet)}
+    assert list(rows) == ["chaos.png", "left/moving.png", "still.png"]  # as COLMAP names them below frames
+    assert [one["use"] for one in rows.values()] == ["unusable", "blurred", "sharp"]
+    assert keep.read_text() == "still.png\n"
+    assert rows["still.png"]["verdict"] == "DEGENERATE" and float(rows["still.png"]["sharpness"]) > 0.9
+    moving = rows["left/moving.png"]
+    length = np.median(np.linalg.norm(forward_motion(), axis=-1))
+    assert float(moving["smear_px"]) == pytest.approx(length, rel=0.02)
+    assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.02)
+    assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
+    assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
+    assert "1 sharp, 1 blurred but of use, 1 unusable" in capsys.readouterr().out
+    # not again unless asked
+    assert call("triage", tiny_model, *words) == 1
+    assert "exists; name another" in capsys.readouterr().err
+    assert call("triage", tiny_model, *words, "--overwrite", "--blurred") == 0
+    assert keep.read_text() == "left/moving.png\nstill.png\n"
+    assert call("triage", tiny_model, *words, "--overwrite", "--max-smear", 100) == 0
+    assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
+
+
+def test_photographs_that_fail_have_a_row_and_are_not_listed(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (frames / "broken.png").write_bytes(b"no picture")
+    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
+    assert call("triage", tiny_model, frames, "--csv", sheet, "--keep", keep) == 1
+    (broken,) = (one for one in table(sheet) if one["name"] == "broken.png")
+    assert "broken.png" in broken["error"] and broken["use"] == broken["verdict"] == ""
+    assert "broken.png" not in keep.read_text()
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_resumed_run_has_every_row_and_judges_anew(frames: Path, tiny_model: Path, tmp_path: Path) -> None:
+    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
+    words = (frames, "--recursive", "--csv", sheet, "--keep", keep)
+    assert call("triage", tiny_model, *words) == 0
+    before = sheet.read_bytes()
+    assert call("triage", tiny_model, *words, "--resume") == 0
+    assert sheet.read_bytes() == before  # the times, too: nothing was done again
+    assert call("triage", tiny_model, *words, "--resume", "--max-smear", 100) == 0
+    assert [one["use"] for one in table(sheet)] == ["sharp"] * 3
+    assert [one["time_s"] for one in table(sheet)] == [
+        one["time_s"] for one in csv.DictReader(before.decode().splitlines())
+    ]
+
+
+@pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])
+def test_no_photograph_is_replaced_by_a_table_or_a_list(
+    frames: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(frames.parent)
+    before = (frames / "still.png").read_bytes()
+    for more in ([], ["--overwrite"]):
+        assert call("triage", tiny_model, "frames", *words, *more) == 1
+    assert (frames / "still.png").read_bytes() == before
+
+
+def test_files_of_others_are_spared(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
+    sheet.write_text("a,b\n")
+    keep.write_text("still.png\nsomething else\n")
+    assert call("triage", tiny_model, frames, "--csv", sheet, "--overwrite") == 1
+    assert call("triage", tiny_model, frames, "--keep", keep, "--overwrite") == 1
+    assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
+    assert capsys.readouterr().err.count("of an earlier call") == 2
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "one", "--keep", tmp_path / "one") == 1
+    assert call("report", tiny_model, frames, "-o", tmp_path / "two", "--csv", tmp_path / "two") == 1
+    assert capsys.readouterr().err.count("two results would be one file") == 2
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
+)
+def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        call("triage", tiny_model, frames, *words)
+    assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("command", ["estimate", "segment", "report", "to-colmap"])
+def test_every_command_writes_the_same_rows(
+    command: str, moving: Path, still: Path, tiny_model: Path, tmp_path: Path
+) -> None:
+    target = {"report": ["-o", tmp_path / "a.html"], "to-colmap": ["--db", tmp_path / "a.db"]}
+    sheets = tmp_path / "triage.csv", tmp_path / "own.csv"
+    camera = ("--focal", 300)
+    assert call("triage", tiny_model, moving, still, *camera, "--csv", sheets[0]) == 0
+    assert (
+        call(command, tiny_model, moving, still, *camera, "--csv", sheets[1], *target.get(command, [])) == 0
+    )
+    first, second = map(table, sheets)
+    for ours, own in zip(first, second, strict=True):
+        assert {key: own[key] for key in COLUMNS[:9]} == {key: ours[key] for key in COLUMNS[:9]}
+        assert own["use"] == ""
+    assert float(first[0]["rotation_deg"]) >= 0
+
+
+def test_angular_velocity_is_the_rotation_over_the_exposure(
+    moving: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = tmp_path / "t.csv"
+    words = (moving, "--focal", 300, "--exposure", 0.02, "--csv", sheet, "--json", "--no-timings")
+    assert call("estimate", tiny_model, *words) == 0
+    facts = json.loads(capsys.readouterr().out)["estimates"][0]
+    (one,) = table(sheet)
+    speed = np.linalg.norm(facts["angular_velocity_rad_s"])
+    assert float(one["angular_velocity_rad_s"]) == pytest.approx(speed, rel=1e-5)
+    assert float(one["rotation_deg"]) == pytest.approx(facts["rotation_deg"], rel=1e-5)
+    assert int(one["inliers"]) == facts["num_inliers"] and one["time_s"] == ""
+    written = sheet.read_bytes()
+    assert call("estimate", tiny_model, *words, "--overwrite") == 0
+    assert sheet.read_bytes() == written
+
+
+def test_use_follows_smear_and_geometry() -> None:
+    def use(smear_px: float | None, verdict: str, error: str = "") -> str:
+        return use_of(Row(name="a", smear_px=smear_px, verdict=verdict, error=error), 3.0)
+
+    assert use(3.0, "DEGENERATE") == "sharp"
+    assert use(3.1, "DEGENERATE") == use(30, "UNDEFINED") == use(None, "DEGENERATE") == "unusable"
+    assert {use(30, verdict) for verdict in ("UNCALIBRATED", "PLANAR", "PANORAMIC", "MULTIPLE")} == {
+        "blurred"
+    }
+    assert use(None, "", "broken") == ""
+
+
+def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
+    assert list_text(["a.png", "b\nc.png", "d e.png"]) == "a.png\nd e.png\n"
+    assert "b\\nc.png: has a line break" in capsys.readouterr().err
+
+
+def test_names_with_commas_and_lines_stay_one_cell() -> None:
+    odd = 'a,"b"\nc.png'
+    text = table_text([row(odd, None, "x"), row("b.png", {"smear_px": 1 / 3})])
+    rows = list(csv.DictReader(text.splitlines(keepends=True)))
+    assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
+
+
+def field(displacement: Any, sigma_px: Any) -> SmearField:
+    shape = np.shape(displacement)[:2]
+    return SmearField(displacement=displacement, sigma_px=np.broadcast_to(sigma_px, shape))
+
+
+def test_median_smear_has_one_direction_whatever_the_signs() -> None:
+    rng = np.random.default_rng(0)
+    signs = rng.choice([-1.0, 1.0], (40, 60, 1))
+    for angle in (1.0, 90.0, 179.0):
+        phi = np.radians(angle)
+        found = median_smear(field(signs * 7 * np.array([np.cos(phi), np.sin(phi)]), 1.0))
+        assert found is not None and found.length_px == pytest.approx(7, rel=1e-4)
+        assert found.direction_deg == pytest.approx(angle, abs=1e-3) and found.sharpness == pytest.approx(
+            1 / 8
+        )
+
+
+def test_what_shows_no_texture_has_no_say() -> None:
+    displacement, sigma = np.zeros((64, 64, 2)), np.full((64, 64), 1000.0)
+    assert median_smear(field(displacement, sigma)) is None
+    displacement[:, :16], sigma[:, :16] = (9.0, 0.0), 2.0
+    found = median_smear(field(displacement, sigma))
+    assert found is not None and found.length_px == pytest.approx(9)

@@ -1,0 +1,272 @@
+"""transforms.json read back as its readers do, against pycolmap and the truth of a rendered video."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.colmap_geometry import rigid3d
+from blur2view.cli import commands as cli
+from blur2view.colmap.transforms import transforms
+from blur2view.errors import DatabaseError
+from blur2view.geometry.rotation import rotation_vector
+from tools.reconstruction.sequence import SequenceOptions, SequenceTruth, render_sequence
+from tools.rendering.exposure import grid_points
+
+OPTIONS = SequenceOptions(frames=3, size=(96, 64), smear_px=4.0, cards=2, detail=1.0)
+EXPOSURE_S = 0.02
+ENDS = ("#open", "", "#close")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendered:
+    """A rendered video, its model with views, and what its frames show."""
+
+    truth: SequenceTruth
+    folder: Path
+    points: list[Array]  # (N, 3) of every frame, in the world
+
+
+def triangulated(truth: SequenceTruth, frame: int) -> Array:
+    """Return the points (N, 3) of the world that a frame shows at the grid's points, from its true smears."""
+    rays = (grid_points(OPTIONS.size).reshape(-1, 2) - truth.K[:2, 2]) / truth.K[[0, 1], [0, 1]]
+    rays = np.column_stack([rays, np.ones(len(rays))])
+    smear = truth.displacement[frame].reshape(-1, 2)
+    first, middle, last = truth.poses[frame]
+    found = []
+    for ray, d in zip(rays, smear, strict=True):
+        depths = np.geomspace(0.05, 5, 4000)
+        world = (ray * depths[:, None] - middle[:, 3]) @ middle[:, :3]
+        moved = pixels(truth.K, last, world) - pixels(truth.K, first, world)
+        found.append(world[np.argmin(np.linalg.norm(moved - d, axis=1))])
+    return np.array(found)
+
+
+def pixels(K: Array, pose: Array, world: Array) -> Array:
+    """Return our pixels (N, 2) of points (N, 3) in a camera [R | t]."""
+    seen = (world @ pose[:, :3].T + pose[:, 3]) @ K.T
+    return seen[:, :2] / seen[:, 2:]
+
+
+def write_model(folder: Path, truth: SequenceTruth, points: list[Array], kinds: tuple[str, ...]) -> None:
+    """Write a model of the video: every frame at mid exposure, and its views."""
+    model = pycolmap.Reconstruction()
+    K, (width, height) = truth.K, OPTIONS.size
+    params = [K[0, 0], K[1, 1], *to_colmap(K[:2, 2])]
+    camera = pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params, camera_id=1)
+    model.add_camera_with_trivial_rig(camera)
+    for frame, poses in enumerate(truth.poses):
+        for number, (end, pose) in enumerate(zip(ENDS, poses, strict=True)):
+            if end not in kinds:
+                continue
+            image = pycolmap.Image(
+                name=f"frame_{frame:03d}.png{end}",
+                camera_id=1,
+                image_id=3 * frame + number + 1,
+                keypoints=to_colmap(pixels(K, pose, points[frame])),
+            )
+            model.add_image_with_trivial_frame(image, rigid3d(pose[:, :3], pose[:, 3]))
+        observers = [3 * frame + n + 1 for n, end in enumerate(ENDS) if end in kinds]
+        for index, point in enumerate(points[frame]):
+            track = pycolmap.Track()
+            for number in observers:
+                track.add_element(number, index)
+            model.add_point3D(point, track)
+    folder.mkdir()
+    model.write(folder)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
+    folder = tmp_path_factory.mktemp("video")
+    truth = render_sequence(2, folder / "images", OPTIONS)
+    points = [triangulated(truth, frame) for frame in range(OPTIONS.frames)]
+    write_model(folder / "model", truth, points, ENDS)
+    write_model(folder / "views", truth, points, ("#open", "#close"))
+    write_model(folder / "sharp", truth, points, ("",))
+    return Rendered(truth=truth, folder=folder, points=points)
+
+
+def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:
+    """Return COLMAP's pixels of points (N, 3) in a camera that looks along its negative z, y up."""
+    x, y, z = camera.T
+    return np.column_stack(
+        [content["fl_x"] * x / -z + content["cx"], -content["fl_y"] * y / -z + content["cy"]]
+    )
+
+
+def in_camera(world_from_camera: Any, world: Array) -> Array:
+    """Return points (N, 3) of the world in a camera."""
+    return (np.linalg.inv(world_from_camera) @ np.column_stack([world, np.ones(len(world))]).T).T[:, :3]
+
+
+def test_every_matrix_projects_as_pycolmap_does(video: Rendered) -> None:
+    content = transforms(video.folder / "model")
+    model = pycolmap.Reconstruction(video.folder / "model")
+    keys = ("transform_matrix_start", "transform_matrix", "transform_matrix_end")
+    for frame, points in zip(content["frames"], video.points, strict=True):
+        name = Path(frame["file_path"]).name
+        for key, end in zip(keys, ENDS, strict=True):
+            image = model.find_image_with_name(name + end)
+            expected = np.array([image.project_point(point) for point in points])
+            ours = opengl_pixels(content, in_camera(frame[key], points))
+            np.testing.assert_allclose(ours, expected, atol=1e-8)
+
+
+def test_rays_from_start_to_end_draw_the_rendered_smears(video: Rendered) -> None:
+    content = transforms(video.folder / "model")
+    assert content["rolling_shutter"] == [0, 0, 0, 1]
+    for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
+        start, end = (
+            opengl_pixels(content, in_camera(frame[f"transform_matrix_{when}"], points))
+            for when in ("start", "end")
+        )
+        smear = video.truth.displacement[number].reshape(-1, 2)
+        assert np.median(np.linalg.norm(end - start - smear, axis=1)) < 0.02
+        assert np.median(np.linalg.norm(smear, axis=1)) > 2
+        assert frame["sharpness"] == pytest.approx(1 / (1 + video.truth.smear_px[number]), rel=0.02)
+
+
+def test_velocities_over_the_exposure_draw_the_rendered_smears(video: Rendered) -> None:
+    content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+    assert content["exposure_time"] == EXPOSURE_S and content["rolling_shutter_time"] == 0
+    for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
+        camera = in_camera(frame["transform_matrix"], points)
+        linear, angular = (np.array(frame[f"camera_{kind}_velocity"]) for kind in ("linear", "angular"))
+        # a point at rest moves against the camera's motion
+        moved = -(linear + np.cross(angular, camera)) * content["exposure_time"]
+        drawn = opengl_pixels(content, camera + moved / 2) - opengl_pixels(content, camera - moved / 2)
+        smear = video.truth.displacement[number].reshape(-1, 2)
+        assert np.median(np.linalg.norm(drawn - smear, axis=1)) < 0.02 * video.truth.smear_px[number]
+
+
+def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video: Rendered) -> None:
+    content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+    for frame, (first, _, last) in zip(content["frames"], video.truth.poses, strict=True):
+        world_from_camera = np.array(frame["transform_matrix"])[:3, :3]
+        centres = [-pose[:, :3].T @ pose[:, 3] for pose in (first, last)]
+        turned = rotation_vector(last[:, :3].T @ first[:, :3])
+        for kind, expected in (("linear", centres[1] - centres[0]), ("angular", turned)):
+            velocity = world_from_camera @ frame[f"camera_{kind}_velocity"]
+            np.testing.assert_allclose(velocity * EXPOSURE_S, expected, atol=1e-12)
+
+
+def test_views_alone_have_the_pose_halfway(video: Rendered) -> None:
+    whole, alone = (transforms(video.folder / name) for name in ("model", "views"))
+    for frame, other in zip(whole["frames"], alone["frames"], strict=True):
+        assert frame["transform_matrix_start"] == other["transform_matrix_start"]
+        ends = [np.array(frame[f"transform_matrix_{when}"]) for when in ("start", "end")]
+        halfway = np.array(other["transform_matrix"])
+        np.testing.assert_allclose(halfway, (ends[0] + ends[1]) / 2, atol=2e-4)
+        np.testing.assert_allclose(halfway[:3, :3] @ halfway[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_the_box_holds_cameras_and_points(video: Rendered) -> None:
+    content = transforms(video.folder / "model")
+    places = np.concatenate(
+        [*video.points, [np.array(f["transform_matrix"])[:3, 3] for f in content["frames"]]]
+    )
+    inside = places * content["scale"] + content["offset"]
+    half = content["aabb_scale"] / 2
+    assert (np.abs(inside - 0.5) < half).all()
+    assert np.linalg.norm(content["up"]) == pytest.approx(1)
+    assert content["up"] @ np.array([0.0, 1, 0]) < -0.9  # the world of the video has y down
+
+
+def test_a_frame_without_views_stands_still(video: Rendered, tmp_path: Path) -> None:
+    model = pycolmap.Reconstruction(video.folder / "model")
+    model.deregister_frame(model.find_image_with_name("frame_001.png#open").frame_id)
+    (tmp_path / "model").mkdir()
+    model.write(tmp_path / "model")
+    moving = [
+        frame["file_path"] for frame in transforms(tmp_path / "model")["frames"] if "sharpness" in frame
+    ]
+    assert moving == ["images/frame_000.png", "images/frame_002.png"]
+    still = transforms(tmp_path / "model", dialect="nerfstudio")["frames"][1]
+    assert still["camera_linear_velocity"] == still["camera_angular_velocity"] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "expected"),
+    [
+        ("SIMPLE_RADIAL", [50, 48, 32, 0.1], {"fl_x": 50, "fl_y": 50, "k1": 0.1, "k2": 0, "p1": 0, "p2": 0}),
+        ("OPENCV", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"fl_x": 50, "fl_y": 51, "k1": 0.1, "p2": 0.4}),
+        ("OPENCV_FISHEYE", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"is_fisheye": True, "k4": 0.4}),
+    ],
+)
+def test_lens_keeps_its_numbers(
+    video: Rendered, tmp_path: Path, kind: str, params: list[float], expected: dict[str, Any]
+) -> None:
+    content = transforms(with_camera(video, tmp_path, kind, params))
+    assert {key: content[key] for key in expected} == expected
+    assert (content["w"], content["h"], content["cx"], content["cy"]) == (*OPTIONS.size, 48, 32)
+    assert ("p1" in content) != content.get("is_fisheye", False)  # instant-ngp reads p1 into k3's place
+
+
+def with_camera(video: Rendered, folder: Path, kind: str, params: list[float]) -> Path:
+    """Return a copy of the model whose camera is another."""
+    model = pycolmap.Reconstruction(video.folder / "model")
+    camera = model.cameras[1]
+    camera.model = pycolmap.CameraModelId.__members__[kind]
+    camera.params = params
+    (folder / "model").mkdir()
+    model.write(folder / "model")
+    return folder / "model"
+
+
+def test_what_cannot_be_written_is_one_line(video: Rendered, tmp_path: Path) -> None:
+    with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*place_views"):
+        transforms(video.folder / "sharp")
+    with pytest.raises(DatabaseError, match="absent: no such folder"):
+        transforms(tmp_path / "absent")
+    with pytest.raises(DatabaseError, match="FOV, which transforms.json cannot hold; undistort"):
+        transforms(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
+    with pytest.raises(ValueError, match="dialect"):
+        transforms(video.folder / "model", dialect="mip")
+    with pytest.raises(ValueError, match="positive time"):
+        transforms(video.folder / "model", exposure_s=float("nan"))
+
+
+def call(*arguments: object) -> int:
+    return cli.main(["to-transforms", *map(str, arguments)])
+
+
+def test_command_writes_the_file_with_paths_from_its_folder(
+    video: Rendered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "scene" / "transforms.json"
+    assert call(video.folder / "model", "--images", video.folder / "images", "-o", target) == 0
+    assert capsys.readouterr().out == f"{target}: wrote 3 frames\n"
+    content = json.loads(target.read_text())
+    assert all((target.parent / frame["file_path"]).samefile(
+        video.folder / "images" / Path(frame["file_path"]).name) for frame in content["frames"])  # fmt: skip
+    written = target.read_bytes()
+    assert call(video.folder / "model", "--images", video.folder / "images", "-o", target) == 1
+    assert f"{target}: exists" in capsys.readouterr().err
+    assert call(video.folder / "model", "--images", video.folder / "images", "-o", target, "--overwrite") == 0
+    assert target.read_bytes() == written
+
+
+def test_command_refuses_what_it_must(
+    video: Rendered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(video.folder / "model", "--images", tmp_path, "-o", tmp_path / "a.json") == 1
+    assert "no such photograph (3 of 3 are missing); name their folder" in capsys.readouterr().err
+    foreign = tmp_path / "foreign.json"
+    foreign.write_text("{}")
+    assert call(video.folder / "model", "-o", foreign, "--overwrite") == 1
+    assert "is no file of an earlier call" in capsys.readouterr().err
+    assert call(video.folder / "sharp", "-o", tmp_path / "new" / "a.json") == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["foreign.json"] and foreign.read_text() == "{}"
+    with pytest.raises(SystemExit) as caught:
+        call(video.folder / "model", "--exposure", "0")
+    assert caught.value.code == 2

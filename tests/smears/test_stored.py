@@ -1,0 +1,135 @@
+"""Smears in a file: the network's grid gives every pixel back, in little space; what is no such file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view import load_smears
+from blur2view.camera.image import read_image
+from blur2view.errors import OutputError
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.smears.field import SmearField, to_double_angle
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.stored import StoredSmears
+
+MEGABYTE = 1_000_000
+
+
+def grid(shape: tuple[int, int], stride: int = 32) -> SmearGrid:
+    """Return smears up to 100 px in all directions, and sigmas, as a network's grid."""
+    rng = np.random.default_rng(0)
+    size = tuple(-(-side // stride) for side in shape)
+    length, angle = rng.uniform(0, 100, size), rng.uniform(0, np.pi, size)
+    smears = to_double_angle(length[..., None] * np.stack([np.cos(angle), np.sin(angle)], -1))
+    cells = np.concatenate(
+        [smears, rng.uniform(0.01, 1000, (*size, 1)), rng.uniform(0, 1.57, (*size, 1))], -1
+    )
+    return SmearGrid(cells=cells.astype(np.float32), stride=stride, shape=shape)
+
+
+def stored(smears: SmearGrid | SmearField, count: int = 2000) -> StoredSmears:
+    rng = np.random.default_rng(1)
+    return StoredSmears(
+        smears=smears,
+        ends=rng.uniform(0, 4000, (count, 2, 2)),
+        match_sigma_px=rng.uniform(0, 5, count),
+        inlier_mask=rng.random(count) < 0.5,
+        swapped=rng.random(count) < 0.5,
+    )
+
+
+def written(path: Path, smears: StoredSmears) -> Path:
+    with path.open("wb") as file:
+        np.savez(file, **smears.arrays())  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize("shape", [(100, 130), (64, 96), (7, 5)])
+def test_grid_gives_every_pixel_back_to_half_precision(tmp_path: Path, shape: tuple[int, int]) -> None:
+    true = grid(shape)
+    found = load_smears(written(tmp_path / "a.smear.npz", stored(true)))
+    whole, read = true.at_pixels(), found.at_pixels()
+    assert read.shape == whole.shape == shape
+    for name in ("sigma_px", "sigma_rad"):
+        np.testing.assert_allclose(getattr(read, name), getattr(whole, name), rtol=1e-3)
+    # in double angle, for a smear and its opposite are one; as precise as the longest that was averaged
+    vectors = (to_double_angle(field.displacement) for field in (read, whole))
+    assert np.abs(np.subtract(*vectors)).max() < 100 * 2.0**-11
+
+
+def test_what_was_used_is_read_exactly(tmp_path: Path) -> None:
+    true = stored(grid((100, 130)))
+    found = load_smears(str(written(tmp_path / "a.smear.npz", true)))
+    for name in ("ends", "match_sigma_px", "inlier_mask", "swapped"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(true, name))
+
+
+def test_twenty_megapixels_take_less_than_two_megabytes(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.smear.npz", stored(grid((3648, 5472), SmearNetwork().info.stride)))
+    assert path.stat().st_size < 0.3 * MEGABYTE
+    assert load_smears(path).at_pixels().shape == (3648, 5472)
+
+
+def test_every_pixel_of_the_full_field_is_read_exactly(tmp_path: Path) -> None:
+    whole = grid((100, 130)).at_pixels()
+    path = written(tmp_path / "a.smear.npz", stored(whole))
+    with np.load(path) as arrays:  # as 0.1.0 wrote them, for programs that know NumPy only
+        assert arrays["displacement"].shape == (100, 130, 2) and arrays["sigma_px"].shape == (100, 130)
+    read = load_smears(path).at_pixels()
+    for name in ("displacement", "sigma_px", "sigma_rad"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_command_writes_the_smears_of_its_estimate(
+    run: Any, moving: Path, tiny_model: Path, tmp_path: Path, full: bool
+) -> None:
+    assert run(moving, "-o", tmp_path / "out", *(["--full-field"] if full else [])) == 0
+    found = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
+    field = SmearNetwork(tiny_model).predict(read_image(moving))
+    assert found.shape == field.shape
+    read, predicted = (to_double_angle(one.displacement) for one in (found, field))
+    np.testing.assert_allclose(read, predicted, atol=0 if full else 0.03)
+    # the files of either kind are known as ours
+    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 0
+
+
+@pytest.mark.parametrize("damage", ["absent", "text", "cut", "other", "nan", "pickle", "short"])
+def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
+    path = written(tmp_path / "a.smear.npz", stored(grid((100, 130))))
+    arrays: dict[str, Any] = dict(np.load(path))
+    if damage == "absent":
+        path.unlink()
+    elif damage == "text":
+        path.write_text("smears")
+    elif damage == "cut":
+        path.write_bytes(path.read_bytes()[:-100])
+    else:
+        arrays |= {
+            "other": {"shape": np.array([1000, 1000])},
+            "nan": {"smear_grid": np.full_like(arrays["smear_grid"], np.nan)},
+            "pickle": {"ends": np.array([{}], object)},
+            "short": {"shape": np.array(100)},
+        }[damage]
+        np.savez(path, **arrays)
+    remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
+    with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
+        load_smears(path)
+
+
+@pytest.mark.parametrize(
+    ("cells", "stride", "shape"),
+    [
+        ((4, 5, 4), 32, (100, 200)),
+        ((4, 5, 5), 32, (100, 130)),
+        ((4, 5, 4), 0, (100, 130)),
+        ((4, 5), 32, (100, 130)),
+    ],
+)
+def test_cells_that_cover_no_photograph_are_refused(
+    cells: tuple[int, ...], stride: int, shape: tuple[int, int]
+) -> None:
+    with pytest.raises(ValueError, match="cover a photograph"):
+        SmearGrid(cells=np.zeros(cells, np.float32), stride=stride, shape=shape)

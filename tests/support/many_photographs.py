@@ -1,0 +1,66 @@
+"""Small photographs for the tiny network, videos of them, and the program in a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.support.colour_code import colour_code, write_picture
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def write_photographs(folder: Path, count: int, shape: tuple[int, int] = (64, 80)) -> list[Path]:
+    """Return small pictures that differ: in each the tiny network sees another motion."""
+    folder.mkdir(parents=True, exist_ok=True)
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    motion = np.dstack([x - 30.0, y - 20.0])
+    return [
+        write_picture(folder / f"{index:03d}.png", colour_code((0.2 + index / 50) * motion, 1.0))
+        for index in range(count)
+    ]
+
+
+def write_video(path: Path, count: int, shape: tuple[int, int] = (64, 80)) -> Path:
+    """Return a video of frames that grow lighter, ten a second."""
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, shape[::-1])
+    for index in range(count):
+        video.write(np.full((*shape, 3), 20 + 2 * index, np.uint8))
+    video.release()
+    return path
+
+
+def command(*words: object) -> list[str]:
+    """Return the command that runs the program."""
+    return [sys.executable, "-m", "blur2view", *map(str, words)]
+
+
+def start(*words: object) -> subprocess.Popen[str]:
+    """Start the program from this checkout."""
+    return subprocess.Popen(
+        command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def finish(*words: object) -> tuple[int, str, str]:
+    """Return exit code, output and complaints of the program."""
+    running = start(*words)
+    printed, complaints = running.communicate()
+    return running.returncode, printed, complaints
+
+
+def environment() -> dict[str, str]:
+    """Return the environment in which this checkout is imported and libraries use one thread."""
+    return os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the files of a folder by their names, without manifests."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix != ".jsonl"
+    }

@@ -1,0 +1,72 @@
+"""The tool behind ``blur2view triage``: rank correlations, what is kept, features that blur takes away."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tools.benchmarks.triage import (
+    LENGTHS_PX,
+    Ordered,
+    features_left,
+    kept,
+    laplacian_variance,
+    limit_of,
+    matched_share,
+    order_of,
+    report,
+)
+
+
+def pictures(true: list[float], ours: list[float], laplacian: list[float]) -> list[Ordered]:
+    return [
+        Ordered(true_px=one, ours_px=two, laplacian=three)
+        for one, two, three in zip(true, ours, laplacian, strict=True)
+    ]
+
+
+def texture(seed: int = 0, size: int = 360) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    coarse = rng.random((size // 6, size // 6, 3)).astype(np.float32)
+    return np.asarray(cv2.resize(coarse, (size, size), interpolation=cv2.INTER_NEAREST))
+
+
+def test_order_is_one_for_the_true_order_and_blur_lowers_the_laplacian() -> None:
+    order = order_of(pictures([1, 5, 20, 40], [2, 3, 9, 100], [9, 90, 30, 60]))
+    assert order.ours == pytest.approx(1) and order.laplacian == pytest.approx(-0.4)
+
+
+def test_kept_counts_the_right_and_the_wrong_ones() -> None:
+    found = kept(pictures([0, 1, 9, 9], [0.5, 8.0, 2.0, 9.0], [1.0, 50.0, 2.0, 60.0]), 3.0)
+    assert [counts for _, *counts in found] == [[1, 1], [1, 1]]
+    # by the Laplacian those with the highest variance, as many as by smears
+    found = kept(pictures([0, 1, 9, 9], [0.5, 1.0, 8.0, 9.0], [1.0, 2.0, 50.0, 60.0]), 3.0)
+    assert [counts for _, *counts in found] == [[2, 0], [0, 2]]
+
+
+def test_laplacian_variance_falls_with_blur() -> None:
+    sharp = texture()
+    assert laplacian_variance(sharp) > 4 * laplacian_variance(cv2.blur(sharp, (9, 9)))
+
+
+def test_features_of_a_picture_match_itself_and_nothing_else() -> None:
+    assert matched_share(texture(), texture()) > 0.9
+    assert matched_share(texture(), texture(1)) < 0.05
+    assert matched_share(texture(), np.zeros((360, 360, 3), np.float32)) == 0
+
+
+def test_features_get_lost_by_blur_and_the_limit_leaves_half(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), (texture() * 255).astype(np.uint8))
+    left = features_left(tmp_path)
+    assert left[0] == 1 and left[-1] < 0.5 < left[1]
+    limit = limit_of(left)
+    assert left[LENGTHS_PX.index(limit)] >= 0.5 > left[LENGTHS_PX.index(limit) + 1]
+
+
+def test_report_has_a_row_for_every_set_and_folder() -> None:
+    some = pictures([0, 5, 20], [1, 6, 19], [90, 30, 60])
+    text = report({"rendered": some, "all": some * 2}, {"KODAK": np.linspace(1, 0, len(LENGTHS_PX))}, 3.0)
+    assert "| rendered | 3 | 1.000 | 0.500 |" in text and "| all | 6 | 1.000 | 0.500 |" in text
+    assert "| all | median smear | 2 of 2 | 0 of 4 |" in text
+    assert "| KODAK | 1.00 |" in text and "| 5 px |" in text

@@ -1,0 +1,209 @@
+"""Whether smears put photographs in the order of their blur, and what blur costs their features.
+
+``python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held --out tools/results/triage``
+writes a table of three parts. Order: Spearman's rank correlation with the true median smear, of our median
+smear and of the variance of the Laplacian (OpenCV, grey, as ``colmap2nerf.py`` of instant-ngp has it), over
+the photographs of a test set, over these and the sharp first instants of the same scenes, whose smear is
+zero, and over the photographs of the last folder of ``--photos``, blurred evenly. Keeping: how many of those
+with a true median smear up to the limit of ``blur2view triage`` it keeps, and how many of the others; as many
+kept by the Laplacian beside it. Features: the share of SIFT features of sharp photographs that are matched,
+within 3 px of their place, after an even blur, over the share without blur under fresh noise; the limit is
+the longest blur at which half are left in the first folder of ``--photos``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.stats import spearmanr
+
+import blur2view
+from blur2view.arrays import AnyArray, Array
+from blur2view.cli.arguments.triage import MAX_SMEAR_PX
+from blur2view.smears.sharpness import median_smear
+from tools.datasets.testset import TestScene, read_test_set
+from tools.evaluation.even_blur import blurred, middle
+from tools.rendering.textures import read_photograph
+
+LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
+NEAR_PX = 3.0
+RATIO = 0.8  # of the second-best distance, Lowe's
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ordered:
+    """A photograph's true median smear, ours (pixels), and the variance of its Laplacian."""
+
+    true_px: float
+    ours_px: float
+    laplacian: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order:
+    """Rank correlations of some photographs: how far each measure follows the true smear."""
+
+    count: int
+    ours: float
+    laplacian: float
+
+
+def laplacian_variance(image: AnyArray) -> float:
+    """Return the variance of the Laplacian of a picture (H, W, 3), float32 in [0, 1], in grey levels."""
+    grey = cv2.cvtColor((image * 255).round().astype(np.uint8), cv2.COLOR_RGB2GRAY)
+    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+
+
+def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) -> Ordered:
+    """Return what is said of a picture; one without texture counts as sharp."""
+    smear = median_smear(network.predict(image))
+    ours_px = 0.0 if smear is None else smear.length_px
+    return Ordered(true_px=true_px, ours_px=ours_px, laplacian=laplacian_variance(image))
+
+
+def first_instant(scene: TestScene) -> Path:
+    """Return the path of a scene as it was when the shutter opened."""
+    return scene.image_path.with_name(f"{scene.name}_open.png")
+
+
+def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0) -> list[Ordered]:
+    """Return what is said of photographs of a folder under every blur of `LENGTHS_PX`."""
+    rng, found = np.random.default_rng(seed), []
+    for path in sorted(folder.iterdir()):
+        radiance = middle(read_photograph(path))
+        if radiance is None:
+            continue
+        for length_px in LENGTHS_PX:
+            angle = float(rng.uniform(0, np.pi))
+            picture = blurred(rng, radiance, length_px, angle, False)
+            found.append(ordered(picture, float(length_px), network))
+    return found
+
+
+def true_median_px(scene: TestScene) -> float:
+    """Return the median length of a scene's smears where they are known."""
+    return float(np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1)))
+
+
+def order_of(pictures: list[Ordered]) -> Order:
+    """Return the rank correlations; blur lowers the variance of the Laplacian, so that is taken negative."""
+    true = [one.true_px for one in pictures]
+    return Order(
+        count=len(pictures),
+        ours=float(spearmanr(true, [one.ours_px for one in pictures]).statistic),
+        laplacian=float(spearmanr(true, [-one.laplacian for one in pictures]).statistic),
+    )
+
+
+def kept(pictures: list[Ordered], limit_px: float) -> list[tuple[str, int, int]]:
+    """Return for each measure how many truly sharp photographs it keeps, and how many others."""
+    true = np.array([one.true_px for one in pictures]) <= limit_px
+    ours = np.array([one.ours_px for one in pictures]) <= limit_px
+    order = np.argsort([-one.laplacian for one in pictures], kind="stable")
+    theirs = np.isin(np.arange(len(pictures)), order[: ours.sum()])
+    measures = (("median smear", ours), ("variance of the Laplacian, as many", theirs))
+    return [(name, int((keep & true).sum()), int((keep & ~true).sum())) for name, keep in measures]
+
+
+def matched_share(sharp: AnyArray, other: AnyArray) -> float:
+    """Return the share of the SIFT features of a picture that are matched at their place in another."""
+    sift = cv2.SIFT.create()
+    found = [sift.detectAndCompute((one * 255).round().astype(np.uint8), None) for one in (sharp, other)]
+    (first, described), (second, others) = found
+    if described is None or others is None or len(others) < 2:
+        return 0.0
+    pairs = cv2.BFMatcher().knnMatch(described, others, k=2)
+    good = [best for best, next_best in pairs if best.distance < RATIO * next_best.distance]
+    places = np.array([np.subtract(first[m.queryIdx].pt, second[m.trainIdx].pt) for m in good]).reshape(-1, 2)
+    return float((np.linalg.norm(places, axis=1) < NEAR_PX).sum() / len(first))
+
+
+def features_left(folder: Path, seed: int = 0) -> Array:
+    """Return the median share (lengths,) of features that are left after every blur, over that without."""
+    rng, rows = np.random.default_rng(seed), []
+    for path in sorted(folder.iterdir()):
+        radiance = middle(read_photograph(path))
+        if radiance is None:
+            continue
+        angle = float(rng.uniform(0, np.pi))
+        sharp = blurred(rng, radiance, 0, angle, False)
+        shares = [
+            matched_share(sharp, blurred(rng, radiance, length_px, angle, False)) for length_px in LENGTHS_PX
+        ]
+        if shares[0] > 0:
+            rows.append(np.divide(shares, shares[0]))
+    return np.asarray(np.median(rows, axis=0))
+
+
+def limit_of(left: Array) -> int:
+    """Return the longest blur, pixels, up to which half of the features are left."""
+    return max(length_px for length_px, share in zip(LENGTHS_PX, left, strict=True) if share >= 0.5)
+
+
+def report(sets: dict[str, list[Ordered]], features: dict[str, Array], limit_px: float) -> str:
+    """Return the tables."""
+    lines = [
+        "Rank correlation with the true median smear:",
+        "",
+        "| photographs | number | median smear | variance of the Laplacian |",
+        "|---|---|---|---|",
+    ]
+    for name, pictures in sets.items():
+        order = order_of(pictures)
+        lines.append(f"| {name} | {order.count} | {order.ours:.3f} | {order.laplacian:.3f} |")
+    lines += [
+        "",
+        f"Kept, of photographs with a true median smear up to {limit_px:g} px and of the others:",
+        "",
+        "| photographs | kept by | sharp | others |",
+        "|---|---|---|---|",
+    ]
+    for name, pictures in list(sets.items())[1:]:
+        sharp = sum(one.true_px <= limit_px for one in pictures)
+        for measure, right, wrong in kept(pictures, limit_px):
+            counts = f"{right} of {sharp} | {wrong} of {len(pictures) - sharp}"
+            lines.append(f"| {name} | {measure} | {counts} |")
+    lines += [
+        "",
+        "SIFT features left after an even blur, over those left without:",
+        "",
+        "| photographs | " + " | ".join(f"{length} px" for length in LENGTHS_PX) + " | half left up to |",
+        "|---|" + "---|" * (len(LENGTHS_PX) + 1),
+    ]
+    for folder, left in features.items():
+        cells = " | ".join(f"{share:.2f}" for share in left)
+        lines.append(f"| {folder} | {cells} | {limit_of(left)} px |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("scenes", type=Path, help="a test set, with the sharp first instant of each scene")
+    parser.add_argument("--photos", type=Path, nargs="*", default=[], help="folders of sharp photographs")
+    parser.add_argument("--out", type=Path, help="where the table goes, without its suffix")
+    arguments = parser.parse_args()
+    network = blur2view.SmearNetwork()
+    smeared, sharp = [], []
+    for scene in read_test_set(arguments.scenes):
+        image, start = map(blur2view.read_image, (scene.image_path, first_instant(scene)))
+        smeared.append(ordered(image, true_median_px(scene), network))
+        sharp.append(ordered(start, 0.0, network))
+    if not smeared:
+        raise SystemExit(f"{arguments.scenes}: no scenes; make them with python -m tools.datasets.testset")
+    sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}
+    if arguments.photos:
+        sets[f"evenly blurred, {arguments.photos[-1].name}"] = evenly_blurred(arguments.photos[-1], network)
+    text = report(sets, {path.name: features_left(path) for path in arguments.photos}, MAX_SMEAR_PX)
+    print(text, end="")
+    if arguments.out is not None:
+        arguments.out.with_suffix(".md").write_text(f"# Triage\n\n{text}")
+
+
+if __name__ == "__main__":
+    main()
