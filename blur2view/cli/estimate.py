@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import plan_files, run_each
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.options import read_run
 from blur2view.cli.outputs import OutputFiles, result_contents
 from blur2view.cli.summary import estimate_summary
@@ -21,14 +21,14 @@ class EstimateWork:
     """The work on one photograph."""
 
     run: Run
-    networks: Networks
+    network: CommandNetwork
     timings: bool
     verbosity: int
     full_field: bool
 
     def __call__(self, job: Job[OutputFiles | None]) -> Made[EstimateDocument]:
         """Return the document and the summary of one photograph, with its files."""
-        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         document, files = EstimateDocument.of(one), job.target
         document = document if self.timings else replace(document, timings_s=None)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
@@ -45,7 +45,7 @@ def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], objec
     plan = plan_files(options, OutputFiles)
     work = EstimateWork(
         run=run,
-        networks=Networks.of(options.model),
+        network=CommandNetwork.of(options.model),
         timings=not options.no_timings,
         verbosity=options.verbosity,
         full_field=options.full_field,

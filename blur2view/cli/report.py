@@ -10,7 +10,7 @@ from pathlib import Path
 from blur2view import __version__
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import CommandRun, manifest_beside
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.options import read_run
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
@@ -36,14 +36,14 @@ class ReportWork:
     """The work on one photograph, which the page calls as a job's target says."""
 
     run: Run
-    networks: Networks
+    network: CommandNetwork
     mask: bool
     timings: bool
     verbosity: int
 
     def __call__(self, job: Job[str]) -> Made[Entry]:
         """Return the entry of one photograph."""
-        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         start = time.perf_counter()
         mask = segment(one.estimate) if self.mask else None
         mask_s = None if mask is None else time.perf_counter() - start
@@ -63,7 +63,7 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     """
     work = ReportWork(
         run=read_run(options, usage_error),
-        networks=Networks.of(options.model),
+        network=CommandNetwork.of(options.model),
         mask=not options.no_mask,
         timings=not options.no_timings,
         verbosity=options.verbosity,

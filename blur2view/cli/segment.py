@@ -9,7 +9,7 @@ import numpy as np
 
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import plan_files, run_each
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.options import read_run
 from blur2view.cli.outputs import MaskFiles, mask_contents
 from blur2view.cli.summary import mask_summary
@@ -27,13 +27,13 @@ class SegmentWork:
 
     run: Run
     wanted: SegmentOptions
-    networks: Networks
+    network: CommandNetwork
     timings: bool
     verbosity: int
 
     def __call__(self, job: Job[MaskFiles | None]) -> Made[MaskDocument]:
         """Return the document and the summary of one photograph, with its files."""
-        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         start = time.perf_counter()
         mask = segment(one.estimate, self.wanted, np.random.default_rng(self.run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
@@ -52,7 +52,7 @@ def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object
     work = SegmentWork(
         run=run,
         wanted=wanted,
-        networks=Networks.of(options.model),
+        network=CommandNetwork.of(options.model),
         timings=not options.no_timings,
         verbosity=options.verbosity,
     )

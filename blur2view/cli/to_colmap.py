@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from blur2view.cli.batch import CommandRun, manifest_beside
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.options import read_run
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import (
@@ -44,9 +44,9 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     _check_usage(options, usage_error)
     if options.sequence is None and options.inputs.one_video:
         options.sequence = True
-    networks = Networks.of(options.model)
+    network = CommandNetwork.of(options.model)
     created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
-    work = ViewsWork(database=options.db, run=run, networks=networks)
+    work = ViewsWork(database=options.db, run=run, network=network)
     batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(
         options, work, _manifest(options), prints=False
     )

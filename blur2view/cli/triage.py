@@ -9,7 +9,7 @@ from pathlib import Path
 
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import CommandRun, manifest_beside, write_text
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.options import read_run
 from blur2view.cli.terminal import QUIET, complain, plural, printable
 from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row, facts
@@ -25,12 +25,12 @@ class TriageWork:
     """The work on one photograph."""
 
     run: Run
-    networks: Networks
+    network: CommandNetwork
     timings: bool
 
     def __call__(self, job: Job[None]) -> Made[None]:
         """Return the row of one photograph."""
-        one = estimate_file(job.path, self.networks.smears, self.run, job.content)
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         length = "no texture" if said["smear_px"] is None else f"median smear {said['smear_px']:.1f} px"
         return Made(kept=None, summary=f"{printable(str(job.path))}: {length}; {said['verdict']}", row=said)
@@ -46,7 +46,7 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
         prepare_folder(options.keep.parent)
     work = TriageWork(
         run=read_run(options, usage_error),
-        networks=Networks.of(options.model),
+        network=CommandNetwork.of(options.model),
         timings=not options.no_timings,
     )
     run: CommandRun[None, None] = CommandRun(options, work, manifest_beside(options.csv or options.keep))

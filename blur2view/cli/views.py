@@ -16,7 +16,7 @@ from blur2view.camera.exif import read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.batch import CommandRun
-from blur2view.cli.networks import Networks
+from blur2view.cli.network import CommandNetwork
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.colmap.database import inliers, matched
@@ -124,7 +124,7 @@ class ViewsWork:
 
     database: Path | None
     run: Run
-    networks: Networks
+    network: CommandNetwork
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[KeptViews]:
         """Return the views of one photograph; its field, which is large, is not kept."""
@@ -134,7 +134,7 @@ class ViewsWork:
         size = (image.shape[1], image.shape[0])
         camera = _camera(self.database, photograph, run, size, job.content)
         rng = np.random.default_rng(run.seed)
-        network = self.networks.smears
+        network = self.network.loaded
         result = estimate(
             image, network=network, select=run.select, options=run.options, rng=rng, camera=camera
         )

@@ -16,7 +16,7 @@ from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 
 Floats = NDArray[np.float32]
 
-TRAINED_OCTAVES = 3
+TRAINED_OCTAVES = 4
 """Octaves whose joined logits were fitted to the truth; further ones say partly the same."""
 TEMPER = 0.25
 """Exponent of the share of evidence left to each of more octaves: of 0, 0.25 and 0.5 that with which medians

@@ -1,4 +1,4 @@
-"""The networks of a command, loaded once in each process and run in one thread, so that bytes are equal."""
+"""The network of a command, loaded once in each process and run in one thread, so that bytes are equal."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from blur2view.networks.smear_network import SmearNetwork
 
 
 @dataclass(frozen=True, kw_only=True)
-class Networks:
-    """The files of the networks, as they go to the processes that run them.
+class CommandNetwork:
+    """The file of the network, as it goes to the processes that run it.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Networks:
     digest: str
 
     @classmethod
-    def of(cls, model: str | None) -> Networks:
+    def of(cls, model: str | None) -> CommandNetwork:
         """Return those of --model, which is loaded to see that it can be; its tiles are shown to a person.
 
         Raises
@@ -42,7 +42,7 @@ class Networks:
         return cls(model=model, digest=digest)
 
     @property
-    def smears(self) -> SmearNetwork:
+    def loaded(self) -> SmearNetwork:
         """Return the smear network of this process.
 
         Raises
