@@ -29,7 +29,6 @@ import numpy as np
 import blur2view
 from blur2view.cli.outputs import OutputFiles, result_contents
 from blur2view.documents.estimate import EstimateDocument
-from blur2view.geometry.epipolar import cross_matrix
 from blur2view.output_files import write_together
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.robust.minimal_solvers import solve_seven_smears
@@ -79,8 +78,6 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     one = estimate_file(photo, network, run)
     image, found = one.image, one.estimate
     field, matches = found.field, found.matches
-    sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # any F: without one the mask's network is not asked
-    moving = replace(found, geometry=replace(found.geometry, F=sideways))
     files = OutputFiles(folder=folder, stem="stages")
     write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
     return {
@@ -91,7 +88,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "draw and write": timed(
             lambda: write_together(result_contents(files, EstimateDocument.of(one), one)), repeats
         ),
-        "motion mask": timed(lambda: blur2view.segment(moving), repeats),
+        "motion mask": timed(lambda: blur2view.segment(found), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }

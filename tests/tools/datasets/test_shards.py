@@ -79,7 +79,7 @@ def test_stopped_dataset_goes_on_where_it_stopped(tmp_path: Path) -> None:
         assert kept["linear"].max() == 3
 
 
-def test_defaults_of_the_command_are_those_of_the_options() -> None:
+def test_defaults_of_the_command_are_those_of_the_options(tmp_path: Path) -> None:
     parser = argparse.ArgumentParser()
     add_scene_arguments(parser)
     assert scene_arguments(parser.parse_args([])) == (range(12), RenderOptions())
@@ -94,9 +94,9 @@ def test_defaults_of_the_command_are_those_of_the_options() -> None:
         "64",
         "48",
         "--photos",
-        "there",
+        str(tmp_path),
     ]
-    options = RenderOptions(size=(64, 48), split="test", photos=Path("there"))
+    options = RenderOptions(size=(64, 48), split="test", photos=tmp_path)
     assert scene_arguments(parser.parse_args(words)) == (range(5, 8), options)
 
 
