@@ -16,12 +16,6 @@ from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 
 Floats = NDArray[np.float32]
 
-TRAINED_OCTAVES = 4
-"""Octaves whose joined logits were fitted to the truth; further ones say partly the same."""
-TEMPER = 0.25
-"""Exponent of the share of evidence left to each of more octaves: of 0, 0.25 and 0.5 that with which medians
-over blocks were off by one sigma when two octaves were trained (1.6, 1.06, 0.6; development scenes); not
-measured again for the fourth, which alone it governs now."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
 
@@ -86,7 +80,7 @@ class LikelihoodReader:
         for level in larger:
             logits, features = self.read_octave(level, features)
             joint = joined(logits, doubled(joint, logits.shape[:2]))
-        return read_smears(joint, min(1.0, (TRAINED_OCTAVES / levels) ** TEMPER))
+        return read_smears(joint)
 
     def read_octave(self, grey: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
         """Return logits (h, w, 32, B) and features (h, w, 32, C) of an octave, given those of the smaller."""

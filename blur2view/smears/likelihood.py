@@ -41,16 +41,13 @@ def lengths_px(bins: int) -> Floats:
     return lengths.astype(np.float32)
 
 
-def read_smears(log_likelihood: Floats, evidence: float = 1.0) -> Floats:
+def read_smears(log_likelihood: Floats) -> Floats:
     """Return the smears that a log likelihood tells, with their standard deviations.
 
     Parameters
     ----------
     log_likelihood : ndarray of shape (h, w, 32, bins), float32
         Per cell, up to a constant: directions by lengths.
-    evidence : float
-        Share of the logarithm that counts as evidence for the deviations: below one where its terms repeat
-        each other.
 
     Returns
     -------
@@ -62,9 +59,6 @@ def read_smears(log_likelihood: Floats, evidence: float = 1.0) -> Floats:
     likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
     likelihood /= likelihood.sum((-2, -1), keepdims=True)
     direction, length = _smears(likelihood)
-    if evidence != 1:
-        likelihood = likelihood ** np.float32(evidence)
-        likelihood /= likelihood.sum((-2, -1), keepdims=True)
     apart = np.pi / DIRECTIONS * np.arange(DIRECTIONS, dtype=np.float32) - direction[..., None]
     apart = np.remainder(apart + np.pi / 2, np.pi) - np.pi / 2
     bins = lengths_px(log_likelihood.shape[-1])

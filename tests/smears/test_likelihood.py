@@ -63,13 +63,6 @@ def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
     assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
 
 
-def test_evidence_that_repeats_itself_widens_the_sigmas_alone() -> None:
-    logits = np.log(label(12, 50) + 1e-4)[None, None]
-    full, part = read_smears(logits)[0, 0], read_smears(logits, 0.5)[0, 0]
-    np.testing.assert_array_equal(part[:2], full[:2])
-    assert (part[2:] > 1.2 * full[2:]).all()
-
-
 def test_even_likelihood_knows_no_direction() -> None:
     *_, sigma_rad = read(np.full((DIRECTIONS, BINS), 1, np.float32))
     assert np.degrees(sigma_rad) == pytest.approx(52, abs=0.5)  # of even angles: 90 / sqrt(3)
