@@ -26,7 +26,7 @@ from tools.paper.paper_report import RESULTS, report
 from tools.paper.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
 from tools.rendering.render import RenderOptions
 from tools.reports.figure_style import save, style
-from tools.training.recipe import Recipe, render_all
+from tools.training.recipe import Recipe, render_set
 
 SCENES = 60
 TRAINING_SCENES = 5150
@@ -51,8 +51,10 @@ class Plan:
 
 def train(plan: Plan) -> None:
     """Render, train all variants, summarise Table 1."""
-    recipe = Recipe(scenes=TRAINING_SCENES, size=RenderOptions.size)
-    train, val = render_all(recipe, plan.photos, plan.shards)
+    train, val = plan.shards / "train", plan.shards / "val"
+    held = range(Recipe.val_seed, Recipe.val_seed + Recipe.val_scenes)
+    render_set(train, range(TRAINING_SCENES), RenderOptions(photos=plan.photos))
+    render_set(val, held, RenderOptions(split="test", photos=plan.photos))
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )

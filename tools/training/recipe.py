@@ -21,8 +21,8 @@ from tools.training.train_reader import ReaderTraining, train
 
 SHARD = 50
 """Scenes in one file."""
-READ_SIZE = (320, 256)
-"""Width and height of the rendered scenes that the reader is shown."""
+SMALL, LARGE = (320, 256), (640, 512)
+"""Widths and heights of the rendered scenes that the reader is shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,10 +31,8 @@ class Recipe:
 
     Attributes
     ----------
-    scenes : int
-        Rendered scenes, seeds 0 on.
-    size : tuple of int
-        Their width and height in pixels.
+    scenes, large_scenes : int
+        Rendered scenes, seeds 0 on, and after them those twice as large.
     val_scenes, val_seed : int
         Scenes of the held-out textures for the figures on the way, and the first of their seeds.
     shards, steps : int
@@ -43,12 +41,12 @@ class Recipe:
         Processes that make examples; what they make does not depend on how many they are.
     """
 
-    scenes: int = 850
-    size: tuple[int, int] = READ_SIZE
+    scenes: int = 900
+    large_scenes: int = 180
     val_scenes: int = 100
     val_seed: int = 900_000
-    shards: int = 200
-    steps: int = 9000
+    shards: int = 400
+    steps: int = 16000
     processes: int = 2
 
 
@@ -56,8 +54,10 @@ def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, P
     """Render what is missing of both sets; return their folders."""
     train, val = work / "train", work / "val"
     held = range(recipe.val_seed, recipe.val_seed + recipe.val_scenes)
-    render_set(train, range(recipe.scenes), RenderOptions(size=recipe.size, photos=photos))
-    render_set(val, held, RenderOptions(size=recipe.size, split="test", photos=photos))
+    count = recipe.scenes, recipe.scenes + recipe.large_scenes
+    render_set(train, range(count[0]), RenderOptions(size=SMALL, photos=photos))
+    render_set(train, range(*count), RenderOptions(size=LARGE, photos=photos))
+    render_set(val, held, RenderOptions(size=SMALL, split="test", photos=photos))
     return train, val
 
 
@@ -109,7 +109,7 @@ def main() -> None:
     )
     parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
     parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
-    for name in ("scenes", "val_scenes", "shards", "steps"):
+    for name in ("scenes", "large_scenes", "val_scenes", "shards", "steps"):
         option, default = f"--{name.replace('_', '-')}", getattr(Recipe, name)
         parser.add_argument(option, type=int, default=default, help="(default: %(default)s)")
     given = vars(parser.parse_args())

@@ -16,7 +16,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
     """Return a recipe of a few scenes, in small files."""
     monkeypatch.setattr(recipe, "SHARD", 2)
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    return Recipe(scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
+    return Recipe(scenes=2, large_scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
 
 
 @pytest.mark.slow
@@ -33,4 +33,4 @@ def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
     assert network.info.training["steps"] == 1 and network.info.format == "2"
     assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
     make(small, [photos], tmp_path / "work", tmp_path / "models")
-    assert made == 4 and ".npz" not in capfd.readouterr().out  # nothing is made twice
+    assert made == 5 and ".npz" not in capfd.readouterr().out  # nothing is made twice
