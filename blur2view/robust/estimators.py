@@ -27,7 +27,7 @@ from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.smears.sign_components import SignComponents, sample_patterns
 
 FULL_COMPONENT = 6  # smears of components of this size are sampled fully, single ones a sixth as often
-WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
 DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
