@@ -1,5 +1,7 @@
 """The summary of one photograph, as the commands print it: two lines, or everything."""
 
+import math
+
 import numpy as np
 
 from blur2view.arrays import Array
@@ -75,13 +77,13 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     parts = [
         f"{fit} F, but H explains them, too"
         if geometry.F is not None and geometry.H is not None
-        else f"{fit} ({document.support:.0%})"
+        else f"{fit} ({math.floor(100 * document.support)}%)"
     ]
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _untold(document))
         if document.angular_velocity_rad_s is not None:
             parts.append(rate(document))
-    elif geometry.F is not None:
+    elif geometry.F is not None and geometry.H is None:
         parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
     if document.camera is not None and "scaled" in document.camera.source:
         parts.append(document.camera.source)

@@ -25,8 +25,8 @@ from blur2view.two_view.verdict import Structure, Verdict
 LEAST = 100  # sure smears without which nothing is judged by them: a twentieth of the picture
 SEARCHED = 500  # of them that the homography is searched in
 ERROR = 0.05  # their common standard deviation, over their length
-# Deviation from a homography, over the length, from which it is parallax: a fifth more than the greatest of 29
-# development rotations and planes, 0.055. Without that margin (0.058) 3 of 60 held-out ones were proven.
+# Deviation from a homography, over the length, from which it is parallax: a fifth more than the greatest of
+# 29 development rotations and planes, 0.055. Without that margin (0.058) 3 of 60 held-out ones were proven.
 PROVEN_SHARE = 0.066
 EXPLAINED = 0.67  # most of it that F may leave
 # A rotation is named where its deviations are at most this times those of any homography: of 16 development

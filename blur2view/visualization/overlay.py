@@ -25,9 +25,10 @@ def draw_overlay(
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
-    Inlier smears are vivid, coloured by orientation; outliers are grey; white lines are epipolar lines of
-    F through a spread of inliers, and a ring marks an epipole that lies in the picture. The panel below
-    holds the configuration and what it means, the key of the orientation colours and a map of sigma.
+    Inlier smears are vivid, coloured by orientation; outliers are grey. Where no H explains the smears, too,
+    white lines are epipolar lines of F through a spread of inliers, and a ring marks an epipole that lies in
+    the picture. The panel below holds the configuration and what it means, the key of the orientation colours
+    and a map of sigma.
 
     Parameters
     ----------
@@ -73,11 +74,12 @@ def draw_smears(
     view = View.of(image.shape, longest)
     canvas = view.backdrop(image)
     shown = spread_subset(view.to_canvas(matches.midpoint), _quality(matches), _spacing(view, matches))
-    if geometry.F is not None:
-        _draw_epipolar_lines(canvas, view, geometry.F, geometry, matches)
+    F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
+    if F is not None:
+        _draw_epipolar_lines(canvas, view, F, geometry, matches)
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
-    if geometry.F is not None:
-        _draw_epipoles(canvas, view, geometry.F)
+    if F is not None:
+        _draw_epipoles(canvas, view, F)
     return canvas
 
 
