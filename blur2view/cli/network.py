@@ -8,7 +8,7 @@ from functools import lru_cache
 from blur2view.batch.job import file_digest
 from blur2view.cli.terminal import TileProgress
 from blur2view.errors import RunError
-from blur2view.networks.model_file import model_path
+from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 
 
@@ -38,7 +38,9 @@ class CommandNetwork:
         """
         path = model_path(model)
         digest = file_digest(path) if path.is_file() else ""
-        _smears(model, digest).on_tile = TileProgress()  # and which says what is wrong, if anything is
+        network = _smears(model, digest)  # which says what is wrong, if anything is
+        network.on_tile = TileProgress()
+        network.tiles_at_once = usable_cores()  # here alone: other processes have a core each
         return cls(model=model, digest=digest)
 
     @property

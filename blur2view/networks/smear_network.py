@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 
 import cv2
 import numpy as np
@@ -43,6 +45,7 @@ class SmearNetwork:
         session = open_session(self.path, threads or usable_cores())
         self.info = read_info(self.path, session)
         self._reader = reader_of(self.path, session, self.info)
+        self.tiles_at_once = 1  # the result is the same; each takes the memory of one
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
 
@@ -114,15 +117,20 @@ class SmearNetwork:
         shape = rows[-1].stop // stride, columns[-1].stop // stride
         total = np.zeros((*shape, self.info.channels), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
-        done, count = 0, len(rows) * len(columns)
-        for row, row_weight in ramps(rows, stride):
-            for column, column_weight in ramps(columns, stride):
+        tiles = list(product(ramps(rows, stride), ramps(columns, stride)))
+
+        pool = ThreadPoolExecutor(self.tiles_at_once)
+        try:
+            read = pool.map(lambda t: self._reader.read(reflected(image, t[0][0], t[1][0]), levels), tiles)
+            for done, (tile, grid) in enumerate(zip(tiles, read, strict=True), 1):
+                (row, row_weight), (column, column_weight) = tile
                 window = cells(row, stride), cells(column, stride)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[window] += self._reader.read(reflected(image, row, column), levels) * tile_weight
+                total[window] += grid * tile_weight
                 weight[window] += tile_weight
-                done += 1
-                self.on_tile(done, count)
+                self.on_tile(done, len(tiles))
+        finally:
+            pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // stride), : -(-width // stride)]

@@ -65,6 +65,18 @@ def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, s
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-4)
 
 
+def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
+    network, image = SmearNetwork(blurring_model, threads=1), colour_code(turning_field(300, 420), 1.0)
+    alone = network.predict(image, TILED)
+    seen: list[tuple[int, int]] = []
+    network.tiles_at_once = 3
+    network.on_tile = lambda done, count: seen.append((done, count))
+    together = network.predict(image, TILED)
+    assert together.displacement.tobytes() == alone.displacement.tobytes()
+    assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
+    assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
+
+
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image = colour_code(turning_field(320, 448), 1.0)
     network = SmearNetwork(blurring_model)
