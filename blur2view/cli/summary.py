@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.cli.outputs import MaskFiles, OutputFiles
 from blur2view.cli.terminal import SHORT, printable
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
+from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
@@ -124,8 +125,18 @@ def _rotation(document: EstimateDocument) -> str:
     """Return the angle of the rotation, with its standard deviation."""
     angle = f"rotation {document.rotation_deg:.3f} degrees"
     if document.pose_covariance is not None:
-        angle += f" (sigma {max(document.pose_covariance.rotation_sigma_deg):.3f})"
+        angle += f" (sigma {np.degrees(_angle_sigma(document)):.3f})"
     return angle
+
+
+def _angle_sigma(document: EstimateDocument) -> float:
+    """Return the standard deviation of the rotation's angle, radians: that along its axis."""
+    pose, covariance = document.cam2_from_cam1, document.pose_covariance
+    if pose is None or covariance is None:
+        return math.nan
+    vector = rotation_vector(np.array(pose.rotation))
+    axis = vector / max(float(np.linalg.norm(vector)), TINY)
+    return math.sqrt(max(float(axis @ np.array(covariance.matrix)[:3, :3] @ axis), 0.0))
 
 
 def rate(document: EstimateDocument) -> str:
@@ -133,7 +144,7 @@ def rate(document: EstimateDocument) -> str:
     known = float(np.linalg.norm(document.angular_velocity_rad_s or 0.0))
     if document.pose_covariance is None or not document.exposure_s:
         return f"{known:.3g} rad/s"
-    sigma = np.radians(max(document.pose_covariance.rotation_sigma_deg)) / document.exposure_s
+    sigma = _angle_sigma(document) / document.exposure_s
     return f"{known:.3g} rad/s (sigma {sigma:.2g}{', not told from none' if known < sigma else ''})"
 
 

@@ -11,6 +11,7 @@ from PIL import ExifTags, Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli import summary
+from blur2view.geometry.rotation import rotation_matrix
 from tests.support.colour_code import colour_code, write_picture
 
 SIZE = (320, 240)
@@ -110,9 +111,18 @@ def test_verbose_summary_has_the_pose(
     ("sigma_deg", "words"), [(0.1, "(sigma 0.035)"), (2.0, "(sigma 0.7, not told from none)")]
 )
 def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, words: str) -> None:
-    covariance = SimpleNamespace(rotation_sigma_deg=[0.01, sigma_deg, 0.02])
+    vector = 0.05 * np.array([0.3, 0.0, 0.4])
+    across = np.array(
+        [0.8, 0.0, -0.6]
+    )  # along it the rotation is hardly known, which is not the rate's matter
+    matrix = np.zeros((5, 5))
+    matrix[:3, :3] = np.radians(sigma_deg) ** 2 * np.outer(vector, vector) / (vector @ vector)
+    matrix[:3, :3] += np.outer(across, across)
     document: Any = SimpleNamespace(
-        angular_velocity_rad_s=[0.3, 0.0, 0.4], exposure_s=0.05, pose_covariance=covariance
+        angular_velocity_rad_s=[0.3, 0.0, 0.4],
+        exposure_s=0.05,
+        cam2_from_cam1=SimpleNamespace(rotation=rotation_matrix(vector).tolist()),
+        pose_covariance=SimpleNamespace(matrix=matrix.tolist()),
     )
     assert summary.rate(document) == f"0.5 rad/s {words}"
 
