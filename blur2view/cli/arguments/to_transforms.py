@@ -61,7 +61,7 @@ def describe(parser: CommandParser) -> None:
         dest="photographs",
         type=Path,
         metavar="DIR",
-        help="folder of the photographs, which must be there (default: images beside the file, not looked for)",
+        help="folder of the photographs, which must be there (default: images beside the file, unchecked)",
     )
     given.add_argument(
         "--exposure",
