@@ -19,17 +19,13 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
-from functools import lru_cache
 from pathlib import Path
-from unittest.mock import patch
 
 import cv2
 import numpy as np
 
-from blur2view.cli import to_colmap as cli_colmap
 from blur2view.cli.commands import main as blur2view
 from blur2view.colmap.schema import MAX_IMAGES
-from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import existing
 from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
 
@@ -186,7 +182,7 @@ def link_into(folder: Path, number: int, model: Path | None = None) -> tuple[str
     path, photograph = folder / f"{number}.db", folder / NAME
     kind = malform(path, number)
     before, rows = path.read_bytes(), readable_rows(path)
-    words = ["to-colmap", "--link", "--no-backup", "--db", str(path), str(photograph)]
+    words = ["to-colmap", "--jobs", "1", "--link", "--no-backup", "--db", str(path), str(photograph)]
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
@@ -221,8 +217,7 @@ def main() -> None:
     options = parser.parse_args()
     outcomes: Counter[str] = Counter()
     shown: set[tuple[str, str]] = set()
-    once = patch.object(cli_colmap, "SmearNetwork", lru_cache(SmearNetwork))  # loaded once for all
-    with once, tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_photograph(folder / NAME)
         for number in range(options.count):
