@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from blur2view.batch.job import Job, Made, Outcome, file_digest
 from blur2view.errors import OutputError
@@ -235,15 +235,29 @@ def _unpacked(text: str) -> Any:
     return _Unpickler(io.BytesIO(zlib.decompress(base64.b85decode(text)))).load()
 
 
-class _Unpickler(pickle.Unpickler):
-    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called."""
+class _Unpickler(pickle._Unpickler):
+    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called.
+
+    No class or member of an enum is changed, either: that would outlive the object. The reader in C has no
+    place where that could be refused.
+    """
 
     def find_class(self, module: str, name: str) -> Any:
         """Return a dataclass or an enum of this package, or what arrays need; refuse all else."""
-        if (module, name) in ARRAYS or (module.startswith("pathlib") and name.endswith("Path")):
+        if (module, name) in ARRAYS or (module.partition(".")[0] == "pathlib" and name.endswith("Path")):
             return super().find_class(module, name)
         if module.partition(".")[0] == SIGN:
             found = super().find_class(module, name)
             if isinstance(found, type) and (is_dataclass(found) or issubclass(found, Enum)):
                 return found
         raise pickle.UnpicklingError(f"{module}.{name} is none of ours")
+
+    def load_build(self) -> None:
+        """Give an object its state, unless that would set attributes of what others share."""
+        instance, state = self.stack[-2:]  # type: ignore[attr-defined]
+        by_attribute = isinstance(state, tuple) and not hasattr(instance, "__setstate__")
+        if by_attribute or isinstance(instance, (type, Enum)):
+            raise pickle.UnpicklingError(f"the state of a {type(instance).__name__} is none of ours")
+        super().load_build()  # type: ignore[misc]
+
+    dispatch: ClassVar[dict[int, Any]] = {**pickle._Unpickler.dispatch, pickle.BUILD[0]: load_build}

@@ -14,6 +14,7 @@ import pytest
 
 from blur2view.batch.job import Job, Made, Outcome, file_digest
 from blur2view.batch.manifest import Manifest, Settings, _packed, _unpacked
+from blur2view.cli.outputs import OutputFiles
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
@@ -160,3 +161,32 @@ def test_no_function_is_called_by_reading_a_manifest(
     lines = path.read_text().splitlines()
     path.write_text(lines[0] + "\n" + json.dumps(json.loads(lines[1]) | {"kept": text}) + "\n")
     assert found(path) is None and not (path.parent / "evil").exists()
+
+
+GLOBAL = b"\x80\x04cblur2view.cli.outputs\nOutputFiles\n"
+MEMBER = b"\x80\x04cblur2view.geometry.two_view_geometry\nConfiguration\n(X\x06\x00\x00\x00PLANARtR"
+STATE = b"}X\x08\x00\x00\x00documentX\x05\x00\x00\x00/evils"
+OF_MEMBER = b"}X\x07\x00\x00\x00_value_K\x63s"
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        GLOBAL + b"N" + STATE + b"\x86b.",  # (None, {...}): attributes of the class
+        GLOBAL + b")\x81N" + STATE + b"\x86b.",  # the same of an object
+        GLOBAL + STATE + b"b.",
+        MEMBER + OF_MEMBER + b"b.",
+    ],
+)
+def test_no_class_or_member_is_changed_by_reading_a_manifest(pickled: bytes) -> None:
+    document, values = OutputFiles.__dict__["document"], [one.value for one in Configuration]
+    text = base64.b85encode(zlib.compress(pickled)).decode()
+    try:
+        with pytest.raises(pickle.UnpicklingError, match="none of ours"):
+            _unpacked(text)
+        assert OutputFiles.__dict__["document"] is document
+        assert [one.value for one in Configuration] == values
+    finally:  # for the other tests
+        OutputFiles.document = document  # type: ignore[method-assign]
+        for one, value in zip(Configuration, values, strict=True):
+            one._value_ = value
