@@ -57,11 +57,14 @@ class Inputs:
     names : dict of Path to Path
         What the results of a photograph are called, where its place in a folder or video says so: subfolder
         and stem.
+    lists : list of Path
+        The files that named some.
     """
 
     paths: list[Path] = field(default_factory=list)
     names: dict[Path, Path] = field(default_factory=dict)
     refused: dict[Path, str] = field(default_factory=dict)
+    lists: list[Path] = field(default_factory=list)
 
     @property
     def one_video(self) -> bool:
@@ -100,7 +103,7 @@ def list_photographs(
     ImageError
         If a list cannot be read or names nothing.
     """
-    found = Inputs()
+    found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
         path = Path(word)
         if is_video(path):

@@ -77,7 +77,7 @@ class Manifest:
     settings : Settings
         Of this call.
     resume : bool
-        Whether what earlier calls did is looked up.
+        Whether what earlier calls did with photographs is looked up.
 
     Raises
     ------
@@ -91,9 +91,8 @@ class Manifest:
         self.cut_off = False
         self._done: dict[str, dict[str, Any]] = {}
         self._targets: dict[str, str] = {}
-        lines = self._read()
-        if resume:
-            self._look_up(lines)
+        for line in self._read():
+            self._look_up(line, resume=resume)
 
     def knows(self, job: Job[Any]) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
@@ -178,15 +177,14 @@ class Manifest:
             raise OutputError(f"{self.path}: is no manifest of blur2view; rename or remove it")
         return lines
 
-    def _look_up(self, lines: list[dict[str, Any]]) -> None:
-        """Fill in what was done with these settings."""
-        for line in lines:
-            if "target" in line:
-                self._targets[line["target"]] = line["sha256"]
-            elif "outputs" in line and line.get("settings") == self.settings.digest:
-                self._done[line["image"]] = line
-            else:
-                self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
+    def _look_up(self, line: dict[str, Any], *, resume: bool) -> None:
+        """Note a file of all photographs, or what was done with these settings."""
+        if "target" in line:
+            self._targets[line["target"]] = line["sha256"]
+        elif resume and "outputs" in line and line.get("settings") == self.settings.digest:
+            self._done[line["image"]] = line
+        else:
+            self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
 
     def _write(self, line: dict[str, Any]) -> None:
         """Append a line and wait until the disk has it."""

@@ -1,9 +1,10 @@
 """A command over many photographs: planned before any work, done, printed and written down."""
 
 import argparse
+import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -45,6 +46,8 @@ class CommandRun(Generic[Target, Kept]):
     work : Work
     manifest : Path or None
         The file in which is written down what is done; None if nothing is written.
+    files : collection of Path
+        Those of single photographs that will be written.
     prints : bool
         Whether a line is printed for each photograph, and a total.
 
@@ -62,6 +65,7 @@ class CommandRun(Generic[Target, Kept]):
         work: Work[Target, Kept],
         manifest: Path | None,
         *,
+        files: Collection[Path] = (),
         prints: bool = True,
     ) -> None:
         self.options, self.work = options, work
@@ -74,7 +78,13 @@ class CommandRun(Generic[Target, Kept]):
         self.names = colmap_names(options.inputs)
         overwrite = getattr(options, "overwrite", False) or options.resume
         if options.csv is not None:
-            _check_table(options, overwrite=overwrite)
+            check_file(options.csv, "table", options.images, overwrite=overwrite, option="--csv")
+        named = {name: getattr(options, name, None) for name in ("csv", "keep", "output", "db")}
+        for name in ("csv", "keep"):
+            if (target := named.pop(name)) is not None:
+                others = (*named.values(), manifest, *files)
+                _refuse_shared(target, others, options.inputs.lists, f"--{name}")
+        if options.csv is not None:
             prepare_folder(options.csv.parent)
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
@@ -210,13 +220,13 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
     return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
 
 
-def _check_table(options: argparse.Namespace, *, overwrite: bool) -> None:
-    """Refuse a table that would replace what it must not, or be one with another file of the call."""
-    target: Path = options.csv
-    check_file(target, "table", options.images, overwrite=overwrite, option="--csv")
-    others = (getattr(options, name, None) for name in ("output", "db", "keep"))
-    if target.resolve() in {other.resolve() for other in others if other is not None}:
-        raise OutputError(f"{target}: two results would be one file; name another with --csv")
+def _refuse_shared(target: Path, others: Iterable[Path | None], lists: Iterable[Path], option: str) -> None:
+    """Refuse a table or a list that would be one file with another one of the call."""
+    real = os.path.realpath(target)
+    if real in {os.path.realpath(other) for other in others if other is not None}:
+        raise OutputError(f"{target}: two results would be one file; name another with {option}")
+    if real in {os.path.realpath(path) for path in lists}:
+        raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
 
 
 def write_text(target: Path, text: str) -> None:
@@ -261,7 +271,7 @@ def run_each(
     manifest = None if options.csv is None else manifest_beside(options.csv)
     if options.output is not None:
         manifest = options.output / f"{options.command}.manifest.jsonl"
-    run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest)
+    run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest, files=paths)
     documents: list[Made] = []
     failures: list[FailureDocument] = []
     try:

@@ -52,12 +52,15 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
     run: CommandRun[None, None] = CommandRun(options, work, manifest_beside(options.csv or options.keep))
     run.judge = lambda row: replace(row, use=use_of(row, options.max_smear))
     if options.keep is not None:
-        _check_list(options, run.names.values())
+        wrote = run.manifest is not None and run.manifest.wrote(options.keep)
+        _check_list(options, run.names.values(), wrote=wrote)
     for _ in run.results(options.images, [None] * len(options.images)):
         pass  # a row is all that is left of a photograph
     if options.keep is not None:
         wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
         write_text(options.keep, list_text([row.name for row in run.rows if row.use in wanted]))
+        if run.manifest is not None:
+            run.manifest.append_target(options.keep)
     if options.verbosity > QUIET:
         print(summary(run.rows, options))
     return run.exit_code
@@ -84,12 +87,15 @@ def list_text(names: Sequence[str]) -> str:
     return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
 
 
-def _check_list(options: argparse.Namespace, names: Collection[str]) -> None:
-    """Refuse a list that would replace what it must not; ours names nothing but these photographs."""
+def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: bool) -> None:
+    """Refuse a list that would replace what it must not.
+
+    Ours is as the manifest says that an earlier call wrote it, or names nothing but these photographs.
+    """
     target: Path = options.keep
     if target.is_file() and (options.overwrite or options.resume):
         try:
-            ours = set(target.read_text().splitlines()) <= set(names)
+            ours = wrote or set(target.read_text().splitlines()) <= set(names)
         except (OSError, ValueError):
             ours = False
         if not ours:

@@ -129,6 +129,53 @@ def test_files_of_others_are_spared(
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
+        ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
+        ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
+        ["triage", "--csv", "t.csv", "--keep", "t.csv.manifest.jsonl"],
+        ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
+    ],
+)
+def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
+    frames: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, words: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(frames.parent)
+    assert call(words[0], tiny_model, "frames", *words[1:]) == 1
+    assert "two results would be one file" in capsys.readouterr().err
+    assert [path.name for path in frames.parent.iterdir() if path.is_file()] == []
+
+
+@pytest.mark.parametrize("option", ["--keep", "--csv"])
+def test_list_of_the_photographs_is_not_replaced(
+    frames: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, option: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(frames)
+    Path("all.txt").write_text("chaos.png\nstill.png\n")
+    assert call("triage", tiny_model, "@all.txt", option, "all.txt", "--overwrite") == 1
+    assert Path("all.txt").read_text() == "chaos.png\nstill.png\n"
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("again", ["--resume", "--overwrite"])
+def test_list_is_ours_after_a_photograph_was_deleted(
+    frames: Path, tiny_model: Path, tmp_path: Path, again: str
+) -> None:
+    words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
+    assert call("triage", tiny_model, *words) == 0
+    assert (tmp_path / "keep.txt").read_text() == "still.png\n"
+    (frames / "still.png").unlink()
+    assert call("triage", tiny_model, *words, again) == 0
+    assert (tmp_path / "keep.txt").read_text() == ""
+    (tmp_path / "keep.txt").write_text("mine.png\n")
+    assert call("triage", tiny_model, *words, again) == 1
+    assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
+
+
+@pytest.mark.parametrize(
     "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
 )
 def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
