@@ -1,12 +1,13 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
+import json
 import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO, Protocol, TypeVar, runtime_checkable
 
 from blur2view.errors import OutputError
 
@@ -91,6 +92,7 @@ def remove_empty(folders: Sequence[Path]) -> None:
 Files = TypeVar("Files", bound="ResultFiles", covariant=True)
 
 
+@runtime_checkable
 class ResultFiles(Protocol):
     """The files of one photograph."""
 
@@ -111,6 +113,7 @@ def plan_outputs(
     folder: Path,
     *,
     overwrite: bool,
+    resume: bool = False,
     kind: ResultKind[Files],
     names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
@@ -124,6 +127,8 @@ def plan_outputs(
         Where the files go.
     overwrite : bool
         Whether files of an earlier call may be replaced. Photographs and files of others never are.
+    resume : bool
+        Whether those may that are not of another photograph.
     kind : ResultKind
         What a photograph's files are, such as :class:`OutputFiles`.
     names : mapping of Path to Path, optional
@@ -141,24 +146,38 @@ def plan_outputs(
         files = kind(folder=folder / name.parent, stem=name.name)
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite)
+        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite, resume=resume)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan
 
 
-def _refusal(image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool) -> str | None:
+def _refusal(
+    image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool
+) -> str | None:
     """Return why the files of a photograph must not be written, if so."""
     taken = [path for path in paths if os.path.lexists(path)]
     foreign = [path for path in taken if not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
         return f"a result would replace the photograph {hit[0]}; use another -o"
-    if taken and not overwrite:
+    if taken and not (overwrite or resume):
         return f"{taken[0]} exists; use another -o or add --overwrite"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
+    other = None if overwrite or not taken else _image_of(paths[-1])
+    if other is not None and os.path.realpath(other) != os.path.realpath(image):
+        return f"{paths[-1]} is the result of {other}; use another -o or add --overwrite"
+    return None
+
+
+def _image_of(document: Path) -> str | None:
+    """Return the photograph that a document is of; None if it is not there or damaged."""
+    with suppress(OSError, ValueError):
+        content = json.loads(document.read_bytes())
+        image = content.get("image") if isinstance(content, dict) else None
+        return image if isinstance(image, str) else None
     return None
 
 

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 from blur2view.batch.job import Job, Made, Outcome, file_digest
 from blur2view.errors import OutputError
-from blur2view.output_files import unwritable
+from blur2view.output_files import ResultFiles, unwritable
 
 SIGN = "blur2view"
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
@@ -111,7 +111,10 @@ class Manifest:
         line = self._done.pop(str(job.path), None)  # which may be large
         if line is None or (line["sha256"], line["source"]) != (job.digest, job.source):
             return None
-        if not all(_is_whole(folder / name, digest) for name, digest in line["outputs"].items()):
+        outputs = {folder / name: digest for name, digest in line["outputs"].items()}
+        if isinstance(job.target, ResultFiles) and set(job.target.paths) != outputs.keys():
+            return None  # its results have other names since then
+        if not all(_is_whole(path, digest) for path, digest in outputs.items()):
             return None
         try:
             kept = _unpacked(line["kept"])

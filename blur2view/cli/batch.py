@@ -248,9 +248,8 @@ def plan_files(options: argparse.Namespace, kind: ResultKind[Files]) -> Sequence
     """Return where each photograph's results go, decided before any work; None without -o."""
     if options.output is None:
         return [None] * len(options.images)
-    overwrite = options.overwrite or options.resume
-    names = options.inputs.names
-    return plan_outputs(options.images, options.output, overwrite=overwrite, kind=kind, names=names)
+    may = {"overwrite": options.overwrite, "resume": options.resume}
+    return plan_outputs(options.images, options.output, **may, kind=kind, names=options.inputs.names)
 
 
 def run_each(

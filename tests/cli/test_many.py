@@ -116,6 +116,40 @@ def test_other_network_is_done_again(
         assert len(read) == count
 
 
+@pytest.mark.parametrize("command", ["estimate", "segment"])
+def test_resume_replaces_no_result_of_another_photograph(
+    folder: Path, tmp_path: Path, tiny_model: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def call(*words: object) -> int:
+        return cli.main([command, "--model", str(tiny_model), "-o", str(out), *map(str, words)])
+
+    out, other = tmp_path / "out", tmp_path / "other" / "000.png"
+    other.parent.mkdir()
+    shutil.copy(folder / "001.png", other)
+    assert call(folder / "000.png") == 0
+    before = contents(out)
+    capsys.readouterr()
+    assert call(other, "--resume") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"is the result of {folder / '000.png'}" in line and contents(out) == before
+    assert call(folder / "000.png", "--resume") == 0
+    assert call(other, "--resume", "--overwrite") == 0 and contents(out) != before
+
+
+def test_resume_does_again_what_has_another_name_now(
+    run: Any, folder: Path, tmp_path: Path, read: list[str]
+) -> None:
+    other = tmp_path / "other" / "000.png"
+    other.parent.mkdir()
+    shutil.copy(folder / "001.png", other)
+    out = tmp_path / "out"
+    assert run(folder / "000.png", folder / "001.png", "-o", out) == 0
+    read.clear()
+    assert run(folder / "000.png", other, "-o", out, "--resume") == 0
+    assert read == ["000.png", "000.png"]
+    assert (out / "in" / "000.json").exists() and (out / "other" / "000.json").exists()
+
+
 def test_resume_prints_the_documents_of_what_was_done_before(
     run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
