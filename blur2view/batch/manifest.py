@@ -118,8 +118,8 @@ class Manifest:
             return None
         try:
             kept = _unpacked(line["kept"])
-        except (pickle.UnpicklingError, ValueError, zlib.error, EOFError, AttributeError, TypeError):
-            return None  # of another version, or damaged: done again
+        except Exception:  # damaged bytes, or those of another version, raise errors of any type
+            return None
         return Made(kept=kept, summary=line["summary"], row=line["row"])
 
     def wrote(self, target: Path) -> bool:
@@ -170,9 +170,9 @@ class Manifest:
         for text in whole.splitlines():
             try:
                 line = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 line = None
-            if isinstance(line, dict):
+            if isinstance(line, dict) and _is_whole_line(line):
                 lines.append(line)
             else:
                 self.cut_off = True
@@ -222,8 +222,21 @@ def _is_whole(path: Path, digest: str) -> bool:
     """Return whether a file has this content."""
     try:
         return file_digest(path) == digest
-    except OSError:
+    except (OSError, ValueError):  # of a name with a null character
         return False
+
+
+def _is_whole_line(line: dict[str, Any]) -> bool:
+    """Return whether a line has all that its kind is read for."""
+    of_target = {"target": str, "sha256": str}
+    of_done = {"image": str, "sha256": str, "source": str, "outputs": dict, "summary": str, "kept": str}
+    kind = of_target if "target" in line else of_done if "outputs" in line else {}
+    row, image = line.get("row"), line.get("image", "")
+    return (
+        all(isinstance(line.get(name), type_) for name, type_ in kind.items())
+        and isinstance(row, dict | None)
+        and isinstance(image, str)
+    )
 
 
 def _packed(kept: object) -> str:

@@ -140,6 +140,11 @@ def test_arrays_and_enums_come_back_as_they_were() -> None:
     np.testing.assert_array_equal(back.geometry.inlier_mask, mask)
 
 
+def packed(pickled: bytes) -> str:
+    """Return pickled bytes as a manifest has them."""
+    return base64.b85encode(zlib.compress(pickled)).decode()
+
+
 class _Evil:
     def __reduce__(self) -> tuple[Any, ...]:
         return os.mkdir, ("evil",)
@@ -155,7 +160,7 @@ def test_no_function_is_called_by_reading_a_manifest(
     path: Path, thing: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(path.parent)
-    text = base64.b85encode(zlib.compress(pickle.dumps(thing))).decode()
+    text = packed(pickle.dumps(thing))
     with pytest.raises(pickle.UnpicklingError, match="none of ours"):
         _unpacked(text)
     lines = path.read_text().splitlines()
@@ -180,13 +185,46 @@ OF_MEMBER = b"}X\x07\x00\x00\x00_value_K\x63s"
 )
 def test_no_class_or_member_is_changed_by_reading_a_manifest(pickled: bytes) -> None:
     document, values = OutputFiles.__dict__["document"], [one.value for one in Configuration]
-    text = base64.b85encode(zlib.compress(pickled)).decode()
     try:
         with pytest.raises(pickle.UnpicklingError, match="none of ours"):
-            _unpacked(text)
+            _unpacked(packed(pickled))
         assert OutputFiles.__dict__["document"] is document
         assert [one.value for one in Configuration] == values
     finally:  # for the other tests
         OutputFiles.document = document  # type: ignore[method-assign]
         for one, value in zip(Configuration, values, strict=True):
             one._value_ = value
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kept": packed(b"cblur2view.nowhere\nEntry\n.")},  # ImportError
+        {"kept": packed(b"h\x05.")},  # of the memo: KeyError or UnpicklingError
+        {"kept": packed(b"0.")},  # IndexError
+        {"kept": packed(b"")},
+        {"kept": 3},
+        {"kept": None},
+        {"sha256": None},
+        {"source": None},
+        {"summary": None},
+        {"outputs": ["a.json"]},
+        {"outputs": {"a\0.json": ""}},
+        {"row": [1]},
+        {"image": ["a.jpg"]},
+        {"image": None},
+    ],
+)
+def test_line_of_other_content_is_not_found(path: Path, change: dict[str, Any]) -> None:
+    lines = path.read_text().splitlines()
+    line = {key: value for key, value in (json.loads(lines[1]) | change).items() if value is not None}
+    path.write_text(lines[0] + "\n" + json.dumps(line) + "\n")
+    assert found(path) is None
+
+
+@pytest.mark.parametrize("text", ['{"target": "a"}', '{"target": ["a"], "sha256": "b"}', "[" * 99999])
+def test_line_without_its_keys_is_dropped(path: Path, text: str) -> None:
+    with path.open("a") as file:
+        file.write(text + "\n")
+    manifest = Manifest(path, SETTINGS, resume=True)
+    assert manifest.cut_off and manifest.find(JOB, path.parent) is not None
