@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
 
 from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
@@ -83,7 +84,7 @@ def list_photographs(
     *,
     recursive: bool = False,
     frames: Frames | None = None,
-    stdin: TextIO | None = None,
+    stdin: BinaryIO | None = None,
 ) -> Inputs:
     """Return the photographs that words name.
 
@@ -96,7 +97,7 @@ def list_photographs(
         Whether folders stand for all below them, too.
     frames : Frames, optional
         Of videos; all by default.
-    stdin : text file, optional
+    stdin : binary file, optional
 
     Raises
     ------
@@ -115,28 +116,27 @@ def list_photographs(
     return found
 
 
-def _without_lists(words: Sequence[str], stdin: TextIO | None) -> Iterator[str]:
+def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str]:
     """Yield words, those of lists in place of the lists."""
     for word in words:
         if word == STANDARD_INPUT:
-            yield from _lines("standard input", stdin.read() if stdin is not None else "")
+            yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
         elif word.startswith(LIST):
-            yield from _lines(word[1:], _text(Path(word[1:])))
+            yield from _lines(word[1:], Path(word[1:]).read_bytes)
         else:
             yield word
 
 
-def _text(path: Path) -> str:
-    """Return the text of a list; names may hold bytes that are no text."""
+def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
+    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
+
+    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name.
+    """
     try:
-        return os.fsdecode(path.read_bytes())
+        text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{path}: the list cannot be read ({reason}); check the path") from None
-
-
-def _lines(source: str, text: str) -> list[str]:
-    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``."""
+        raise ImageError(f"{source}: the list cannot be read ({reason}); check the path") from None
     names = [name for name in (text.split("\0") if "\0" in text else text.splitlines()) if name.strip()]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")

@@ -72,9 +72,8 @@ def take_inputs(options: argparse.Namespace) -> None:
     from blur2view.batch.inputs import Frames, list_photographs
 
     frames = Frames(every=options.every, first=options.first, last=options.last)
-    options.inputs = list_photographs(
-        options.images, recursive=options.recursive, frames=frames, stdin=sys.stdin
-    )
+    stdin = None if sys.stdin is None else sys.stdin.buffer
+    options.inputs = list_photographs(options.images, recursive=options.recursive, frames=frames, stdin=stdin)
     options.images = options.inputs.paths
 
 
