@@ -107,12 +107,15 @@ def list_photographs(
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
         path = Path(word)
-        if is_video(path):
-            _add_frames(found, path, frames or Frames())
-        elif path.is_dir():
-            _add_folder(found, path, recursive)
-        else:
-            found.paths.append(path)
+        try:
+            if is_video(path):
+                _add_frames(found, path, frames or Frames())
+            elif path.is_dir():
+                _add_folder(found, path, recursive)
+            else:
+                found.paths.append(path)
+        except OSError as error:
+            found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
     return found
 
 
@@ -158,17 +161,19 @@ def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder, in the order of their names; without any it stays as it is."""
+    """Add the photographs of a folder, in the order of their names; without any it stays as it is.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; nothing is added then.
+    """
     entries = folder.rglob("*") if recursive else folder.iterdir()
-    try:
-        photographs = [
-            path
-            for path in sorted(entries, key=_in_order)
-            if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
-        ]
-    except OSError as error:
-        found.refuse(folder, f"cannot be read ({error.strerror}); check its permissions")
-        return
+    photographs = [
+        path
+        for path in sorted(entries, key=_in_order)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+    ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         found.refuse(folder, f"holds no photograph; {more}")

@@ -58,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("blur2view: interrupted", file=sys.stderr)
         return INTERRUPTED
     except OSError as error:
+        if error.filename is not None:  # no stream
+            reason = f"{error.strerror}; check the path and its permissions"
+            complain(Blur2ViewError(f"{error.filename}: cannot be used ({reason})"))
+            return FAILED
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):  # whose reader, for example head, wants no more
             print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
