@@ -55,6 +55,10 @@ class CommandRun(Generic[Target, Kept]):
     ----------
     rows : list of Row
         Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
+    has_table : bool
+        Whether it was not asked for, or could be written.
+    created : list of Path
+        The folders that were created for it, see `prepare_folder`.
     judge : callable
         Adds to a row what the command says of it.
     """
@@ -72,6 +76,7 @@ class CommandRun(Generic[Target, Kept]):
         self.count = len(options.images)
         self.done = self.skipped = self.failed = 0
         self.interrupted = False
+        self.has_table = True
         self.prints = prints and not options.json and options.verbosity > QUIET
         self.rows: list[Row] = []
         self.judge: Callable[[Row], Row] = lambda row: row
@@ -84,14 +89,13 @@ class CommandRun(Generic[Target, Kept]):
             if (target := named.pop(name)) is not None:
                 others = (*named.values(), manifest, *files)
                 _refuse_shared(target, others, options.inputs.lists, f"--{name}")
-        if options.csv is not None:
-            prepare_folder(options.csv.parent)
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
         if manifest is not None and (self.count > 1 or options.resume):
             self.manifest = Manifest(manifest, settings_of(options), resume=options.resume)
             if self.manifest.cut_off:
                 complain(OutputError(f"{manifest}: its last line was cut off; that photograph is done again"))
+        self.created = [] if options.csv is None else prepare_folder(options.csv.parent)
 
     def replaces(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it, and this one goes on."""
@@ -100,7 +104,7 @@ class CommandRun(Generic[Target, Kept]):
     @property
     def exit_code(self) -> int:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
-        return INTERRUPTED if self.interrupted else FAILED if self.failed else DONE
+        return INTERRUPTED if self.interrupted else DONE if self.has_table and not self.failed else FAILED
 
     def results(
         self,
@@ -149,12 +153,21 @@ class CommandRun(Generic[Target, Kept]):
             stopped = "interrupted"
         finally:
             bar.close()
-        if self.options.csv is not None and self.rows:
-            write_text(self.options.csv, table_text(self.rows))
+            self._write_table()
         if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
         elif self.count > 1 and self.prints:
             print(self._total(time.monotonic() - start))
+
+    def _write_table(self) -> None:
+        """Write the table, if one is wanted; where it cannot be, the other results are still of use."""
+        if self.options.csv is None or not self.rows:
+            return
+        try:
+            write_text(self.options.csv, table_text(self.rows))
+        except OutputError as error:
+            complain(error)
+            self.has_table = False
 
     def _engine(self) -> Engine:
         """Return where the work is done."""
@@ -264,16 +277,18 @@ def run_each(
     """
     paths = {path for files in plan if files and not isinstance(files, OutputError) for path in files.paths}
     folders = {path.parent for path in paths}
-    created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
-    if options.resume:
-        remove_left_over(paths, folders)
     manifest = None if options.csv is None else manifest_beside(options.csv)
     if options.output is not None:
         manifest = options.output / f"{options.command}.manifest.jsonl"
     run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest, files=paths)
+    created = run.created
     documents: list[Made] = []
     failures: list[FailureDocument] = []
     try:
+        for folder in sorted(folders):
+            created += prepare_folder(folder)
+        if options.resume:
+            remove_left_over(paths, folders)
         for result in run.results(options.images, plan):
             if result.made is None:
                 failures.append(FailureDocument(image=str(result.path), error=result.error))

@@ -62,7 +62,7 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
         if run.manifest is not None:
             run.manifest.append_target(options.keep)
     if options.verbosity > QUIET:
-        print(summary(run.rows, options))
+        print(summary(run.rows, options, has_table=run.has_table))
     return run.exit_code
 
 
@@ -106,9 +106,10 @@ def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: b
         check_file(target, "list", options.images, overwrite=False, option="--keep")
 
 
-def summary(rows: Sequence[Row], options: argparse.Namespace) -> str:
+def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool) -> str:
     """Return one line: how many photographs are of which use, and what was written."""
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
-    files = " and ".join(printable(str(path)) for path in (options.csv, options.keep) if path is not None)
-    return f"{plural(len(rows), 'photograph')}: {parts}; wrote {files}"
+    written = (options.csv if has_table else None, options.keep)
+    files = " and ".join(printable(str(path)) for path in written if path is not None)
+    return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")
