@@ -21,6 +21,7 @@ SIGNS = {
     ".html": (b'name="generator" content="blur2view ',),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
+KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
 
 
@@ -57,7 +58,7 @@ def check_file(
     target : Path
         The file.
     what : str
-        What it is, for the message: "page".
+        What it is, for the message; of `KINDS` if it may be one of an earlier call.
     inputs : iterable of Path
         The photographs of the call.
     overwrite : bool
@@ -76,7 +77,7 @@ def check_file(
         raise OutputError(f"{target}: is a folder; name the {what} with {option}")
     if os.path.lexists(target) and not overwrite:
         raise OutputError(f"{target}: exists; name another {what} with {option} or add --overwrite")
-    if os.path.lexists(target) and not is_ours(target):
+    if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(
             f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
         )
@@ -181,11 +182,18 @@ def _image_of(document: Path) -> str | None:
     return None
 
 
-def is_ours(path: Path) -> bool:
-    """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
+def is_ours(path: Path, kind: str | None = None) -> bool:
+    """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str, optional
+        The suffix that stands for what it should be; its own by default.
+    """
     if not path.is_file():
         return False
-    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"] + SIGNS[".csv"])  # these have any name
+    signs = SIGNS.get(kind or path.suffix.lower(), ())
     with suppress(OSError), path.open("rb") as file:
         start = file.read(1 << 20)
         return any(sign in start for sign in signs)

@@ -316,3 +316,22 @@ def test_table_is_written_of_what_was_done_before_the_run_could_not_go_on(
     monkeypatch.setattr(Manifest, "append", fail)
     assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv") == 1
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
+
+
+def test_table_and_page_of_any_name_are_replaced_if_asked(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = ["tab.json", "tab.html", "tab", "tab.png"]
+    for name in odd:
+        for more in ([], ["--overwrite"], ["--resume"]):
+            assert call("triage", tiny_model, frames, "--csv", tmp_path / name, *more) == 0
+    for name in ("page.csv", "page.npz", "page"):
+        for more in ([], ["--overwrite"], ["--resume"]):
+            words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
+            assert call("report", tiny_model, *words) == 0
+    capsys.readouterr()
+    # of another kind
+    before = (tmp_path / "page.csv").read_bytes()
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "page.csv", "--overwrite") == 1
+    assert "is no table of an earlier call" in capsys.readouterr().err
+    assert (tmp_path / "page.csv").read_bytes() == before
