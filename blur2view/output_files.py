@@ -1,12 +1,13 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
+import json
 import os
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, Protocol, TypeVar
+from typing import BinaryIO, Protocol, TypeVar, runtime_checkable
 
 from blur2view.errors import OutputError
 
@@ -20,6 +21,7 @@ SIGNS = {
     ".html": (b'name="generator" content="blur2view ',),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
+KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
 
 
@@ -56,7 +58,7 @@ def check_file(
     target : Path
         The file.
     what : str
-        What it is, for the message: "page".
+        What it is, for the message; of `KINDS` if it may be one of an earlier call.
     inputs : iterable of Path
         The photographs of the call.
     overwrite : bool
@@ -75,7 +77,7 @@ def check_file(
         raise OutputError(f"{target}: is a folder; name the {what} with {option}")
     if os.path.lexists(target) and not overwrite:
         raise OutputError(f"{target}: exists; name another {what} with {option} or add --overwrite")
-    if os.path.lexists(target) and not is_ours(target):
+    if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(
             f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
         )
@@ -91,6 +93,7 @@ def remove_empty(folders: Sequence[Path]) -> None:
 Files = TypeVar("Files", bound="ResultFiles", covariant=True)
 
 
+@runtime_checkable
 class ResultFiles(Protocol):
     """The files of one photograph."""
 
@@ -111,6 +114,7 @@ def plan_outputs(
     folder: Path,
     *,
     overwrite: bool,
+    resume: bool = False,
     kind: ResultKind[Files],
     names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
@@ -124,6 +128,8 @@ def plan_outputs(
         Where the files go.
     overwrite : bool
         Whether files of an earlier call may be replaced. Photographs and files of others never are.
+    resume : bool
+        Whether those may that are not of another photograph.
     kind : ResultKind
         What a photograph's files are, such as :class:`OutputFiles`.
     names : mapping of Path to Path, optional
@@ -141,32 +147,53 @@ def plan_outputs(
         files = kind(folder=folder / name.parent, stem=name.name)
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite)
+        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite, resume=resume)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan
 
 
-def _refusal(image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool) -> str | None:
+def _refusal(
+    image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool
+) -> str | None:
     """Return why the files of a photograph must not be written, if so."""
     taken = [path for path in paths if os.path.lexists(path)]
     foreign = [path for path in taken if not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
         return f"a result would replace the photograph {hit[0]}; use another -o"
-    if taken and not overwrite:
+    if taken and not (overwrite or resume):
         return f"{taken[0]} exists; use another -o or add --overwrite"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
+    other = None if overwrite or not taken else _image_of(paths[-1])
+    if other is not None and os.path.realpath(other) != os.path.realpath(image):
+        return f"{paths[-1]} is the result of {other}; use another -o or add --overwrite"
     return None
 
 
-def is_ours(path: Path) -> bool:
-    """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not."""
+def _image_of(document: Path) -> str | None:
+    """Return the photograph that a document is of; None if it is not there or damaged."""
+    with suppress(OSError, ValueError):
+        content = json.loads(document.read_bytes())
+        image = content.get("image") if isinstance(content, dict) else None
+        return image if isinstance(image, str) else None
+    return None
+
+
+def is_ours(path: Path, kind: str | None = None) -> bool:
+    """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str, optional
+        The suffix that stands for what it should be; its own by default.
+    """
     if not path.is_file():
         return False
-    signs = SIGNS.get(path.suffix.lower(), SIGNS[".html"] + SIGNS[".csv"])  # these have any name
+    signs = SIGNS.get(kind or path.suffix.lower(), ())
     with suppress(OSError), path.open("rb") as file:
         start = file.read(1 << 20)
         return any(sign in start for sign in signs)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
 
 from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
@@ -57,11 +58,14 @@ class Inputs:
     names : dict of Path to Path
         What the results of a photograph are called, where its place in a folder or video says so: subfolder
         and stem.
+    lists : list of Path
+        The files that named some.
     """
 
     paths: list[Path] = field(default_factory=list)
     names: dict[Path, Path] = field(default_factory=dict)
     refused: dict[Path, str] = field(default_factory=dict)
+    lists: list[Path] = field(default_factory=list)
 
     @property
     def one_video(self) -> bool:
@@ -80,7 +84,7 @@ def list_photographs(
     *,
     recursive: bool = False,
     frames: Frames | None = None,
-    stdin: TextIO | None = None,
+    stdin: BinaryIO | None = None,
 ) -> Inputs:
     """Return the photographs that words name.
 
@@ -93,47 +97,49 @@ def list_photographs(
         Whether folders stand for all below them, too.
     frames : Frames, optional
         Of videos; all by default.
-    stdin : text file, optional
+    stdin : binary file, optional
 
     Raises
     ------
     ImageError
         If a list cannot be read or names nothing.
     """
-    found = Inputs()
+    found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
         path = Path(word)
-        if is_video(path):
-            _add_frames(found, path, frames or Frames())
-        elif path.is_dir():
-            _add_folder(found, path, recursive)
-        else:
-            found.paths.append(path)
+        try:
+            if is_video(path):
+                _add_frames(found, path, frames or Frames())
+            elif path.is_dir():
+                _add_folder(found, path, recursive)
+            else:
+                found.paths.append(path)
+        except OSError as error:
+            found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
     return found
 
 
-def _without_lists(words: Sequence[str], stdin: TextIO | None) -> Iterator[str]:
+def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str]:
     """Yield words, those of lists in place of the lists."""
     for word in words:
         if word == STANDARD_INPUT:
-            yield from _lines("standard input", stdin.read() if stdin is not None else "")
+            yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
         elif word.startswith(LIST):
-            yield from _lines(word[1:], _text(Path(word[1:])))
+            yield from _lines(word[1:], Path(word[1:]).read_bytes)
         else:
             yield word
 
 
-def _text(path: Path) -> str:
-    """Return the text of a list; names may hold bytes that are no text."""
+def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
+    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
+
+    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name.
+    """
     try:
-        return os.fsdecode(path.read_bytes())
+        text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{path}: the list cannot be read ({reason}); check the path") from None
-
-
-def _lines(source: str, text: str) -> list[str]:
-    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``."""
+        raise ImageError(f"{source}: the list cannot be read ({reason}); check the path") from None
     names = [name for name in (text.split("\0") if "\0" in text else text.splitlines()) if name.strip()]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
@@ -155,17 +161,19 @@ def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder, in the order of their names; without any it stays as it is."""
+    """Add the photographs of a folder, in the order of their names; without any it stays as it is.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; nothing is added then.
+    """
     entries = folder.rglob("*") if recursive else folder.iterdir()
-    try:
-        photographs = [
-            path
-            for path in sorted(entries, key=_in_order)
-            if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
-        ]
-    except OSError as error:
-        found.refuse(folder, f"cannot be read ({error.strerror}); check its permissions")
-        return
+    photographs = [
+        path
+        for path in sorted(entries, key=_in_order)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+    ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         found.refuse(folder, f"holds no photograph; {more}")

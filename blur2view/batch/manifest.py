@@ -18,11 +18,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from blur2view.batch.job import Job, Made, Outcome, file_digest
 from blur2view.errors import OutputError
-from blur2view.output_files import unwritable
+from blur2view.output_files import ResultFiles, unwritable
 
 SIGN = "blur2view"
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
@@ -77,7 +77,7 @@ class Manifest:
     settings : Settings
         Of this call.
     resume : bool
-        Whether what earlier calls did is looked up.
+        Whether what earlier calls did with photographs is looked up.
 
     Raises
     ------
@@ -91,9 +91,8 @@ class Manifest:
         self.cut_off = False
         self._done: dict[str, dict[str, Any]] = {}
         self._targets: dict[str, str] = {}
-        lines = self._read()
-        if resume:
-            self._look_up(lines)
+        for line in self._read():
+            self._look_up(line, resume=resume)
 
     def knows(self, job: Job[Any]) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
@@ -112,12 +111,15 @@ class Manifest:
         line = self._done.pop(str(job.path), None)  # which may be large
         if line is None or (line["sha256"], line["source"]) != (job.digest, job.source):
             return None
-        if not all(_is_whole(folder / name, digest) for name, digest in line["outputs"].items()):
+        outputs = {folder / name: digest for name, digest in line["outputs"].items()}
+        if isinstance(job.target, ResultFiles) and set(job.target.paths) != outputs.keys():
+            return None  # its results have other names since then
+        if not all(_is_whole(path, digest) for path, digest in outputs.items()):
             return None
         try:
             kept = _unpacked(line["kept"])
-        except (pickle.UnpicklingError, ValueError, zlib.error, EOFError, AttributeError, TypeError):
-            return None  # of another version, or damaged: done again
+        except Exception:  # damaged bytes, or those of another version, raise errors of any type
+            return None
         return Made(kept=kept, summary=line["summary"], row=line["row"])
 
     def wrote(self, target: Path) -> bool:
@@ -168,9 +170,9 @@ class Manifest:
         for text in whole.splitlines():
             try:
                 line = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 line = None
-            if isinstance(line, dict):
+            if isinstance(line, dict) and _is_whole_line(line):
                 lines.append(line)
             else:
                 self.cut_off = True
@@ -178,15 +180,14 @@ class Manifest:
             raise OutputError(f"{self.path}: is no manifest of blur2view; rename or remove it")
         return lines
 
-    def _look_up(self, lines: list[dict[str, Any]]) -> None:
-        """Fill in what was done with these settings."""
-        for line in lines:
-            if "target" in line:
-                self._targets[line["target"]] = line["sha256"]
-            elif "outputs" in line and line.get("settings") == self.settings.digest:
-                self._done[line["image"]] = line
-            else:
-                self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
+    def _look_up(self, line: dict[str, Any], *, resume: bool) -> None:
+        """Note a file of all photographs, or what was done with these settings."""
+        if "target" in line:
+            self._targets[line["target"]] = line["sha256"]
+        elif resume and "outputs" in line and line.get("settings") == self.settings.digest:
+            self._done[line["image"]] = line
+        else:
+            self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
 
     def _write(self, line: dict[str, Any]) -> None:
         """Append a line and wait until the disk has it."""
@@ -221,8 +222,21 @@ def _is_whole(path: Path, digest: str) -> bool:
     """Return whether a file has this content."""
     try:
         return file_digest(path) == digest
-    except OSError:
+    except (OSError, ValueError):  # of a name with a null character
         return False
+
+
+def _is_whole_line(line: dict[str, Any]) -> bool:
+    """Return whether a line has all that its kind is read for."""
+    of_target = {"target": str, "sha256": str}
+    of_done = {"image": str, "sha256": str, "source": str, "outputs": dict, "summary": str, "kept": str}
+    kind = of_target if "target" in line else of_done if "outputs" in line else {}
+    row, image = line.get("row"), line.get("image", "")
+    return (
+        all(isinstance(line.get(name), type_) for name, type_ in kind.items())
+        and isinstance(row, dict | None)
+        and isinstance(image, str)
+    )
 
 
 def _packed(kept: object) -> str:
@@ -235,15 +249,29 @@ def _unpacked(text: str) -> Any:
     return _Unpickler(io.BytesIO(zlib.decompress(base64.b85decode(text)))).load()
 
 
-class _Unpickler(pickle.Unpickler):
-    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called."""
+class _Unpickler(pickle._Unpickler):
+    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called.
+
+    No class or member of an enum is changed, either: that would outlive the object. The reader in C has no
+    place where that could be refused.
+    """
 
     def find_class(self, module: str, name: str) -> Any:
         """Return a dataclass or an enum of this package, or what arrays need; refuse all else."""
-        if (module, name) in ARRAYS or (module.startswith("pathlib") and name.endswith("Path")):
+        if (module, name) in ARRAYS or (module.partition(".")[0] == "pathlib" and name.endswith("Path")):
             return super().find_class(module, name)
         if module.partition(".")[0] == SIGN:
             found = super().find_class(module, name)
             if isinstance(found, type) and (is_dataclass(found) or issubclass(found, Enum)):
                 return found
         raise pickle.UnpicklingError(f"{module}.{name} is none of ours")
+
+    def load_build(self) -> None:
+        """Give an object its state, unless that would set attributes of what others share."""
+        instance, state = self.stack[-2:]  # type: ignore[attr-defined]
+        by_attribute = isinstance(state, tuple) and not hasattr(instance, "__setstate__")
+        if by_attribute or isinstance(instance, (type, Enum)):
+            raise pickle.UnpicklingError(f"the state of a {type(instance).__name__} is none of ours")
+        super().load_build()  # type: ignore[misc]
+
+    dispatch: ClassVar[dict[int, Any]] = {**pickle._Unpickler.dispatch, pickle.BUILD[0]: load_build}

@@ -33,7 +33,7 @@ DIGITS = 6  # of a frame's name
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
 
 
-class EndOfVideo(Exception):
+class EndOfVideo(ImageError):
     """A frame is announced by its video, and not in it; nothing that a user must mend."""
 
 
@@ -95,7 +95,7 @@ def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     Raises
     ------
     ImageError
-        If the video cannot be opened or ends too early.
+        If the video cannot be opened, ends too early or announces no such frame.
     EndOfVideo
         If it ends within a second of where it says, or the frame before could not be read either.
     """
@@ -120,16 +120,18 @@ class _Reader:
             self._open()
         while self.position <= number:
             if not self.capture.grab():
-                self._end()
+                self._end(number)
             self.position += 1
         read, pixels = self.capture.retrieve()
         if not read:
             raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
         return np.asarray(pixels, np.uint8)
 
-    def _end(self) -> None:
-        """Raise why there is no next frame."""
+    def _end(self, number: int) -> None:
+        """Raise why there is no next frame, where one of this number is asked for."""
         announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if number >= announced:
+            raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
         missing_s = (announced - self.position) / max(self.capture.get(cv2.CAP_PROP_FPS), 1.0)
         if self.broken or missing_s <= TAIL_S:
             raise EndOfVideo(f"{self.video}: has {self.position} frames")

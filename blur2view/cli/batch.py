@@ -1,9 +1,10 @@
 """A command over many photographs: planned before any work, done, printed and written down."""
 
 import argparse
+import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -45,6 +46,8 @@ class CommandRun(Generic[Target, Kept]):
     work : Work
     manifest : Path or None
         The file in which is written down what is done; None if nothing is written.
+    files : collection of Path
+        Those of single photographs that will be written.
     prints : bool
         Whether a line is printed for each photograph, and a total.
 
@@ -52,6 +55,10 @@ class CommandRun(Generic[Target, Kept]):
     ----------
     rows : list of Row
         Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
+    has_table : bool
+        Whether it was not asked for, or could be written.
+    created : list of Path
+        The folders that were created for it, see `prepare_folder`.
     judge : callable
         Adds to a row what the command says of it.
     """
@@ -62,26 +69,33 @@ class CommandRun(Generic[Target, Kept]):
         work: Work[Target, Kept],
         manifest: Path | None,
         *,
+        files: Collection[Path] = (),
         prints: bool = True,
     ) -> None:
         self.options, self.work = options, work
         self.count = len(options.images)
         self.done = self.skipped = self.failed = 0
         self.interrupted = False
+        self.has_table = True
         self.prints = prints and not options.json and options.verbosity > QUIET
         self.rows: list[Row] = []
         self.judge: Callable[[Row], Row] = lambda row: row
         self.names = colmap_names(options.inputs)
         overwrite = getattr(options, "overwrite", False) or options.resume
         if options.csv is not None:
-            _check_table(options, overwrite=overwrite)
-            prepare_folder(options.csv.parent)
+            check_file(options.csv, "table", options.images, overwrite=overwrite, option="--csv")
+        named = {name: getattr(options, name, None) for name in ("csv", "keep", "output", "db")}
+        for name in ("csv", "keep"):
+            if (target := named.pop(name)) is not None:
+                others = (*named.values(), manifest, *files)
+                _refuse_shared(target, others, options.inputs.lists, f"--{name}")
         self.manifest: Manifest | None = None
         # one photograph alone leaves nothing to go on with
         if manifest is not None and (self.count > 1 or options.resume):
             self.manifest = Manifest(manifest, settings_of(options), resume=options.resume)
             if self.manifest.cut_off:
                 complain(OutputError(f"{manifest}: its last line was cut off; that photograph is done again"))
+        self.created = [] if options.csv is None else prepare_folder(options.csv.parent)
 
     def replaces(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it, and this one goes on."""
@@ -90,7 +104,7 @@ class CommandRun(Generic[Target, Kept]):
     @property
     def exit_code(self) -> int:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
-        return INTERRUPTED if self.interrupted else FAILED if self.failed else DONE
+        return INTERRUPTED if self.interrupted else DONE if self.has_table and not self.failed else FAILED
 
     def results(
         self,
@@ -139,12 +153,21 @@ class CommandRun(Generic[Target, Kept]):
             stopped = "interrupted"
         finally:
             bar.close()
-        if self.options.csv is not None and self.rows:
-            write_text(self.options.csv, table_text(self.rows))
+            self._write_table()
         if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
         elif self.count > 1 and self.prints:
             print(self._total(time.monotonic() - start))
+
+    def _write_table(self) -> None:
+        """Write the table, if one is wanted; where it cannot be, the other results are still of use."""
+        if self.options.csv is None or not self.rows:
+            return
+        try:
+            write_text(self.options.csv, table_text(self.rows))
+        except OutputError as error:
+            complain(error)
+            self.has_table = False
 
     def _engine(self) -> Engine:
         """Return where the work is done."""
@@ -210,13 +233,13 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
     return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
 
 
-def _check_table(options: argparse.Namespace, *, overwrite: bool) -> None:
-    """Refuse a table that would replace what it must not, or be one with another file of the call."""
-    target: Path = options.csv
-    check_file(target, "table", options.images, overwrite=overwrite, option="--csv")
-    others = (getattr(options, name, None) for name in ("output", "db", "keep"))
-    if target.resolve() in {other.resolve() for other in others if other is not None}:
-        raise OutputError(f"{target}: two results would be one file; name another with --csv")
+def _refuse_shared(target: Path, others: Iterable[Path | None], lists: Iterable[Path], option: str) -> None:
+    """Refuse a table or a list that would be one file with another one of the call."""
+    real = os.path.realpath(target)
+    if real in {os.path.realpath(other) for other in others if other is not None}:
+        raise OutputError(f"{target}: two results would be one file; name another with {option}")
+    if real in {os.path.realpath(path) for path in lists}:
+        raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
 
 
 def write_text(target: Path, text: str) -> None:
@@ -238,9 +261,8 @@ def plan_files(options: argparse.Namespace, kind: ResultKind[Files]) -> Sequence
     """Return where each photograph's results go, decided before any work; None without -o."""
     if options.output is None:
         return [None] * len(options.images)
-    overwrite = options.overwrite or options.resume
-    names = options.inputs.names
-    return plan_outputs(options.images, options.output, overwrite=overwrite, kind=kind, names=names)
+    may = {"overwrite": options.overwrite, "resume": options.resume}
+    return plan_outputs(options.images, options.output, **may, kind=kind, names=options.inputs.names)
 
 
 def run_each(
@@ -255,16 +277,18 @@ def run_each(
     """
     paths = {path for files in plan if files and not isinstance(files, OutputError) for path in files.paths}
     folders = {path.parent for path in paths}
-    created = [made for folder in sorted(folders) for made in prepare_folder(folder)]
-    if options.resume:
-        remove_left_over(paths, folders)
     manifest = None if options.csv is None else manifest_beside(options.csv)
     if options.output is not None:
         manifest = options.output / f"{options.command}.manifest.jsonl"
-    run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest)
+    run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest, files=paths)
+    created = run.created
     documents: list[Made] = []
     failures: list[FailureDocument] = []
     try:
+        for folder in sorted(folders):
+            created += prepare_folder(folder)
+        if options.resume:
+            remove_left_over(paths, folders)
         for result in run.results(options.images, plan):
             if result.made is None:
                 failures.append(FailureDocument(image=str(result.path), error=result.error))

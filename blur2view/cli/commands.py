@@ -58,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("blur2view: interrupted", file=sys.stderr)
         return INTERRUPTED
     except OSError as error:
+        if error.filename is not None:  # no stream
+            reason = f"{error.strerror}; check the path and its permissions"
+            complain(Blur2ViewError(f"{error.filename}: cannot be used ({reason})"))
+            return FAILED
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):  # whose reader, for example head, wants no more
             print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
@@ -72,9 +76,8 @@ def take_inputs(options: argparse.Namespace) -> None:
     from blur2view.batch.inputs import Frames, list_photographs
 
     frames = Frames(every=options.every, first=options.first, last=options.last)
-    options.inputs = list_photographs(
-        options.images, recursive=options.recursive, frames=frames, stdin=sys.stdin
-    )
+    stdin = None if sys.stdin is None else sys.stdin.buffer
+    options.inputs = list_photographs(options.images, recursive=options.recursive, frames=frames, stdin=stdin)
     options.images = options.inputs.paths
 
 

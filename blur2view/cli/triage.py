@@ -52,14 +52,17 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
     run: CommandRun[None, None] = CommandRun(options, work, manifest_beside(options.csv or options.keep))
     run.judge = lambda row: replace(row, use=use_of(row, options.max_smear))
     if options.keep is not None:
-        _check_list(options, run.names.values())
+        wrote = run.manifest is not None and run.manifest.wrote(options.keep)
+        _check_list(options, run.names.values(), wrote=wrote)
     for _ in run.results(options.images, [None] * len(options.images)):
         pass  # a row is all that is left of a photograph
     if options.keep is not None:
         wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
         write_text(options.keep, list_text([row.name for row in run.rows if row.use in wanted]))
+        if run.manifest is not None:
+            run.manifest.append_target(options.keep)
     if options.verbosity > QUIET:
-        print(summary(run.rows, options))
+        print(summary(run.rows, options, has_table=run.has_table))
     return run.exit_code
 
 
@@ -84,12 +87,15 @@ def list_text(names: Sequence[str]) -> str:
     return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
 
 
-def _check_list(options: argparse.Namespace, names: Collection[str]) -> None:
-    """Refuse a list that would replace what it must not; ours names nothing but these photographs."""
+def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: bool) -> None:
+    """Refuse a list that would replace what it must not.
+
+    Ours is as the manifest says that an earlier call wrote it, or names nothing but these photographs.
+    """
     target: Path = options.keep
     if target.is_file() and (options.overwrite or options.resume):
         try:
-            ours = set(target.read_text().splitlines()) <= set(names)
+            ours = wrote or set(target.read_text().splitlines()) <= set(names)
         except (OSError, ValueError):
             ours = False
         if not ours:
@@ -100,9 +106,10 @@ def _check_list(options: argparse.Namespace, names: Collection[str]) -> None:
         check_file(target, "list", options.images, overwrite=False, option="--keep")
 
 
-def summary(rows: Sequence[Row], options: argparse.Namespace) -> str:
+def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool) -> str:
     """Return one line: how many photographs are of which use, and what was written."""
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
-    files = " and ".join(printable(str(path)) for path in (options.csv, options.keep) if path is not None)
-    return f"{plural(len(rows), 'photograph')}: {parts}; wrote {files}"
+    written = (options.csv if has_table else None, options.keep)
+    files = " and ".join(printable(str(path)) for path in written if path is not None)
+    return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")

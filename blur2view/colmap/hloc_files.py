@@ -95,8 +95,6 @@ def refuse_foreign(folder: Path) -> None:
 
 def _holds_views_alone(path: Path) -> bool:
     """Return whether all names in one of hloc's files are those of views."""
-    if path.suffix == ".txt":
-        return are_views(path.read_text("utf-8", "replace").split())
     names: list[str] = []
 
     def note(name: str, node: Any) -> None:
@@ -108,6 +106,8 @@ def _holds_views_alone(path: Path) -> bool:
         names.extend(part for key in node for part in holds.get(key, []))
 
     try:
+        if path.suffix == ".txt":
+            return are_views(path.read_text("utf-8", "replace").split())
         with _h5py().File(path, "r") as file:
             file.visititems(note)
     except OSError:

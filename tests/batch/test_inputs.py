@@ -1,6 +1,7 @@
 """What a user names becomes photographs in order."""
 
 import io
+import os
 from pathlib import Path
 
 import pytest
@@ -59,10 +60,18 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     (tmp_path / "list.txt").write_bytes(text.encode())
     expected = [folder / "frame_10.jpg", Path("absent.png"), folder / "sub/a.tif"]
     assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
-    assert listed("-", stdin=io.StringIO(text)).paths == expected
-    assert listed("first.jpg", "-", "last.jpg", stdin=io.StringIO(text)).paths == [
+    assert listed("-", stdin=io.BytesIO(text.encode())).paths == expected
+    assert listed("first.jpg", "-", "last.jpg", stdin=io.BytesIO(text.encode())).paths == [
         Path("first.jpg"), *expected, Path("last.jpg")
     ]  # fmt: skip
+
+
+def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
+    content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
+    (tmp_path / "list.txt").write_bytes(content)
+    expected = [Path("first.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(content)).paths == expected
 
 
 def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
@@ -72,7 +81,7 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match=r"empty\.txt: names no photograph"):
         listed(f"@{tmp_path / 'empty.txt'}")
     with pytest.raises(ImageError, match="standard input: names no photograph"):
-        listed("-", stdin=io.StringIO(""))
+        listed("-", stdin=io.BytesIO(b""))
 
 
 @pytest.mark.parametrize(
@@ -109,3 +118,19 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
 def test_impossible_frames_are_errors(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected every >= 1"):
         Frames(**wrong)  # type: ignore[arg-type]
+
+
+def test_what_the_system_cannot_look_at_is_refused_and_not_the_others(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = "n" * 5000 + ".mp4"
+    found = listed(long, folder / "c.NEF", "d" * 5000)
+    assert found.paths == [Path(long), folder / "c.NEF", Path("d" * 5000)] and len(found.refused) == 2
+    assert "cannot be read (File name too long); check the path" in found.refused[Path(long)]
+
+    def denied(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", denied)
+    (reason,) = listed(folder).refused.values()
+    assert "cannot be read (Permission denied)" in reason

@@ -14,6 +14,7 @@ import pytest
 
 from blur2view.batch.job import Job, Made, Outcome, file_digest
 from blur2view.batch.manifest import Manifest, Settings, _packed, _unpacked
+from blur2view.cli.outputs import OutputFiles
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
@@ -139,6 +140,11 @@ def test_arrays_and_enums_come_back_as_they_were() -> None:
     np.testing.assert_array_equal(back.geometry.inlier_mask, mask)
 
 
+def packed(pickled: bytes) -> str:
+    """Return pickled bytes as a manifest has them."""
+    return base64.b85encode(zlib.compress(pickled)).decode()
+
+
 class _Evil:
     def __reduce__(self) -> tuple[Any, ...]:
         return os.mkdir, ("evil",)
@@ -154,9 +160,71 @@ def test_no_function_is_called_by_reading_a_manifest(
     path: Path, thing: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(path.parent)
-    text = base64.b85encode(zlib.compress(pickle.dumps(thing))).decode()
+    text = packed(pickle.dumps(thing))
     with pytest.raises(pickle.UnpicklingError, match="none of ours"):
         _unpacked(text)
     lines = path.read_text().splitlines()
     path.write_text(lines[0] + "\n" + json.dumps(json.loads(lines[1]) | {"kept": text}) + "\n")
     assert found(path) is None and not (path.parent / "evil").exists()
+
+
+GLOBAL = b"\x80\x04cblur2view.cli.outputs\nOutputFiles\n"
+MEMBER = b"\x80\x04cblur2view.geometry.two_view_geometry\nConfiguration\n(X\x06\x00\x00\x00PLANARtR"
+STATE = b"}X\x08\x00\x00\x00documentX\x05\x00\x00\x00/evils"
+OF_MEMBER = b"}X\x07\x00\x00\x00_value_K\x63s"
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        GLOBAL + b"N" + STATE + b"\x86b.",  # (None, {...}): attributes of the class
+        GLOBAL + b")\x81N" + STATE + b"\x86b.",  # the same of an object
+        GLOBAL + STATE + b"b.",
+        MEMBER + OF_MEMBER + b"b.",
+    ],
+)
+def test_no_class_or_member_is_changed_by_reading_a_manifest(pickled: bytes) -> None:
+    document, values = OutputFiles.__dict__["document"], [one.value for one in Configuration]
+    try:
+        with pytest.raises(pickle.UnpicklingError, match="none of ours"):
+            _unpacked(packed(pickled))
+        assert OutputFiles.__dict__["document"] is document
+        assert [one.value for one in Configuration] == values
+    finally:  # for the other tests
+        OutputFiles.document = document  # type: ignore[method-assign]
+        for one, value in zip(Configuration, values, strict=True):
+            one._value_ = value
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kept": packed(b"cblur2view.nowhere\nEntry\n.")},  # ImportError
+        {"kept": packed(b"h\x05.")},  # of the memo: KeyError or UnpicklingError
+        {"kept": packed(b"0.")},  # IndexError
+        {"kept": packed(b"")},
+        {"kept": 3},
+        {"kept": None},
+        {"sha256": None},
+        {"source": None},
+        {"summary": None},
+        {"outputs": ["a.json"]},
+        {"outputs": {"a\0.json": ""}},
+        {"row": [1]},
+        {"image": ["a.jpg"]},
+        {"image": None},
+    ],
+)
+def test_line_of_other_content_is_not_found(path: Path, change: dict[str, Any]) -> None:
+    lines = path.read_text().splitlines()
+    line = {key: value for key, value in (json.loads(lines[1]) | change).items() if value is not None}
+    path.write_text(lines[0] + "\n" + json.dumps(line) + "\n")
+    assert found(path) is None
+
+
+@pytest.mark.parametrize("text", ['{"target": "a"}', '{"target": ["a"], "sha256": "b"}', "[" * 99999])
+def test_line_without_its_keys_is_dropped(path: Path, text: str) -> None:
+    with path.open("a") as file:
+        file.write(text + "\n")
+    manifest = Manifest(path, SETTINGS, resume=True)
+    assert manifest.cut_off and manifest.find(JOB, path.parent) is not None

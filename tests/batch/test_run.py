@@ -5,12 +5,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import cv2
 import pytest
 
 from blur2view.batch.job import Job, Made
 from blur2view.batch.processes import Engine, in_processes, in_this_process, processes
 from blur2view.batch.run import Batch, Result
+from blur2view.camera import video as video_module
 from blur2view.errors import ImageError
 from tests.support.many_photographs import write_video
 
@@ -104,13 +107,32 @@ def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
     running.close()
 
 
-def test_frames_that_a_video_only_announces_are_left_out(tmp_path: Path) -> None:
+def test_frames_that_a_video_only_announces_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     video = write_video(tmp_path / "clip.mp4", 12)
+    opened = video_module._opened
+
+    class Announcing:
+        """A video that announces 15 frames."""
+
+        def __init__(self, path: Path) -> None:
+            self.capture = opened(path)
+
+        def get(self, name: int) -> Any:
+            """Return a property."""
+            return 15 if name == cv2.CAP_PROP_FRAME_COUNT else self.capture.get(name)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.capture, name)
+
+    monkeypatch.setattr(video_module, "_opened", Announcing)
     batch: Batch[float, Number] = Batch(work=CountWork(), engine=in_this_process)
     jobs: list[Job[float]] = [
         Job(index=index, path=video / f"{number:06d}", target=0.0)
-        for index, number in enumerate((3, 11, 12, 15))
+        for index, number in enumerate((3, 11, 12, 14, 15))
     ]
     found = list(batch.results(jobs))
-    assert [one.index for one in found] == [0, 1]
-    assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for one in found)
+    assert [one.index for one in found] == [0, 1, 4]
+    assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for one in found[:2])
+    assert "has 15 frames, none of number 15" in found[2].error

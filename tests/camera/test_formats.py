@@ -155,10 +155,12 @@ def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
         try:
             read_frame(cut, number)
             outcomes.append("read")
-        except ImageError as error:
-            assert f"ends after 40 of {announced} frames" in str(error)
-            outcomes.append("failed")
         except EndOfVideo:
             outcomes.append("end")
+        except ImageError as error:
+            outcomes.append("beyond" if number >= announced else "failed")
+            expected = "none of number" if number >= announced else f"ends after 40 of {announced} frames"
+            assert expected in str(error)
     assert outcomes[:2] == ["read", "read"] and outcomes.count("failed") == failures
-    assert outcomes.count("end") == 3 - failures
+    assert outcomes.count("beyond") == sum(number >= announced for number in (40, 45, 50))
+    assert outcomes.count("end") == 3 - failures - outcomes.count("beyond")

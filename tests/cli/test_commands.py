@@ -35,6 +35,7 @@ from tests.support.colour_code import (
     forward_motion,
     write_picture,
 )
+from tests.support.many_photographs import command, environment
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -412,3 +413,15 @@ def test_certainty_of_directions_is_written_where_the_network_has_it(tmp_path: P
             assert cli.main([*words, *full, "-o", str(tmp_path / "out")]) == 0
             field = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
             assert (field.sigma_rad is not None) == written
+
+
+def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
+    strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}
+    with (tmp_path / "t.png").open("rb") as file:
+        done = subprocess.run(
+            command("estimate", "-"), env=strict, stdin=file, capture_output=True, text=True, check=False
+        )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("blur2view: ") and "no such file" in line

@@ -17,6 +17,7 @@ from blur2view import pipeline
 from blur2view.batch import job
 from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
+from blur2view.errors import ImageError
 from blur2view.output_files import write_together
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents, finish, start, write_photographs, write_video
@@ -114,6 +115,40 @@ def test_other_network_is_done_again(
         read.clear()
         assert cli.main([*words, *([] if model is None else ["--model", str(model)])]) == 0
         assert len(read) == count
+
+
+@pytest.mark.parametrize("command", ["estimate", "segment"])
+def test_resume_replaces_no_result_of_another_photograph(
+    folder: Path, tmp_path: Path, tiny_model: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def call(*words: object) -> int:
+        return cli.main([command, "--model", str(tiny_model), "-o", str(out), *map(str, words)])
+
+    out, other = tmp_path / "out", tmp_path / "other" / "000.png"
+    other.parent.mkdir()
+    shutil.copy(folder / "001.png", other)
+    assert call(folder / "000.png") == 0
+    before = contents(out)
+    capsys.readouterr()
+    assert call(other, "--resume") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"is the result of {folder / '000.png'}" in line and contents(out) == before
+    assert call(folder / "000.png", "--resume") == 0
+    assert call(other, "--resume", "--overwrite") == 0 and contents(out) != before
+
+
+def test_resume_does_again_what_has_another_name_now(
+    run: Any, folder: Path, tmp_path: Path, read: list[str]
+) -> None:
+    other = tmp_path / "other" / "000.png"
+    other.parent.mkdir()
+    shutil.copy(folder / "001.png", other)
+    out = tmp_path / "out"
+    assert run(folder / "000.png", folder / "001.png", "-o", out) == 0
+    read.clear()
+    assert run(folder / "000.png", other, "-o", out, "--resume") == 0
+    assert read == ["000.png", "000.png"]
+    assert (out / "in" / "000.json").exists() and (out / "other" / "000.json").exists()
 
 
 def test_resume_prints_the_documents_of_what_was_done_before(
@@ -280,6 +315,18 @@ def test_frames_of_a_video_are_estimated_in_order(
     assert "4 photographs: 2 done, 2 done before" in capsys.readouterr().out
 
 
+def test_frame_beyond_the_end_of_a_video_is_an_error(
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    assert run(video / "000999", video / "000024") == 1
+    printed = capsys.readouterr()
+    (line,) = printed.err.splitlines()
+    assert f"{video}: has 25 frames, none of number 999" in line and "1 done, 1 failed" in printed.out
+    with pytest.raises(ImageError, match="has 25 frames"):
+        read_image(video / "000025")
+
+
 def test_frames_of_a_video_come_into_a_report_and_a_database(tmp_path: Path, tiny_model: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     shared = [str(video), "--every", "10", "--jobs", "1", "--model", str(tiny_model)]
@@ -310,6 +357,28 @@ def test_bad_inputs_cost_one_line_each_and_not_the_others(
     assert "4 photographs: 1 done, 3 failed" in printed.out
     assert run("@absent.txt") == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["estimate", "triage", "to-colmap", "report"])
+def test_name_too_long_for_the_system_costs_one_line(
+    folder: Path, tmp_path: Path, tiny_model: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    targets = {"estimate": "-o", "triage": "--csv", "to-colmap": "--db", "report": "-o"}
+    words = [command, "n" * 5000 + ".png", str(folder), targets[command], str(tmp_path / "target")]
+    assert cli.main([*words, "--jobs", "1", "--model", str(tiny_model)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cannot be read (File name too long)" in line
+    assert (tmp_path / "target").exists()
+
+
+def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(
+    folder: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "h" / "pairs.txt").mkdir(parents=True)
+    words = ["to-colmap", str(folder / "000.png"), "--format", "hloc", "-o", str(tmp_path / "h")]
+    assert cli.main([*words, "--model", str(tiny_model)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pairs.txt: holds more than views" in line
 
 
 @pytest.mark.parametrize(

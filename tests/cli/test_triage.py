@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from blur2view.batch.manifest import Manifest
+from blur2view.cli import batch
 from blur2view.cli import commands as cli
 from blur2view.cli.triage import list_text, use_of
 from blur2view.documents.table import Row, row, table_text
+from blur2view.errors import OutputError, RunError
+from blur2view.output_files import write_atomically
 from blur2view.smears.field import SmearField
 from blur2view.smears.sharpness import median_smear
 from tests.support.colour_code import colour_code, forward_motion, write_picture
@@ -129,6 +133,53 @@ def test_files_of_others_are_spared(
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
+        ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
+        ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
+        ["triage", "--csv", "t.csv", "--keep", "t.csv.manifest.jsonl"],
+        ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
+    ],
+)
+def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
+    frames: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, words: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(frames.parent)
+    assert call(words[0], tiny_model, "frames", *words[1:]) == 1
+    assert "two results would be one file" in capsys.readouterr().err
+    assert [path.name for path in frames.parent.iterdir() if path.is_file()] == []
+
+
+@pytest.mark.parametrize("option", ["--keep", "--csv"])
+def test_list_of_the_photographs_is_not_replaced(
+    frames: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, option: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(frames)
+    Path("all.txt").write_text("chaos.png\nstill.png\n")
+    assert call("triage", tiny_model, "@all.txt", option, "all.txt", "--overwrite") == 1
+    assert Path("all.txt").read_text() == "chaos.png\nstill.png\n"
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("again", ["--resume", "--overwrite"])
+def test_list_is_ours_after_a_photograph_was_deleted(
+    frames: Path, tiny_model: Path, tmp_path: Path, again: str
+) -> None:
+    words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
+    assert call("triage", tiny_model, *words) == 0
+    assert (tmp_path / "keep.txt").read_text() == "still.png\n"
+    (frames / "still.png").unlink()
+    assert call("triage", tiny_model, *words, again) == 0
+    assert (tmp_path / "keep.txt").read_text() == ""
+    (tmp_path / "keep.txt").write_text("mine.png\n")
+    assert call("triage", tiny_model, *words, again) == 1
+    assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
+
+
+@pytest.mark.parametrize(
     "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
 )
 def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
@@ -219,3 +270,68 @@ def test_what_shows_no_texture_has_no_say() -> None:
     displacement[:, :16], sigma[:, :16] = (9.0, 0.0), 2.0
     found = median_smear(field(displacement, sigma))
     assert found is not None and found.length_px == pytest.approx(9)
+
+
+def test_refused_table_leaves_no_folder(frames: Path, tiny_model: Path, tmp_path: Path) -> None:
+    (tmp_path / "there.csv").write_text("a,b\n")
+    (tmp_path / "file").touch()
+    words = ("estimate", tiny_model, frames / "still.png")
+    assert call(*words, "-o", tmp_path / "new", "--csv", tmp_path / "there.csv") == 1
+    assert call(*words, "-o", tmp_path / "file" / "new", "--csv", tmp_path / "sheets" / "t.csv") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "frames", "there.csv"]
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("report", ["-o", "a.html"]), ("triage", ["--keep", "a.html"]), ("to-colmap", ["--db", "a.html"])],
+)
+def test_table_that_cannot_be_written_costs_no_other_result(
+    frames: Path, tiny_model: Path, tmp_path: Path, command: str, words: list[str],
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def full(path: Path, write: Any) -> None:
+        if path.suffix == ".csv":
+            raise OSError(28, "No space left on device")
+        write_atomically(path, write)
+
+    monkeypatch.setattr(batch, "write_atomically", full)
+    words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
+    assert call(command, tiny_model, frames, *words, "--csv", tmp_path / "t.csv") == 1
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1 and "No space left on device" in printed.err
+    assert (tmp_path / "a.html").exists() and "t.csv" not in printed.out
+
+
+@pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
+def test_table_is_written_of_what_was_done_before_the_run_could_not_go_on(
+    frames: Path, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    append = Manifest.append
+
+    def fail(manifest: Manifest, job: Any, *rest: Any) -> None:
+        if job.index == 1:
+            raise error
+        append(manifest, job, *rest)
+
+    monkeypatch.setattr(Manifest, "append", fail)
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv") == 1
+    assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
+
+
+def test_table_and_page_of_any_name_are_replaced_if_asked(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = ["tab.json", "tab.html", "tab", "tab.png"]
+    for name in odd:
+        for more in ([], ["--overwrite"], ["--resume"]):
+            assert call("triage", tiny_model, frames, "--csv", tmp_path / name, *more) == 0
+    for name in ("page.csv", "page.npz", "page"):
+        for more in ([], ["--overwrite"], ["--resume"]):
+            words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
+            assert call("report", tiny_model, *words) == 0
+    capsys.readouterr()
+    # of another kind
+    before = (tmp_path / "page.csv").read_bytes()
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "page.csv", "--overwrite") == 1
+    assert "is no table of an earlier call" in capsys.readouterr().err
+    assert (tmp_path / "page.csv").read_bytes() == before

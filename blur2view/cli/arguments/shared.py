@@ -167,7 +167,7 @@ def add_running(parser: argparse.ArgumentParser) -> None:
         "--resume",
         action="store_true",
         help="go on: skip photographs that an earlier call has done with the same content, network and "
-        "options, whose results are whole; do the others, also over earlier results",
+        "options, whose results are whole; do the others, also over their earlier results",
     )
     add("--max-failures", type=positive, metavar="N", help="stop when as many photographs have failed")
 
