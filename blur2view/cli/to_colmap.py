@@ -91,6 +91,8 @@ def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], objec
     """Refuse options that do not go together."""
     if not options.link and (options.replace or options.no_backup):
         usage_error("--replace and --no-backup go with --link")
+    if options.link and options.dask is not None:
+        usage_error("--link goes without --dask, whose workers see no database")
     if options.link and options.corrected:
         usage_error("--corrected is not for --link, whose views take the place of your features")
     if options.format == DATABASE and options.output is not None:

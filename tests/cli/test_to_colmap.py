@@ -152,7 +152,9 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
     target = ["--db", str(tmp_path / "new.db")]
-    wrong = [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
+    dask = ["--dask", "tcp://127.0.0.1:9"]
+    wrong = [[*dask, "--link"], [*dask, "--camera", "project.db:1"]]
+    wrong += [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
     wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
     for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
         with pytest.raises(SystemExit) as stop:
