@@ -15,7 +15,7 @@ from blur2view.errors import RunError
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
-LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")  # it is said here
+LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")  # we say it
 
 
 class Cluster:
@@ -98,7 +98,7 @@ class Cluster:
         """Raise RunError for whatever keeps the cluster from going on: no module, no scheduler."""
         try:
             yield
-        except (Exception, asyncio.CancelledError) as error:  # futures of a scheduler that is gone are cancelled
+        except (Exception, asyncio.CancelledError) as error:  # of a lost scheduler: cancelled
             reason = " ".join(str(error).split()) or type(error).__name__
             raise RunError(
                 f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "

@@ -27,7 +27,9 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
         intrinsics = Intrinsics(focal_px=options.focal, camera=options.camera)
         if options.dask is not None and intrinsics.in_database:
-            raise ValueError("the workers of --dask see no database; write its camera out, as MODEL WIDTH HEIGHT PARAMETERS")
+            raise ValueError(
+                "the workers of --dask see no database; write its camera out, as MODEL WIDTH HEIGHT PARAMETERS"
+            )
         return Run(
             select=SelectOptions(beta=options.beta),
             options=EstimatorOptions(max_error_px=options.max_error),

@@ -194,14 +194,15 @@ def test_table_and_database_call_a_photograph_the_same(
     below = tmp_path / "all" / "sub"
     below.parent.mkdir()
     photos[0].parent.rename(below)
-    code, out, _ = run("--db", tmp_path / "new.db", "--csv", tmp_path / "new.csv", "--recursive", below.parent)
-    assert code == 0 and named(tmp_path / "new.csv") == ["sub/moving.png", "sub/still.png"]
+    given, table = ["--recursive", below.parent], tmp_path / "new.csv"
+    assert run("--db", tmp_path / "new.db", "--csv", table, *given)[0] == 0
+    assert named(table) == ["sub/moving.png", "sub/still.png"]
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         assert {image.name for image in database.read_all_images()} == {
             f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
         }
     table = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", table, "--recursive", below.parent)[0] == 0
+    assert run("--db", project, "--link", "--csv", table, *given)[0] == 0
     assert named(table) == ["moving.png", "still.png"]
 
 

@@ -419,7 +419,8 @@ def test_the_digest_is_of_the_camera_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["params = zeroblob(length(params))", "model = 0", "prior_focal_length = 1 - prior_focal_length"]
+    "change",
+    ["params = zeroblob(length(params))", "model = 0", "prior_focal_length = 1 - prior_focal_length"],
 )
 def test_views_of_other_intrinsics_are_no_longer_those_of_the_project(tmp_path: Path, change: str) -> None:
     path = tmp_path / "project.db"

@@ -285,9 +285,8 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=MAX_MEMORY_GIB,
         metavar="GIB",
-        help="refuse photographs whose estimate takes more memory of its process, of which --jobs starts many; "
-        "masks take up to three times as much "
-        "(default: %(default)s, enough for 32 megapixels)",
+        help="refuse photographs whose estimate takes more memory of its process, of which --jobs starts "
+        "many; masks take up to three times as much (default: %(default)s, enough for 32 megapixels)",
     )
     add(
         "--model",
