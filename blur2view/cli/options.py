@@ -28,7 +28,7 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
         intrinsics = Intrinsics(focal_px=options.focal, camera=options.camera)
         if options.dask is not None and intrinsics.in_database:
             raise ValueError(
-                "the workers of --dask see no database; write its camera out, as MODEL WIDTH HEIGHT PARAMETERS"
+                "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )
         return Run(
             select=SelectOptions(beta=options.beta),
