@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import warnings
 from collections.abc import Generator, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from blur2view.batch.job import Job, Kept, Outcome, Target, Work, perform
@@ -14,6 +15,7 @@ from blur2view.errors import RunError
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
+LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")  # we say it
 
 
 class Cluster:
@@ -38,6 +40,8 @@ class Cluster:
         except ImportError:
             raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
         self.address, self._dask = address, distributed
+        for name in LOGGERS:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
             asyncio.run(_greet(address))  # a client that finds nobody takes as long again to be closed
             self._client = distributed.Client(address, timeout=CONNECT_S)
@@ -57,37 +61,48 @@ class Cluster:
         pending: dict[Any, Job[Target]] = {}
         try:
             while True:
-                slots = AHEAD * max(sum(self._client.nthreads().values()), 1)
+                with self._in_touch():
+                    slots = AHEAD * max(sum(self._client.nthreads().values()), 1)
                 while len(pending) < slots and (job := next(jobs, None)) is not None:
                     pending[self._submitted(work, job)] = job
                 if not pending:
                     return
-                done = self._dask.wait(list(pending), return_when="FIRST_COMPLETED").done
+                with self._in_touch():
+                    done = self._dask.wait(list(pending), return_when="FIRST_COMPLETED").done
                 for future in done:
                     yield pending[future], self._outcome(pending.pop(future), future)
         finally:
-            with suppress(Exception):  # of a scheduler that is gone
+            with suppress(Exception, asyncio.CancelledError):  # of a scheduler that is gone
                 self._client.cancel(list(pending))
-            self._client.close()
+            with suppress(Exception, asyncio.CancelledError):
+                self._client.close()
 
     def _submitted(self, work: Work[Target, Kept], job: Job[Target]) -> Any:
         """Return the future of a job."""
-        with warnings.catch_warnings():
+        with self._in_touch(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Dask warns of large arguments; scattered they could be lost
             return self._client.submit(perform, work, job, write=False, pure=False)
 
     def _outcome(self, job: Job[Target], future: Any) -> Outcome[Kept]:
         """Return the outcome of a job that is done."""
+        with self._in_touch():
+            try:
+                outcome: Outcome[Kept] = future.result()
+            except self._dask.scheduler.KilledWorker:
+                error = f"{job.path}: every worker that read it died; resize it or give them memory"
+                outcome = Outcome(error=error)
+        return outcome
+
+    @contextmanager
+    def _in_touch(self) -> Generator[None]:
+        """Raise RunError for whatever keeps the cluster from going on: no module, no scheduler."""
         try:
-            outcome: Outcome[Kept] = future.result()
-            return outcome
-        except self._dask.scheduler.KilledWorker:
-            return Outcome(error=f"{job.path}: every worker that read it died; resize it or give them memory")
-        except Exception as error:  # of any type: the worker lacks a module, the scheduler is gone
+            yield
+        except (Exception, asyncio.CancelledError) as error:  # of a lost scheduler: cancelled
             reason = " ".join(str(error).split()) or type(error).__name__
             raise RunError(
-                f"{self.address}: cannot go on ({reason}); see that the workers have this blur2view, "
-                "and go on with --resume"
+                f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "
+                "this blur2view, and go on with --resume"
             ) from None
 
 

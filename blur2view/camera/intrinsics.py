@@ -43,6 +43,11 @@ class Intrinsics:
         if self.camera is not None and self.camera != "exif" and self._database() is None:
             Camera.from_string(self.camera)
 
+    @property
+    def in_database(self) -> bool:
+        """Whether the camera is in a COLMAP database, which is read for every photograph."""
+        return self.focal_px is None and self._database() is not None
+
     def _database(self) -> tuple[Path, int | None] | None:
         """Return path and camera id if a database is meant: what exists or looks like a path."""
         text = self.camera or ""

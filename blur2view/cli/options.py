@@ -25,11 +25,16 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             raise ValueError(f"exposure must be above {SHORTEST_S:g} s and finite, got {exposure_s}")
         if exposure_s is not None and options.focal is None and options.camera is None:
             raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
+        intrinsics = Intrinsics(focal_px=options.focal, camera=options.camera)
+        if options.dask is not None and intrinsics.in_database:
+            raise ValueError(
+                "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
+            )
         return Run(
             select=SelectOptions(beta=options.beta),
             options=EstimatorOptions(max_error_px=options.max_error),
             seed=options.seed,
-            intrinsics=Intrinsics(focal_px=options.focal, camera=options.camera),
+            intrinsics=intrinsics,
             exposure_s=exposure_s,
             max_memory_gib=options.max_memory,
         )

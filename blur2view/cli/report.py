@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from blur2view import __version__
 from blur2view.batch.job import Job, Made
 from blur2view.cli.batch import CommandRun, manifest_beside
@@ -25,7 +27,7 @@ from blur2view.output_files import (
     write_atomically,
 )
 from blur2view.pipeline import Run, estimate_file
-from blur2view.segmentation.mask import segment
+from blur2view.segmentation.mask import SegmentOptions, segment
 from blur2view.visualization.report import Entry, report
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
@@ -45,7 +47,10 @@ class ReportWork:
         """Return the entry of one photograph."""
         one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         start = time.perf_counter()
-        mask = segment(one.estimate) if self.mask else None
+        mask = None
+        if self.mask:
+            wanted = SegmentOptions(estimator=self.run.options)
+            mask = segment(one.estimate, wanted, np.random.default_rng(self.run.seed))
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), geometry)

@@ -57,6 +57,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     if options.output is not None:
         (hloc_files if options.format == HLOC else text_formats).refuse_foreign(options.output)
     photographs, failures = name_photographs(options)
+    batch.names |= {photograph.path: photograph.name for photograph in photographs}
     made: list[PhotographViews] = []
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
         made, failed = make_views(batch, wanted)
@@ -69,7 +70,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
         made = [replace(one, views=one.views.corrected()) for one in made]
     kept = [_kept(one) for one in photographs if one.kept]
     document = _write_document(options, made, kept, failures, replaces)
-    if fresh and made and not options.dry_run and batch.manifest is not None:
+    if fresh and document.photographs and not options.dry_run and batch.manifest is not None:
         batch.manifest.append_target(options.db)
     remove_empty(created)
     if options.json:
@@ -90,6 +91,8 @@ def _check_usage(options: argparse.Namespace, usage_error: Callable[[str], objec
     """Refuse options that do not go together."""
     if not options.link and (options.replace or options.no_backup):
         usage_error("--replace and --no-backup go with --link")
+    if options.link and options.dask is not None:
+        usage_error("--link goes without --dask, whose workers see no database")
     if options.link and options.corrected:
         usage_error("--corrected is not for --link, whose views take the place of your features")
     if options.format == DATABASE and options.output is not None:

@@ -15,7 +15,7 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.exif import read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.batch import CommandRun
+from blur2view.cli.batch import CommandRun, colmap_names
 from blur2view.cli.network import CommandNetwork
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
@@ -31,7 +31,6 @@ from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.output_files import below_shared_folder
 from blur2view.pipeline import Run, estimate
 
 
@@ -91,7 +90,9 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
     plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(options.images)
     if options.link:
         plans = plan_links(options.db, options.images, replace=options.replace)
-    for path, name, plan in zip(options.images, fresh_names(options.images), plans, strict=True):
+    names = colmap_names(options.inputs)
+    for path, plan in zip(options.images, plans, strict=True):
+        name = names[path]
         if plan is None and any(photograph.name == name for photograph in photographs):
             plan = DatabaseError(f"{path}: is named twice; name it once")
         if plan is None and not storable(name):
@@ -103,11 +104,6 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
             name = plan.image.name if plan else name
             photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
     return photographs, failures
-
-
-def fresh_names(paths: Sequence[Path]) -> list[str]:
-    """Return names of photographs: their paths below the folder that all files share, with slashes."""
-    return [path.as_posix() for path in below_shared_folder(paths)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -125,7 +125,8 @@ def _plan_one(
 
 def digest(image: ProjectImage) -> bytes:
     """Return a digest of what the virtual views of an image are made from: its camera and its keypoints."""
-    return hashlib.sha256(f"{image.camera_id} ".encode() + image.source).digest()
+    read = f"{image.camera_id} ".encode() + image.camera + b" " + image.source
+    return hashlib.sha256(read).digest()
 
 
 def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> Path | None:

@@ -47,6 +47,8 @@ class ProjectImage:
         Our pixels.
     source : bytes
         The keypoints' data as stored, to notice when they change.
+    camera : bytes
+        The camera as stored: its model, size and parameters, and whether its focal length is a prior.
     """
 
     image_id: int
@@ -55,6 +57,7 @@ class ProjectImage:
     prior_focal: bool
     keypoints: NDArray[np.float64]
     source: bytes
+    camera: bytes
 
 
 @contextmanager
@@ -143,10 +146,10 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
         If its rows are missing or contradict each other.
     """
     sql = (
-        "SELECT image_id, camera_id, prior_focal_length FROM images LEFT JOIN cameras USING (camera_id) "
-        "WHERE name = ?"
+        "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
+        "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"
     )
-    image_id, camera_id, prior = database.execute(sql, (name,)).fetchone()
+    image_id, camera_id, prior, *camera = database.execute(sql, (name,)).fetchone()
     if not 0 <= image_id < MAX_IMAGES:
         raise DatabaseError(f"{path}: image {name} has the id {image_id}; COLMAP's are below {MAX_IMAGES}")
     row = database.execute(
@@ -169,6 +172,7 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
         prior_focal=bool(prior),
         keypoints=keypoints,
         source=row[2],
+        camera=repr((bool(prior), *camera)).encode("utf-8", "backslashreplace"),
     )
 
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.robust.independence import BLOCKS, cells
 from blur2view.segmentation.score import MotionScore, motion_score
+from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 
@@ -37,12 +39,21 @@ def admitted_motions(
     motions = [geometry]
     if geometry.F is not None and geometry.H is not None:
         motions.append(replace(geometry, F=None))
-    _, block = np.unique(cells(matches.midpoint, BLOCKS), return_inverse=True)
+    sure = np.empty((0, 2, 2)) if matches.sure_ends is None else matches.sure_ends
+    middle = np.concatenate([matches.midpoint, sure.mean(axis=1)])
+    _, block = np.unique(cells(middle, BLOCKS), return_inverse=True)
     for _ in range(splits):
         half = (rng.permutation(block.max() + 1) % 2 == 0)[block]
-        halves = (matches.subset(part) for part in (half, ~half))
+        halves = (_part(matches, part) for part in (half, ~half))
         motions += [estimate_two_view(one, options, rng, found.camera) for one in halves]
     return motions
+
+
+def _part(matches: SmearMatches, chosen: NDArray[np.bool_]) -> SmearMatches:
+    """Return those chosen of the N matches and, after these, of the M ends of sure smears: (N + M,)."""
+    used, sure = np.split(chosen, [len(matches)])
+    part = matches.subset(used)
+    return part if part.sure_ends is None else replace(part, sure_ends=part.sure_ends[sure])
 
 
 def least_score(found: Estimate, motions: list[TwoViewGeometry]) -> MotionScore:

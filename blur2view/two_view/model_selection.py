@@ -21,7 +21,7 @@ from blur2view.robust.residuals import RefineOptions, WeightedEnds
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.05, 3  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
-TRIAL_STEPS = 3  # after which only the cheapest of them goes on
+TRIAL_STEPS = 2  # after which only the cheapest of them goes on
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
 PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
 GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
@@ -125,7 +125,7 @@ def fit_best(
         cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
     )
     runs = [refining(start, problem.weighted, options) for start in starts]
-    trials = [list(islice(run, TRIAL_STEPS))[-1] for run in runs]
+    trials = [list(islice(run, 1 + TRIAL_STEPS))[-1] for run in runs]
     best = min(range(len(runs)), key=lambda k: trials[k][1])
     *_, (point, cost) = [trials[best], *runs[best]]
     odds = ODDS_AGAINST.get(model, 1.0)

@@ -13,12 +13,13 @@ from tests.support.many_photographs import contents, environment, finish, start,
 
 pytest.importorskip("distributed", reason="--dask needs the extra dask")
 pytestmark = pytest.mark.slow
-Cluster = tuple[str, list[subprocess.Popen[bytes]]]
+Processes = list[subprocess.Popen[bytes]]
+Cluster = tuple[str, Processes]
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """Yield the address of a scheduler with two workers, and the workers."""
+def everything(tmp_path: Path) -> Iterator[Cluster]:
+    """Yield the address of a scheduler with two workers, the scheduler and the workers."""
     file = tmp_path / "scheduler.json"
     shared = ["--scheduler-file", str(file), "--no-dashboard"]
 
@@ -33,10 +34,17 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         time.sleep(0.05)
     address = next(word for word in file.read_text().split('"') if word.startswith("tcp://"))
     processes += [run("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
-    yield address, processes[1:]
+    yield address, processes
     for process in processes:
         process.kill()
         process.wait()
+
+
+@pytest.fixture
+def cluster(everything: Cluster) -> Cluster:
+    """Return the address of a scheduler with two workers, and the workers."""
+    address, processes = everything
+    return address, processes[1:]
 
 
 def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
@@ -56,6 +64,24 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
     assert running.returncode == 0 and complaints == "" and before < 30
     assert printed.splitlines()[-1].startswith("30 photographs: 30 done in ")
     assert contents(tmp_path / "out") == contents(tmp_path / "here")
+
+
+def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
+    everything: Cluster, tmp_path: Path, tiny_model: Path
+) -> None:
+    address, (scheduler, *_) = everything
+    write_photographs(tmp_path / "in", 30, (128, 160))
+    words = ["estimate", tmp_path / "in", "--model", tiny_model, "-o", tmp_path / "out"]
+    running = start(*words, "--dask", address)
+    manifest = tmp_path / "out" / "estimate.manifest.jsonl"
+    while running.poll() is None and (not manifest.exists() or manifest.read_bytes().count(b"\n") < 5):
+        time.sleep(0.01)
+    scheduler.kill()
+    _, complaints = running.communicate()
+    assert running.returncode == 1 and complaints.count("\n") == 1, complaints
+    assert f"{address}: cannot go on (" in complaints and "go on with --resume" in complaints
+    code, printed, _ = finish(*words, "--resume")
+    assert code == 0 and " done before in " in printed
 
 
 def test_photographs_and_network_need_not_lie_where_the_workers_are(cluster: Cluster, tmp_path: Path) -> None:

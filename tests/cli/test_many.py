@@ -332,13 +332,16 @@ def test_frames_of_a_video_come_into_a_report_and_a_database(tmp_path: Path, tin
     shared = [str(video), "--every", "10", "--jobs", "1", "--model", str(tiny_model)]
     assert cli.main(["report", *shared, "--no-mask", "-o", str(tmp_path / "page.html")]) == 0
     assert "3 photographs, " in (tmp_path / "page.html").read_text()
-    assert cli.main(["to-colmap", *shared, "--db", str(tmp_path / "new.db")]) == 0
+    table = tmp_path / "new.csv"
+    assert cli.main(["to-colmap", *shared, "--db", str(tmp_path / "new.db"), "--csv", str(table)]) == 0
     with closing(sqlite3.connect(tmp_path / "new.db")) as database:
         names = [row[0] for row in database.execute("SELECT name FROM images ORDER BY name")]
-    assert names[:2] == ["000000#close", "000000#open"] and len(names) == 6
+    assert names[:2] == ["clip.mp4/000000#close", "clip.mp4/000000#open"] and len(names) == 6
+    rows = table.read_text().splitlines()[1:]
+    assert [row.split(",")[0] for row in rows] == [f"clip.mp4/{n:06d}" for n in (0, 10, 20)]
     folder = tmp_path / "text"
     assert cli.main(["to-colmap", *shared, "--format", "matches", "-o", str(folder)]) == 0
-    assert read_image(folder / "images" / "000010#open").shape == (64, 80, 3)
+    assert read_image(folder / "images" / "clip.mp4" / "000010#open").shape == (64, 80, 3)
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(

@@ -1,5 +1,6 @@
 """``blur2view to-colmap``: what it prints and writes, and how it fails."""
 
+import csv
 import json
 import sqlite3
 from contextlib import closing
@@ -11,8 +12,9 @@ import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
+from blur2view.batch.inputs import Inputs
 from blur2view.cli import commands as cli
-from blur2view.cli.views import fresh_names
+from blur2view.cli.batch import colmap_names
 from blur2view.geometry.sampson import sampson
 from tests.cli.test_cli_camera import SIZE, smears
 from tests.support.colour_code import colour_code, write_picture
@@ -83,6 +85,16 @@ def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Pat
         assert [image.name for image in database.read_all_images()] == ["moving.png#open", "moving.png#close"]
 
 
+def test_where_all_are_skipped_nothing_is_written_and_that_is_said(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    path, again = tmp_path / "new.db", photos[1].with_name("again.png")
+    again.write_bytes(photos[1].read_bytes())
+    code, out, err = run("--db", path, "--skip-degenerate", photos[1], again)
+    assert (code, err) == (0, "") and not path.exists()
+    assert out.splitlines()[-1] == f"{path}: nothing to write"
+
+
 def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
     new, before = tmp_path / "new.db", project.read_bytes()
     code, out, _ = run("--db", new, "--dry-run", *photos)
@@ -140,7 +152,9 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
     target = ["--db", str(tmp_path / "new.db")]
-    wrong = [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
+    dask = ["--dask", "tcp://127.0.0.1:9"]
+    wrong = [[*dask, "--link"], [*dask, "--camera", "project.db:1"]]
+    wrong += [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
     wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
     for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
         with pytest.raises(SystemExit) as stop:
@@ -165,8 +179,31 @@ def test_missing_photograph_changes_no_name(run: Any, photos: list[Path], tmp_pa
 
 
 def test_names_are_below_the_folder_that_all_share() -> None:
-    assert fresh_names([Path("/x/a.jpg")]) == ["a.jpg"]
-    assert fresh_names([Path("/x/left/a.jpg"), Path("/x/right/a.jpg")]) == ["left/a.jpg", "right/a.jpg"]
+    one, other = Path("/x/left/a.jpg"), Path("/x/right/a.jpg")
+    assert colmap_names(Inputs(paths=[one])) == {one: "a.jpg"}
+    assert colmap_names(Inputs(paths=[one, other])) == {one: "left/a.jpg", other: "right/a.jpg"}
+
+
+def test_table_and_database_call_a_photograph_the_same(
+    run: Any, photos: list[Path], project: Path, tmp_path: Path
+) -> None:
+    def named(path: Path) -> list[str]:
+        with path.open(newline="") as file:
+            return [row["name"] for row in csv.DictReader(file)]
+
+    below = tmp_path / "all" / "sub"
+    below.parent.mkdir()
+    photos[0].parent.rename(below)
+    given, table = ["--recursive", below.parent], tmp_path / "new.csv"
+    assert run("--db", tmp_path / "new.db", "--csv", table, *given)[0] == 0
+    assert named(table) == ["sub/moving.png", "sub/still.png"]
+    with pycolmap.Database.open(tmp_path / "new.db") as database:
+        assert {image.name for image in database.read_all_images()} == {
+            f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
+        }
+    table = tmp_path / "linked.csv"
+    assert run("--db", project, "--link", "--csv", table, *given)[0] == 0
+    assert named(table) == ["moving.png", "still.png"]
 
 
 def test_corrected_ends_lie_on_the_lines_of_the_geometry(

@@ -418,6 +418,23 @@ def test_the_digest_is_of_the_camera_too(tmp_path: Path) -> None:
     assert digest(plan.image) != digest(replace(plan.image, source=b""))
 
 
+@pytest.mark.parametrize(
+    "change",
+    ["params = zeroblob(length(params))", "model = 0", "prior_focal_length = 1 - prior_focal_length"],
+)
+def test_views_of_other_intrinsics_are_no_longer_those_of_the_project(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "project.db"
+    make_project(path)
+    link(path, "a_001.jpg")
+    before = only_plan(path)
+    assert isinstance(before, LinkStep) and before.step is Step.KEEP
+    _run(path, f"UPDATE cameras SET {change}")
+    after = only_plan(path)
+    assert isinstance(after, DatabaseError) and "add --replace" in str(after)
+    replaced = only_plan(path, replace=True)
+    assert isinstance(replaced, LinkStep) and digest(replaced.image) != digest(before.image)
+
+
 def test_a_backup_has_its_name_only_when_it_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "project.db"
     make_project(path)

@@ -16,7 +16,7 @@ from blur2view.robust.parametrization import (
     camera_from_matrix,
 )
 from blur2view.robust.problem import assumed_camera
-from blur2view.robust.refinement import refine
+from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, component_log_odds
 from blur2view.smears.sign_components import SignComponents
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
@@ -82,6 +82,22 @@ def test_camera_prior_is_zero_for_the_assumed_camera_at_rest() -> None:
     assert np.allclose(residual, 0)
     with pytest.raises(ValueError, match="standard deviations"):
         CameraPrior(rotation=(0.1, 0.0, 0.1))
+
+
+def test_refinement_rests_after_a_step_shorter_than_asked_for() -> None:
+    rng = np.random.default_rng(0)
+    scene, T = disturb(make_scene(rng, count=400), rng, noise_px=0.5), assumed_camera(IMAGE_SIZE)
+    truth = GeneralF.from_matrix(np.linalg.inv(T).T @ scene.F @ np.linalg.inv(T))
+    start = truth.step(rng.normal(0, 1e-3, 7))
+    matches = WeightedEnds(ends=normalised(scene.ends), sigma=np.full(len(scene.ends), T[0, 0]))
+
+    def costs(rest: float) -> list[float]:
+        return [cost for _, cost in refining(start, matches, RefineOptions(tolerance=0.0, rest=rest))]
+
+    every = costs(0.0)
+    assert costs(np.inf) == every[:2] and len(every) > 4  # the start, and one step
+    short = costs(0.2)
+    assert short == every[: len(short)] and 2 < len(short) < len(every)
 
 
 def test_refinement_recovers_F_from_unordered_smears() -> None:

@@ -7,9 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.segmentation import admitted
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 from blur2view.segmentation.score import motion_score
+from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.colour_code import EPIPOLE, forward_motion
 from tests.support.motion_scenes import BOX, MOVER, SHIFT, SIDEWAYS, estimate_of
@@ -53,6 +56,23 @@ def test_each_smear_is_in_one_half_of_every_split() -> None:
     assert len(counts) == 4
     assert counts[0] + counts[1] == counts[2] + counts[3] == len(found.matches)
     assert min(counts) > 0.3 * len(found.matches)
+
+
+def test_each_sure_smear_is_in_the_half_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = estimate_of(forward(), F=RADIAL)
+    found = replace(found, matches=replace(found.matches, sure_ends=found.matches.ends))
+    halves: list[SmearMatches] = []
+
+    def noted(matches: SmearMatches, *_: object) -> TwoViewGeometry:
+        halves.append(matches)
+        return found.geometry
+
+    monkeypatch.setattr(admitted, "estimate_two_view", noted)
+    admitted_motions(found, 2, EstimatorOptions(), np.random.default_rng(0))
+    assert len(halves) == 4
+    for half in halves:
+        assert half.sure_ends is not None and 0 < len(half) < len(found.matches)
+        np.testing.assert_array_equal(half.sure_ends, half.ends)
 
 
 def test_what_the_homography_explains_is_no_mover_where_parallax_is_open() -> None:

@@ -16,8 +16,11 @@ from PIL import Image
 
 from blur2view.camera.camera import Camera
 from blur2view.cli import commands as cli
+from blur2view.cli import report as report_command
 from blur2view.cli.report import FOLDERS, shown_names
 from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.pipeline import Estimate
+from blur2view.segmentation.mask import MotionMask, SegmentOptions, segment
 from blur2view.visualization.report import Entry, report
 from blur2view.visualization.report_photograph import MAX_NODES, lens, node_pixels, photograph
 from blur2view.visualization.verdicts import VERDICTS
@@ -92,6 +95,20 @@ def test_page_holds_what_estimate_prints(
     assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
     assert document == printed
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
+
+
+def test_masks_are_made_with_the_options_of_the_call(
+    call: Report, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noted: list[tuple[float, float]] = []
+
+    def mask_of(found: Estimate, options: SegmentOptions, rng: np.random.Generator) -> MotionMask:
+        noted.append((options.estimator.max_error_px, rng.random()))
+        return segment(found, options, rng)
+
+    monkeypatch.setattr(report_command, "segment", mask_of)
+    assert call(moving, "--seed", 5, "--max-error", 2.5, "--jobs", 1) == 0
+    assert noted == [(2.5, np.random.default_rng(5).random())]
 
 
 @pytest.mark.slow

@@ -2,10 +2,11 @@
 
     python -m tools.datasets.motion_kinds render/kinds --scenes 30 --photos KODAK
 
-writes, for each kind, that many scenes as `testset` does, ``KIND/NNNN.png`` and ``KIND/NNNN.npz``. Paths are
-as bent and as accelerated as those of the test split, textures those of the test split, seeds others. A
-camera that only turns, or holds still, sees any scene; a plane fills the picture; of general motion those
-scenes are kept whose parallax is at least a fifth of the smears (`parallax_share`). Nothing moves by itself.
+writes, for each kind, that many scenes as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where
+NNNNN is the seed. Paths are as bent and as accelerated as those of the test split, textures those of the test
+split, seeds others. A camera that only turns, or holds still, sees any scene; a plane fills the picture; of
+general motion those scenes are kept whose parallax is at least a fifth of the smears (`parallax_share`).
+Nothing moves by itself.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int
 def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tuple[int, int]) -> None:
     """Render, photograph and store the scene of a kind and a seed; finished ones are kept."""
     kind, seed = task
-    path = out / kind / f"{seed % 10_000:04d}.npz"
+    path = out / kind / f"{seed:05d}.npz"
     if path.exists():
         return
     scene = motion_scene(kind, seed, photos, size)

@@ -48,6 +48,8 @@ COMMANDS = (
     ("to-colmap", "--db", "new.db"),
     ("to-colmap", "--format", "matches", "-o", "out"),
     ("to-colmap", "--format", "hloc", "-o", "out"),
+    ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
+    ("to-transforms", "-o", "transforms.json"),
 )
 GOOD = "good.jpg"
 NUMBERS = (
@@ -64,8 +66,11 @@ MODELS = (
     "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE",
     "EQUIRECTANGULAR", "", "pinhole", "NONE",
 )  # fmt: skip
-NUMERIC = ("--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure")
-TEXTUAL = ("--model", "-o", "--output", "--camera", "--db", "--format", "--sequence")
+NUMERIC = (
+    "--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure", "--jobs", "--every", "--from",
+    "--to", "--max-failures", "--max-smear",
+)  # fmt: skip
+TEXTUAL = ("--model", "-o", "--output", "--camera", "--db", "--format", "--sequence", "--csv", "--keep")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +103,8 @@ def argument_case(rng: Rng) -> Case:
         "--dry-run",
         "--corrected",
         "--objects",
+        "--resume",
+        "--recursive",
     ]
     words += [flag for flag in flags if rng.random() < 0.04]
     return Case(kind="arguments", words=words)
@@ -278,7 +285,8 @@ def _load_libraries() -> None:
     """Import what the commands need, so that forks need not."""
     for module in (
         "blur2view.cli.estimate", "blur2view.cli.segment", "blur2view.cli.report", "blur2view.cli.to_colmap",
-        "pycolmap", "skimage.segmentation", "skimage.filters", "scipy.ndimage", "h5py", "scipy.optimize",
+        "blur2view.cli.to_transforms", "blur2view.cli.triage", "pycolmap", "scipy.ndimage", "h5py",
+        "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
     from blur2view.networks.model_file import _onnxruntime

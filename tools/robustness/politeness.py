@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import sqlite3
 import zipfile
@@ -141,6 +142,9 @@ def _undone(call: Call) -> Iterator[str]:
     elif command == "report":
         page = call.folder / "page.html"
         done = page.read_bytes().count(b'id="photo-data-') if page.exists() else 0
+    elif command == "triage":
+        with (call.folder / "table.csv").open(newline="") as table:
+            done = sum(not row["error"] for row in csv.DictReader(table))
     elif "--db" in call.words:
         with sqlite3.connect(call.folder / "new.db") as database:
             done = database.execute("SELECT count(*) FROM images").fetchone()[0] // 2

@@ -161,7 +161,7 @@ def add_running(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker "
         "tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers "
-        "need this blur2view (pip install '.[dask]')",
+        "need this blur2view (pip install '.[dask]'). Not with a database's camera, nor with --link",
     )
     add(
         "--resume",
@@ -285,8 +285,8 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=MAX_MEMORY_GIB,
         metavar="GIB",
-        help="refuse photographs whose estimate takes more memory; masks take up to three times as much "
-        "(default: %(default)s, enough for 32 megapixels)",
+        help="refuse photographs whose estimate takes more memory of its process, of which --jobs starts "
+        "many; masks take up to three times as much (default: %(default)s, enough for 32 megapixels)",
     )
     add(
         "--model",

@@ -44,3 +44,11 @@ def test_command_writes_what_the_test_set_reads(tmp_path: Path, monkeypatch: pyt
     for kind in KINDS:
         (scene,) = read_test_set(tmp_path / kind)
         assert scene.image_path.exists() and scene.displacement.shape == (18, 24, 2)
+
+
+def test_scenes_of_other_seeds_are_other_files(tmp_path: Path) -> None:
+    (tmp_path / "plane").mkdir()
+    for seed in (20_000, 10_000):
+        motion_kinds.write_scene(("plane", seed), tmp_path, None, SIZE)
+    one, other = sorted((tmp_path / "plane").glob("*.png"))
+    assert (one.stem, other.stem) == ("10000", "20000") and one.read_bytes() != other.read_bytes()

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from blur2view.cli import commands
+from tools.robustness import hostile_inputs
 from tools.robustness.hostile_files import CONTENTS, encoded, hostile_photograph
 from tools.robustness.hostile_inputs import make_cases, try_all
 from tools.robustness.politeness import Call, complaints
@@ -106,6 +108,18 @@ def test_pictures_before_any_damage_are_pictures(tmp_path: Path, kind: str) -> N
     path = tmp_path / "a"
     path.write_bytes(encoded(np.random.default_rng(0), kind))
     assert read_image(path).shape[2] == 3
+
+
+def test_every_command_is_called() -> None:
+    assert {words[0] for words in hostile_inputs.COMMANDS} == set(commands.COMMANDS)
+
+
+def test_a_row_with_an_error_is_no_photograph_done(call: Call) -> None:
+    triage = replace(call, words=["triage", "--csv", "table.csv"])
+    (call.folder / "table.csv").write_text("name,error\ngood.jpg,\nbad.jpg,damaged\n")
+    assert complaints(triage) == []
+    (call.folder / "table.csv").write_text("name,error\nbad.jpg,damaged\n")
+    assert complaints(triage) == ["0 photographs done, 1 expected"]
 
 
 @pytest.mark.slow
