@@ -19,7 +19,7 @@ from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
 
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
-DISTINCT, STARTS = 0.05, 3  # starts differ by this in an entry of the unit-norm F; their number
+DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
 TRIAL_STEPS = 2  # after which only the cheapest of them goes on
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
