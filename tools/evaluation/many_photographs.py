@@ -108,9 +108,11 @@ def follow(photographs: Path, out: Path, words: Sequence[object]) -> Course:
 def measure_rate(options: argparse.Namespace, folder: Path) -> int:
     """Print rates and memory; return the exit code."""
     photographs = write_photographs(folder / "in", options.count, options.size)
-    extra = ["--csv", folder / "table.csv"] if options.csv else []
-    one = follow(photographs, folder / "one", ["--jobs", 1, *extra])
-    several = follow(photographs, folder / "several", ["--jobs", options.jobs, *extra])
+    courses = []
+    for run, jobs in (("one", 1), ("several", options.jobs)):
+        table = ["--csv", folder / f"{run}.csv"] if options.csv else []
+        courses.append(follow(photographs, folder / run, ["--jobs", jobs, *table]))
+    one, several = courses
     first, last = (WARM, min(100, options.count)), (max(options.count - 100, WARM), options.count - 1)
     early, late = several.mean_mib(*first), several.mean_mib(*last)
     width, height = options.size
