@@ -18,7 +18,6 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
-    CONFIGURATIONS,
     keypoints_blob,
     matches_blob,
     matrix_blob,
@@ -28,7 +27,7 @@ from blur2view.colmap.schema import (
     quaternion,
 )
 from blur2view.exposure.end_order import GUESSED_FOCAL
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 
 class CameraColumns(NamedTuple):
@@ -167,7 +166,7 @@ def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, repl
         "rows": len(pair.inliers),
         "cols": 2,
         "data": matches_blob(pair.inliers),
-        "config": CONFIGURATIONS[geometry.config.name],
+        "config": list(Configuration).index(geometry.config),
         "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
         "E": matrix_blob(geometry.E_of_pose),
         "H": matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),

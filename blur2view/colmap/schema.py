@@ -29,17 +29,6 @@ SCHEMA_VERSION = 4020100  # user_version of pycolmap 4.2.1
 NEWEST_KNOWN = 4029999  # any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
-CONFIGURATIONS = {
-    "UNDEFINED": 0,
-    "DEGENERATE": 1,
-    "CALIBRATED": 2,
-    "UNCALIBRATED": 3,
-    "PLANAR": 4,
-    "PANORAMIC": 5,
-    "PLANAR_OR_PANORAMIC": 6,
-    "WATERMARK": 7,
-    "MULTIPLE": 8,
-}
 MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2}  # what needs no pycolmap to be named
 TABLES = """
 CREATE TABLE rigs (rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, ref_sensor_id INTEGER NOT NULL,
@@ -118,12 +107,6 @@ def pair_id(image1: int, image2: int) -> int:
     if not 0 <= image1 < image2 < MAX_IMAGES:
         raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
     return MAX_IMAGES * image1 + image2
-
-
-def images_of_pair(pair: int) -> tuple[int, int]:
-    """Return both image ids of a pair's key."""
-    image2 = pair % MAX_IMAGES
-    return (pair - image2) // MAX_IMAGES, image2
 
 
 def keypoints_blob(points: NDArray[np.floating]) -> bytes:

@@ -169,12 +169,6 @@ def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
     return residual_parts(F, homogeneous(points1).T, homogeneous(points2).T)[0]
 
 
-def sampson_jacobian(F: Array, points1: Array, points2: Array) -> Array:
-    """Return the derivative (N, 3, 3) of `signed_sampson` in the entries of F."""
-    x, y = homogeneous(points1).T, homogeneous(points2).T
-    return entry_jacobian(*residual_parts(F, x, y), x, y).T.reshape(-1, 3, 3)
-
-
 def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: Array, y: Array) -> Array:
     """Return the derivative (9, N) of the signed Sampson distance in the entries of F.
 
