@@ -78,13 +78,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder whose files of these names hold more than views: hloc keeps its own in such files.
-
-    Raises
-    ------
-    OutputError
-        If so, or if one cannot be read as what it should be.
-    """
+    """Raise an OutputError if files of these names hold more than views: hloc keeps its own in such files."""
     for name in NAMES:
         path = folder / name
         if os.path.lexists(path) and not _holds_views_alone(path):
@@ -116,13 +110,7 @@ def _holds_views_alone(path: Path) -> bool:
 
 
 def _h5py() -> Any:
-    """Return the module h5py, which only this needs.
-
-    Raises
-    ------
-    OutputError
-        If it is not installed.
-    """
+    """Return the module h5py, which only this needs."""
     try:
         import h5py
     except ImportError:

@@ -184,12 +184,12 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
     ids = []
     for role, (name, points) in sides.items():
-        there = own[role][0] if role in own else None
-        if there is None:
-            number = add_image(database, name, image.camera_id, with_frame=frames)
+        if role in own:
+            number = own[role][0]
+            set_camera(database, number, image.camera_id, with_frame=frames)
         else:
-            number = set_camera(database, there, image.camera_id, with_frame=frames)
-        put_keypoints(database, number, points, replace=there is not None)
+            number = add_image(database, name, image.camera_id, with_frame=frames)
+        put_keypoints(database, number, points, replace=role in own)
         ids.append(number)
     first, last = ids
     matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
@@ -199,27 +199,21 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
         (first, last): whole,
     }
+    known = {
+        image.image_id,
+        *(number for number, _ in own.values()),
+    }  # whose pairs may be old
     for (one, other), geometry in geometries.items():
         pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        known = {
-            number for number, _ in own.values()
-        }  # no row of a pair of a new image is from an earlier call
-        put_pair(database, one, other, pair, replace={one, other} <= known | {image.image_id})
+        put_pair(database, one, other, pair, replace={one, other} <= known)
     mark_views(database, views, ids, digest(image))
 
 
 def back_up(path: Path) -> Path:
-    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it.
-
-    Raises
-    ------
-    DatabaseError
-        If the copy cannot be written.
-    """
+    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
     stamp = time.strftime("%Y%m%dT%H%M%S")
-    candidates = (
-        path.with_name(f"{path.name}.{stamp}{n}.bak") for n in ("", *(f"-{i}" for i in range(1000)))
-    )
+    suffixes = ("", *(f"-{i}" for i in range(1000)))
+    candidates = (path.with_name(f"{path.name}.{stamp}{suffix}.bak") for suffix in suffixes)
     copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
     beside = copy.with_name(f".{copy.name}.tmp")
     try:

@@ -23,7 +23,6 @@ from blur2view.colmap.schema import (
     matrix_blob,
     model_number,
     pair_id,
-    params_blob,
     quaternion,
 )
 from blur2view.exposure.end_order import GUESSED_FOCAL
@@ -85,7 +84,7 @@ def add_camera(database: Connection, camera: CameraColumns) -> int:
     """Insert a camera with a rig of its own; return its id."""
     model, width, height, params, prior = camera
     sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
-    row = (model_number(model), width, height, params_blob(params), prior)
+    row = (model_number(model), width, height, matrix_blob(np.array(params)), prior)
     camera_id = _inserted(database, sql, row)
     rig_of(database, camera_id)
     return camera_id
@@ -110,8 +109,8 @@ def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bo
     return image_id
 
 
-def set_camera(database: Connection, image_id: int, camera_id: int, *, with_frame: bool) -> int:
-    """Give an image that is there this camera, and a frame if it has none of it; return the image's id."""
+def set_camera(database: Connection, image_id: int, camera_id: int, *, with_frame: bool) -> None:
+    """Give an image that is there this camera, and a frame if it has none of it."""
     database.execute("UPDATE images SET camera_id = ? WHERE image_id = ?", (camera_id, image_id))
     sql = (
         "SELECT 1 FROM frame_data JOIN frames USING (frame_id) "
@@ -122,7 +121,6 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
         sql = "DELETE FROM frame_data WHERE data_id = ? AND sensor_type = ?"
         database.execute(sql, (image_id, CAMERA_SENSOR))
         _add_frame(database, image_id, camera_id)
-    return image_id
 
 
 def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:

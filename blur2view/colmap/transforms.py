@@ -165,13 +165,7 @@ def transforms(
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
-    """Return the keys that describe a pycolmap.Camera.
-
-    Raises
-    ------
-    DatabaseError
-        If its model is none that both readers know.
-    """
+    """Return the keys that describe a pycolmap.Camera; DatabaseError if a reader does not know it."""
     if camera.model_name not in (*PLAIN, *FISHEYE):
         raise DatabaseError(
             f"{folder}: camera {camera.camera_id} is {camera.model_name}, which transforms.json cannot hold; "
@@ -184,11 +178,6 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
     absent = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
     kind = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True} if fisheye else {"camera_model": "OPENCV"}
     return kind | found | {name: 0.0 for name in absent if name not in found}
-
-
-def relative_folder(images: Path, target: Path) -> str:
-    """Return the folder of the photographs as seen from that of the file."""
-    return os.path.relpath(images, target.parent)
 
 
 def _world_from_camera(image: Any) -> Array:

@@ -36,15 +36,8 @@ def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
 def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thickness: int) -> None:
     """Draw an anti-aliased line with sub-pixel ends, clipped to what OpenCV's integers hold."""
     fixed = np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int)
-    cv2.line(
-        canvas,
-        fixed[0].tolist(),
-        fixed[1].tolist(),
-        np.ravel(colour).tolist(),
-        thickness,
-        cv2.LINE_AA,
-        _SHIFT,
-    )
+    start, end = fixed.tolist()
+    cv2.line(canvas, start, end, np.ravel(colour).tolist(), thickness, cv2.LINE_AA, _SHIFT)
 
 
 def write(
