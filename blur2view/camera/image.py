@@ -31,13 +31,8 @@ BACKDROP = 0.5
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
 # By which photographs in a folder are known; named by themselves they may be of any.
-PHOTOGRAPH_SUFFIXES = (
-    frozenset(
-        [".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"]
-    )
-    | HEIC_SUFFIXES
-    | RAW_SUFFIXES
-)
+PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -97,12 +92,7 @@ class _Decoded:
 def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    Raises
-    ------
-    ImageError
-        If it cannot be read.
-    EndOfVideo
-        If the video announces more frames than it has.
+    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
@@ -111,7 +101,7 @@ def read_content(path: Path) -> bytes:
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
     try:
-        encoded = read_regular(path)
+        return read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
@@ -119,7 +109,6 @@ def read_content(path: Path) -> bytes:
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-    return encoded
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> _Decoded:

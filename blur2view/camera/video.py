@@ -12,23 +12,9 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ImageError
 
-SUFFIXES = frozenset(  # of what OpenCV's FFmpeg reads
-    [
-        ".3gp",
-        ".avi",
-        ".m2ts",
-        ".m4v",
-        ".mkv",
-        ".mov",
-        ".mp4",
-        ".mpeg",
-        ".mpg",
-        ".mts",
-        ".ogv",
-        ".webm",
-        ".wmv",
-    ]
-)
+# Of what OpenCV's FFmpeg reads.
+SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
+SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS = 6  # of a frame's name
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
 
@@ -106,18 +92,13 @@ class _Reader:
     """A video, read forwards: to seek is not exact with every codec."""
 
     def __init__(self, video: Path) -> None:
-        self.video = video
-        self.broken = False
-        self._open()
-
-    def _open(self) -> None:
-        """Begin at the first frame."""
-        self.capture, self.position = _opened(self.video), 0
+        self.video, self.broken = video, False
+        self.capture, self.position = _opened(video), 0
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
         if number < self.position:
-            self._open()
+            self.capture, self.position = _opened(self.video), 0
         while self.position <= number:
             if not self.capture.grab():
                 self._end(number)

@@ -41,13 +41,7 @@ class PhotographMatcher:
 
 
 def grey_photograph(path: Path) -> NDArray[np.uint8]:
-    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it.
-
-    Raises
-    ------
-    ImageError
-        If it cannot be read.
-    """
+    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it."""
     grey = cv2.cvtColor(read_image(path, as_stored=True), cv2.COLOR_RGB2GRAY)
     return np.asarray(np.rint(255 * grey), np.uint8)
 

@@ -12,23 +12,13 @@ from blur2view.geometry.epipolar import homogeneous, quadratic_features
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
-CHUNK = (
-    16384  # residuals of models at once: beyond the processor's cache each takes three to four times as long
-)
+CHUNK = 16384  # residuals of models at once: beyond the processor's cache each takes 3 to 4 times as long
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Return the squared Sampson distance of ordered matches to F, in squared pixels.
+    """Return squared Sampson distances (..., N) of ordered matches (N, 2) to F (..., 3, 3), squared pixels.
 
-    Parameters
-    ----------
-    F : ndarray of shape (..., 3, 3)
-    points1, points2 : ndarray of shape (N, 2)
-
-    Returns
-    -------
-    ndarray of shape (..., N)
-        Zero for exact matches, and at a match lying on both epipoles.
+    Zero for exact matches, and at a match lying on both epipoles.
 
     References
     ----------
@@ -46,33 +36,16 @@ def sampson(F: Array, points1: Array, points2: Array) -> Array:
 def serrmin(F: Array, ends: Array) -> Array:
     """Return SErrMin: the smaller of the squared Sampson distances of the two orders of each smear.
 
-    Parameters
-    ----------
-    F : ndarray of shape (..., 3, 3)
-        F and its transpose give the same values.
-    ends : ndarray of shape (N, 2, 2)
-
-    Returns
-    -------
-    ndarray of shape (..., N)
-        Squared pixels.
+    Of F (..., 3, 3), or its transpose, and ends (N, 2, 2): (..., N), squared pixels.
     """
     one, other = ends[:, 0], ends[:, 1]
     return np.minimum(sampson(F, one, other), sampson(F, other, one))
 
 
 def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
-    """Return the order of each match: True where ``ends[:, 1]`` is the open (first) point under F.
+    """Return the order (N,) of smears (N, 2, 2): True where ``ends[:, 1]`` is the open (first) point under F.
 
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3)
-    ends : ndarray of shape (N, 2, 2)
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
+    Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
     """
     one, other = ends[:, 0], ends[:, 1]
     decided: NDArray[np.bool_] = sampson(F, other, one) < sampson(F, one, other)

@@ -116,18 +116,9 @@ def no_components(count: int) -> SignComponents:
 
 
 def sign_components(matches: SmearMatches, options: ComponentOptions | None = None) -> SignComponents:
-    """Return groups of smears whose relative order is certain.
+    """Return groups of smears, scattered anywhere, whose relative order is certain.
 
-    Parameters
-    ----------
-    matches : SmearMatches
-        Scattered anywhere; their sigma is not used.
-    options : ComponentOptions, optional
-
-    Returns
-    -------
-    SignComponents
-        Outliers and smears without like neighbours are mostly singletons. Deterministic.
+    Outliers and smears without like neighbours are mostly singletons. Deterministic; sigmas are not used.
     """
     options = options or ComponentOptions()
     count, points = len(matches), matches.midpoint
