@@ -45,18 +45,8 @@ def check_file(
 ) -> None:
     """Refuse, before any work, to write one file where it would replace what it must not.
 
-    Parameters
-    ----------
-    target : Path
-        The file.
-    what : str
-        What it is, for the message; of `KINDS` if it may be one of an earlier call.
-    inputs : iterable of Path
-        The photographs of the call.
-    overwrite : bool
-        Whether a file of an earlier call may be replaced.
-    option : str
-        The option that names it.
+    ``what`` it is, for the message, is of `KINDS` if it may be one of an earlier call, which ``overwrite``
+    lets replace; ``inputs`` are the photographs of the call; ``option`` is the option that names it.
 
     Raises
     ------
@@ -110,12 +100,13 @@ def plan_outputs(
     kind: ResultKind[Files],
     names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
-    """Return the files of each photograph, or why they must not be written.
+    """Return the files of each photograph of a call, or why they must not be written.
+
+    Photographs of one stem get subfolders as they have, or else keep their suffix.
 
     Parameters
     ----------
     images : sequence of Path
-        The photographs of one call.
     folder : Path
         Where the files go.
     overwrite : bool
@@ -126,11 +117,6 @@ def plan_outputs(
         What a photograph's files are, such as :class:`OutputFiles`.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
-
-    Returns
-    -------
-    list of Files or OutputError
-        One per photograph. Photographs of one stem get subfolders as they have, or else keep their suffix.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}

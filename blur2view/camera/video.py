@@ -43,20 +43,10 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
 def frame_numbers(
     video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> range:
-    """Return the numbers of frames.
+    """Return the numbers of frames, one of ``every``, from the first to the last, which is included.
 
-    Parameters
-    ----------
-    video : Path
-    every : int
-        Of how many one is taken.
-    first, last : int or float
-        The first and the last frame, an integer by number, a float by seconds; the last is included.
-
-    Raises
-    ------
-    ImageError
-        If the video cannot be opened or has no frames.
+    An integer names a frame by number, a float by seconds. ImageError if the video cannot be opened or has no
+    such frames.
     """
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
@@ -78,12 +68,8 @@ def frame_numbers(
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
 
-    Raises
-    ------
-    ImageError
-        If the video cannot be opened, ends too early or announces no such frame.
-    EndOfVideo
-        If it ends within a second of where it says, or the frame before could not be read either.
+    ImageError if the video cannot be opened, ends too early or announces no such frame; EndOfVideo if it ends
+    within a second of where it says, or the frame before could not be read either.
     """
     return _reader(video).read(number)
 

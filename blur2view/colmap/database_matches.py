@@ -19,14 +19,9 @@ from blur2view.exposure.neighbours import NO_POINTS
 
 
 class DatabaseMatcher:
-    """Matches of a COLMAP database, verified ones where it has them.
+    """Matches of photographs, by their names, of a COLMAP database, verified ones where it has them.
 
-    Parameters
-    ----------
-    path : Path
-        The database; it is opened for each pair, for reading only.
-    names : sequence of str
-        Of the photographs, as the database has them.
+    The database is opened for each pair, for reading only.
     """
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:

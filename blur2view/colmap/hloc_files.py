@@ -45,24 +45,14 @@ def certainty(views: ExposureViews) -> NDArray[np.float16]:
 
 
 def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
-    """Write ``features.h5``, ``matches.h5`` and ``pairs.txt`` for all photographs, each whole or not at all.
+    """Write and return ``features.h5``, ``matches.h5`` and ``pairs.txt``, each whole or not at all.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
-    sequence : sequence of ExposureViews
-
-    Returns
-    -------
-    list of Path
-        The three files.
+    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
 
     Raises
     ------
     OutputError
-        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written or is not
-        ours.
+        If h5py is missing, a name has a blank or is there twice, or a file cannot be written or is not ours.
     """
     refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()

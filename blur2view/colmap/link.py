@@ -64,25 +64,10 @@ class LinkJob:
 def plan_links(
     path: Path, photographs: Sequence[Path], *, replace: bool = False
 ) -> list[LinkStep | DatabaseError]:
-    """Return what linking will do with each photograph of a project; nothing is written.
+    """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    photographs : sequence of Path
-    replace : bool
-        Whether views that an earlier call wrote are written anew.
-
-    Returns
-    -------
-    list of LinkStep or DatabaseError
-        One per photograph; an error says why it cannot be linked.
-
-    Raises
-    ------
-    DatabaseError
-        If the database as a whole cannot be used.
+    With ``replace`` views that an earlier call wrote are written anew. DatabaseError is raised if the
+    database as a whole cannot be used.
     """
     plan: list[LinkStep | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -132,19 +117,7 @@ def digest(image: ProjectImage) -> bytes:
 def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> Path | None:
     """Write the views of all photographs in one transaction; without jobs the file is not touched.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    jobs : sequence of LinkJob
-        Made by `plan_links`, each with its views.
-    backup : bool
-        Whether the database is copied first, as it is when the transaction begins.
-
-    Returns
-    -------
-    Path or None
-        The backup.
+    Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
 
     Raises
     ------

@@ -64,10 +64,7 @@ class ProjectImage:
 def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connection]:
     """Open a COLMAP database for reading only; with ``write`` inside one transaction, undone by any failure.
 
-    Raises
-    ------
-    DatabaseError
-        If there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
+    DatabaseError if there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
     """
     with _write_transaction(path) if write else open_read_only(path) as database:
         check_schema(path, database)

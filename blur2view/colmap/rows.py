@@ -57,15 +57,10 @@ class Pair:
 
 
 def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
-    """Return the row of a photograph's camera.
+    """Return the row of a photograph's camera; ``size`` is the photograph's width and height, pixels.
 
-    Parameters
-    ----------
-    camera : Camera or None
-        Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for
-        a distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
-    size : (int, int)
-        Width and height of the photograph, pixels.
+    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
+    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
     """
     width, height = size
     if camera is None:
@@ -142,14 +137,8 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
 def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, replace: bool = False) -> None:
     """Write both match tables' rows of a pair of which at least one image is a view.
 
-    Parameters
-    ----------
-    database : Connection
-    image1, image2 : int
-        Ids; a row leads from the smaller one, so that of image1 > image2 holds the reversed geometry.
-    pair : Pair
-    replace : bool
-        Whether a row there may be overwritten; otherwise it raises sqlite3.IntegrityError.
+    A row leads from the smaller id, so that of image1 > image2 holds the reversed geometry. Without
+    ``replace`` a row that is there raises sqlite3.IntegrityError.
     """
     geometry = pair.geometry if image1 < image2 else pair.geometry.reversed()
     key = pair_id(min(image1, image2), max(image1, image2))

@@ -59,19 +59,11 @@ RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedPhotograph:
-    """A photograph of a model, with the poses of its exposure.
+    """A photograph of a model, by its name there, with the poses of its exposure.
 
-    Parameters
-    ----------
-    name : str
-        In the model.
-    camera_id : int
-    middle : ndarray of shape (4, 4)
-        world_from_camera at mid exposure, OpenGL's camera axes.
-    ends : (ndarray, ndarray) or None
-        The same at shutter-open and shutter-close; None without views.
-    smear_px : float or None
-        Median distance between both projections of the points that it observes; None without points.
+    ``middle`` (4, 4) is world_from_camera at mid exposure, OpenGL's camera axes, ``ends`` the same at
+    shutter-open and shutter-close, None without views; ``smear_px`` the median distance between both
+    projections of the points that it observes, None without points.
     """
 
     name: str

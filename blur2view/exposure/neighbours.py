@@ -26,10 +26,7 @@ NO_POINTS = np.zeros((0, 2))
 class PhotographMatcher:
     """Matches photographs by SIFT, mutual nearest neighbours and an epipolar check.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        The photographs; each is read when it is first needed, the features of a few are kept.
+    Each is read when it is first needed; the features of a few are kept.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:

@@ -181,21 +181,11 @@ class SamplePatterns:
 def sample_patterns(
     components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
 ) -> list[SamplePatterns]:
-    """Return the sign patterns that components leave for every sample, grouped by their number.
+    """Return the sign patterns that components leave for samples (B, m) of indices, grouped by their number.
 
-    Parameters
-    ----------
-    components : SignComponents
-        `no_components` leaves all 2^(m - 1) patterns.
-    drawn : ndarray of int, shape (B, m)
-        Index sets.
-    doubted : ndarray of bool, shape (B,), optional
-        Samples that get all patterns, so that a search survives a wrong grouping; default none.
-
-    Returns
-    -------
-    list of SamplePatterns
-        By growing number of patterns; every sample is in exactly one.
+    `no_components` leaves all 2^(m - 1) patterns, and so do samples that are ``doubted`` (B,), so that a
+    search survives a wrong grouping. Every sample is in exactly one group; groups have growing numbers of
+    patterns.
 
     Examples
     --------

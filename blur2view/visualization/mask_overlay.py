@@ -15,27 +15,11 @@ LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
 def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
-    """Return the picture of a motion mask over its photograph.
+    """Return the picture of a motion mask over its photograph (H, W, 3), sRGB-coded in [0, 1], as uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
-    caption below counts the regions and says what was measured.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1].
-    mask : MotionMask
-        Of the same height and width.
-
-    Returns
-    -------
-    ndarray of shape (H', W', 3), uint8
-        RGB; the photograph's longer side is 640 to 1280 pixels.
-
-    Raises
-    ------
-    ValueError
-        If the mask is not of the image's size.
+    caption below counts the regions and says what was measured. The photograph's longer side becomes 640 to
+    1280 pixels.
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")

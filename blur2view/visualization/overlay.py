@@ -67,12 +67,7 @@ def draw_smears(
 ) -> Picture:
     """Return the photograph with smears, epipolar lines and epipoles, without the panel.
 
-    Parameters
-    ----------
-    image, matches, geometry
-        As of `draw_overlay`.
-    longest : int, optional
-        Longer side of the picture, pixels; by default that of the overlay.
+    As `draw_overlay`; ``longest`` is the longer side of the picture, pixels, by default that of the overlay.
     """
     view = View.of(image.shape, longest)
     canvas = view.backdrop(image)
@@ -134,16 +129,9 @@ class View:
 def spread_subset(
     points: NDArray[np.float64], quality: NDArray[np.floating], spacing: float
 ) -> NDArray[np.intp]:
-    """Return the index of the best point in every square of side ``spacing``, in increasing order.
+    """Return the index of the best point (N, 2) in every square of side ``spacing``, in increasing order.
 
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2)
-        Positions.
-    quality : ndarray of shape (N,)
-        Larger is better; ties go to the first.
-    spacing : float
-        Side of a square, in the unit of the points.
+    Larger quality (N,) is better; ties go to the first.
     """
     best_first = np.argsort(-quality, kind="stable")
     squares = np.floor(points[best_first] / spacing).astype(np.int64)

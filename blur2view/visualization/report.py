@@ -82,19 +82,9 @@ class Entry:
 
 
 def report(entries: Sequence[Entry], version: str) -> bytes:
-    """Return the page, UTF-8; equal entries give equal bytes.
+    """Return the page, UTF-8, of entries in the order of the call; equal entries give equal bytes.
 
-    Parameters
-    ----------
-    entries : sequence of Entry
-        In the order of the call.
-    version : str
-        Of blur2view.
-
-    Returns
-    -------
-    bytes
-        HTML that loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
+    It loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
     """
     style = "\n".join(_part(f"{name}.css") for name in STYLES)
     script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"

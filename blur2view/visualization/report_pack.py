@@ -25,24 +25,11 @@ class Packed(TypedDict):
 
 
 def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Packed:
-    """Return an array as integers of a type, ``value / step`` rounded.
+    """Return an array of finite numbers as integers of a type, ``value / step`` rounded.
 
-    Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes
-    first, deflated and written in base64; ``report_page/unpack.js`` is the inverse.
-
-    Parameters
-    ----------
-    values : ndarray
-        Finite.
-    kind : str
-        "uint8", "int16", "uint16" or "int32".
-    step : float
-        What one stands for; doubled until the type holds every value.
-
-    Returns
-    -------
-    Packed
-        An error is at most half a ``step``.
+    Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes first,
+    deflated and written in base64; ``report_page/unpack.js`` is the inverse. ``kind`` is "uint8", "int16",
+    "uint16" or "int32"; ``step``, what one stands for, is doubled until the type holds every value.
 
     Raises
     ------
@@ -70,16 +57,7 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Packed:
 def picture(
     image: NDArray[np.float32], side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY
 ) -> str:
-    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32
-    side_px : int
-        A longer photograph is reduced to this side.
-    quality : int
-        Of JPEG.
-    """
+    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG of at most this side."""
     height, width = image.shape[:2]
     scale = min(side_px / max(height, width), 1.0)
     if scale < 1:
