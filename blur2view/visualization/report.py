@@ -19,8 +19,7 @@ from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SID
 from blur2view.visualization.report_photograph import photograph
 from blur2view.visualization.verdicts import VERDICT_ORDER, sentence
 
-SCRIPTS = ("unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts")
-SCRIPTS += ("viewer", "gestures", "gallery", "main")
+SCRIPTS = "unpack geometry lens colours smears layers view facts viewer gestures gallery main".split()
 STYLES = ("page", "stage")
 
 
@@ -64,14 +63,14 @@ class Entry:
         """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
         shown = photograph(one, mask, mask_s, timings=timings)
         matches, geometry = one.estimate.matches, one.estimate.geometry
-        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX) / np.float32(255)
+        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
         return cls(
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
             text=sentence(geometry),
             median_px=shown["median_px"],
-            thumbnail=picture(drawn, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 
