@@ -19,7 +19,8 @@ from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SID
 from blur2view.visualization.report_photograph import photograph
 from blur2view.visualization.verdicts import VERDICT_ORDER, sentence
 
-SCRIPTS = "unpack geometry lens colours smears layers view facts viewer gestures gallery main".split()
+SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
+SCRIPTS += ["viewer", "gestures", "gallery", "main"]
 STYLES = ("page", "stage")
 
 

@@ -15,7 +15,6 @@ is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC wit
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -35,7 +34,7 @@ from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.datasets.testset import TestScene, read_test_set
@@ -246,9 +245,7 @@ def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=100, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene of each kind")
     parser.add_argument("--scenes", type=existing, help="rendered split to name through the network")

@@ -10,7 +10,6 @@ the standard deviation of every displacement is stated truly, that errors are co
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +21,7 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     Kind,
@@ -147,9 +146,7 @@ def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=target, help="write the table to OUT.md")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--jobs", type=int, default=2)

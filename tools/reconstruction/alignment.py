@@ -7,14 +7,11 @@ truth by one similarity; motion within an exposure needs its scale alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.geometry.rotation import rotation_vector
-
-Array = NDArray[Any]
 
 
 def centres(poses: Array) -> Array:

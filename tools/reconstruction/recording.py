@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.rotation import rotation_vector
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.sequence import read_sequence, relative_pose
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,17 +10,15 @@ exposure about its own instant. Same seed and options, same bytes.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.errors import Blur2ViewError
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 from tools.datasets.testset import sharp_photograph
 from tools.reconstruction.wandering import sample_path
 from tools.rendering.canvas import Canvas, paint
@@ -28,8 +26,6 @@ from tools.rendering.exposure import KNOTS, Exposure, grid_points
 from tools.rendering.render import compose, mean_frame
 from tools.rendering.scene import Layer, Plane, sample_card, sample_illumination, tilted_normal
 from tools.rendering.textures import photographs
-
-Array = NDArray[Any]
 
 LARGEST_TILT, GROUND = 0.3, 0.3
 """Tilt of the wall, radians; height above the ground: no more than the path allows without a look behind."""
@@ -311,9 +307,7 @@ def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=SequenceOptions.frames)
