@@ -51,7 +51,16 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
         shows it; if another program changed it meanwhile.
     """
     with database_errors(path), ExitStack() as stack:
-        yield stack.enter_context(_snapshot(path.resolve()))
+        path = path.resolve()
+        try:
+            database = stack.enter_context(_begun(path, "mode=ro&readonly_shm=1"))
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF not in NEEDS_WRITING:
+                raise
+            # a killed program left a journal to undo or a log to index: SQLite does it in a copy
+            copy = _copied(path, Path(stack.enter_context(TemporaryDirectory())))
+            database = stack.enter_context(_begun(copy, "mode=rw"))
+        yield database
 
 
 @contextmanager
@@ -65,21 +74,6 @@ def database_errors(path: Path) -> Iterator[None]:
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
         hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
         raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
-
-
-@contextmanager
-def _snapshot(path: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection inside a read transaction, to the file itself or to a recovered copy."""
-    with ExitStack() as stack:
-        try:
-            database = stack.enter_context(_begun(path, "mode=ro&readonly_shm=1"))
-        except sqlite3.OperationalError as error:
-            if error.sqlite_errorcode & 0xFF not in NEEDS_WRITING:
-                raise
-            # a killed program left a journal to undo or a log to index: SQLite does it in a copy
-            copy = _copied(path, Path(stack.enter_context(TemporaryDirectory())))
-            database = stack.enter_context(_begun(copy, "mode=rw"))
-        yield database
 
 
 @contextmanager
