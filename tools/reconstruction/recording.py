@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,27 +45,17 @@ class Recording:
 
     def first(self, count: int | None) -> Recording:
         """Return the first frames only."""
-        return Recording(
-            name=self.name,
-            paths=self.paths[:count],
-            K=self.K,
-            poses=self.poses[:count],
-            motion=Motion(
-                rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
-            ),
-            exposure_known=self.exposure_known,
-            displacement=None if self.displacement is None else self.displacement[:count],
+        motion = Motion(
+            rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
+        )
+        displacement = None if self.displacement is None else self.displacement[:count]
+        return replace(
+            self, paths=self.paths[:count], poses=self.poses[:count], motion=motion, displacement=displacement
         )
 
 
 def rendered_recording(folder: Path) -> Recording:
-    """Return a video of :mod:`tools.reconstruction.sequence`.
-
-    Raises
-    ------
-    Blur2ViewError
-        If there is none.
-    """
+    """Return a video of :mod:`tools.reconstruction.sequence`; Blur2ViewError if there is none."""
     paths, truth = read_sequence(folder)
     return Recording(
         name="rendered",
@@ -81,10 +71,7 @@ def rendered_recording(folder: Path) -> Recording:
 def redkitchen_recording(folder: Path) -> Recording:
     """Return consecutive frames with ``poses.npz`` (frame, cam_from_world, K), as in redkitchen_sequence.
 
-    Raises
-    ------
-    Blur2ViewError
-        If there are none.
+    Blur2ViewError if there are none.
     """
     if not (folder / "poses.npz").exists():
         raise Blur2ViewError(f"{folder}: has no poses.npz; give the folder of redkitchen_sequence")

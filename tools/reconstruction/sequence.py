@@ -147,11 +147,7 @@ def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array
     """Return where (h, w, 2) at time 0 the points lay that are seen at the ringed grid's points at time tau.
 
     Fixed-point iteration from `start` (h, w, 2). It converges where a surface has one point for every ray.
-
-    Raises
-    ------
-    ValueError
-        If the background, which is everywhere, has none for a hundredth of them: the path is too long.
+    ValueError if the background, which is everywhere, has none for a hundredth of them: the path is too long.
     """
     target, x = grid_points(exposure.size, ring=1), start
     for _ in range(STEPS):
@@ -294,10 +290,7 @@ def render_sequence(seed: int, folder: Path, options: SequenceOptions | None = N
 def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
     """Return what `render_sequence` wrote: the frames' paths, in order, and the truth.
 
-    Raises
-    ------
-    Blur2ViewError
-        If there is none.
+    Blur2ViewError if there is none.
     """
     if not (folder / "truth.npz").exists():
         raise Blur2ViewError(f"{folder}: no sequence; run python -m tools.reconstruction.sequence {folder}")

@@ -113,10 +113,7 @@ def plain_options() -> Any:
 def link(database: Path, recording: Recording, model: Path | None) -> list[dict[str, Any]]:
     """Run ``blur2view to-colmap --link --sequence`` on every frame; return what its JSON says of each.
 
-    Raises
-    ------
-    Blur2ViewError
-        If the command fails.
+    Blur2ViewError if the command fails.
     """
     arguments = ["to-colmap", "--db", database, "--link", "--no-backup", "--sequence", "--json"]
     arguments += ["--camera", f"{database}:1", *recording.paths]

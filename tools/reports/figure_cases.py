@@ -82,10 +82,7 @@ def at_quantiles(
 ) -> list[Case]:
     """Return the cases at these quantiles of a measure, of those where it is finite: no choice by hand.
 
-    Raises
-    ------
-    ValueError
-        If it is finite nowhere.
+    ValueError if it is finite nowhere.
     """
     values = np.array([measure(case) for case in found])
     order = np.argsort(values, kind="stable")[: int(np.isfinite(values).sum())]
