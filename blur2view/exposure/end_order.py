@@ -85,8 +85,7 @@ def forward_share(geometry: TwoViewGeometry, ends: Array, sigma_px: Array) -> Ar
         ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
     else:
         return np.full(len(ends), 0.5)
-    share: Array = 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
-    return share
+    return 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
 
 
 def _transfer(H: Array, points1: Array, points2: Array) -> Array:

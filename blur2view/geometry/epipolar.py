@@ -24,8 +24,7 @@ CROSS[[0, 0, 1, 1, 2, 2], [7, 5, 2, 6, 3, 1]] = [1, -1, 1, -1, 1, -1]
 def cross_matrix(vectors: Array) -> Array:
     """Return the matrices [v]x (..., 3, 3) of vectors (..., 3): ``[v]x w = v x w``."""
     vectors = np.asarray(vectors, float)
-    crossed: Array = (vectors @ CROSS).reshape(*vectors.shape, 3)
-    return crossed
+    return (vectors @ CROSS).reshape(*vectors.shape, 3)
 
 
 def homogeneous(points: Array) -> Array:
@@ -54,8 +53,7 @@ def symmetric_skew(F: Array) -> tuple[Array, Array]:
 
 def join_symmetric_skew(S: Array, a: Array) -> Array:
     """Return F = S + [a]x, the inverse of `symmetric_skew`."""
-    joined: Array = S + cross_matrix(a)
-    return joined
+    return S + cross_matrix(a)
 
 
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
@@ -110,8 +108,7 @@ def shared_normalisation(ends: Array) -> Array:
 
 def apply_similarity(T: Array, points: Array) -> Array:
     """Return pixels (..., K, 2) under scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
-    mapped: Array = points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
-    return mapped
+    return points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
 
 
 def denormalise(F: Array, T: Array) -> Array:

@@ -71,8 +71,7 @@ class RigidTransform:
     @property
     def essential(self) -> Array:
         """E = [t]x R, (3, 3): ``rays2^T E rays1 = 0``."""
-        E: Array = cross_matrix(self.translation) @ self.rotation
-        return E
+        return cross_matrix(self.translation) @ self.rotation
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
@@ -194,8 +193,7 @@ class PoseCovariance:
     @property
     def rotation_sigma_deg(self) -> Array:
         """Standard deviations (3,) of the rotation about x, y and z of camera 2, degrees."""
-        sigma: Array = np.degrees(np.sqrt(np.maximum(np.diag(self.matrix)[:3], 0)))
-        return sigma
+        return np.degrees(np.sqrt(np.maximum(np.diag(self.matrix)[:3], 0)))
 
     @property
     def translation_sigma_deg(self) -> float:

@@ -59,8 +59,7 @@ def rotation_vector(R: Array) -> Array:
 def step_on_sphere(unit: Array, delta: Array) -> Array:
     """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
     moved = unit + delta @ plane_basis(unit)
-    scaled: Array = moved / np.linalg.norm(moved)
-    return scaled
+    return moved / np.linalg.norm(moved)
 
 
 def rotation_flow(middle: Array) -> Array:

@@ -48,8 +48,7 @@ def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
     Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
     """
     one, other = ends[:, 0], ends[:, 1]
-    decided: NDArray[np.bool_] = sampson(F, other, one) < sampson(F, one, other)
-    return decided
+    return sampson(F, other, one) < sampson(F, one, other)
 
 
 class BatchSampson:
@@ -154,8 +153,7 @@ def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: 
     along[:2] -= line2[:2] * (scaled * inverse)
     jacobian = along[:, None] * x
     jacobian[:, :2] -= across[:, None] * (line1[:2] * scaled)
-    columns: Array = jacobian.reshape(9, -1)
-    return columns
+    return jacobian.reshape(9, -1)
 
 
 def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:

@@ -163,8 +163,7 @@ def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDA
     start = np.searchsorted(cell[order], cell[order])
     rank = np.empty(len(points), int)
     rank[order] = np.arange(len(points)) - start  # rank within the cell
-    chosen: NDArray[np.int_] = np.argsort(rank, kind="stable")[: options.max_matches]
-    return chosen
+    return np.argsort(rank, kind="stable")[: options.max_matches]
 
 
 def _still_share(length: Array, sigma: Array, options: SelectOptions) -> float:

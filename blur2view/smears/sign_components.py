@@ -114,8 +114,7 @@ def _far_pairs(points: Array, radius: float) -> Labels:
         return np.zeros((2, 0), int)
     pairs = sparse[near_pairs(points[sparse], NEIGHBOURS)[0]]
     apart = points[pairs[0]] - points[pairs[1]]
-    far: Labels = pairs[:, np.hypot(*apart.T) > radius]
-    return far
+    return pairs[:, np.hypot(*apart.T) > radius]
 
 
 def _limit(certain: Edges) -> float:
@@ -216,8 +215,7 @@ def _parted(label: Labels, edges: Edges, length_px: Array) -> Labels:
 
 
 def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
-    key: Labels = np.minimum(one, other) * count + np.maximum(one, other)
-    return key
+    return np.minimum(one, other) * count + np.maximum(one, other)
 
 
 def _relabelled(label: Labels, sign: Array) -> SignComponents:
