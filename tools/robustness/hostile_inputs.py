@@ -12,6 +12,7 @@ its own lines, one for each failure; leaves nothing but whole results; and does 
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import gc
 import importlib
@@ -33,7 +34,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.arguments import parser_of, target
+from tools.arguments import target
 from tools.robustness.hostile_files import Rng, blurred, hostile_model, hostile_photograph
 from tools.robustness.politeness import Call, complaints
 
@@ -316,7 +317,9 @@ def table(tallies: dict[str, Tally], seed: int) -> str:
 
 def main() -> None:
     """Print every rude call and the table; exit with 1 if there is one."""
-    parser = parser_of(__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1, help="calls at a time")
