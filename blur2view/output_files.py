@@ -45,8 +45,18 @@ def check_file(
 ) -> None:
     """Refuse, before any work, to write one file where it would replace what it must not.
 
-    ``what`` it is, for the message, is of `KINDS` if it may be one of an earlier call, which ``overwrite``
-    lets replace; ``inputs`` are the photographs of the call; ``option`` is the option that names it.
+    Parameters
+    ----------
+    target : Path
+        The file.
+    what : str
+        What it is, for the message; of `KINDS` if it may be one of an earlier call.
+    inputs : iterable of Path
+        The photographs of the call.
+    overwrite : bool
+        Whether a file of an earlier call may be replaced.
+    option : str
+        The option that names it.
 
     Raises
     ------
