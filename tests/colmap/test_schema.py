@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from blur2view import Configuration
 from blur2view.colmap import schema as colmap_schema
 from blur2view.colmap.schema import (
     MAX_IMAGES,
@@ -23,7 +24,6 @@ from blur2view.colmap.schema import (
     pair_id,
     quaternion,
 )
-from blur2view.geometry.two_view_geometry import Configuration
 
 
 def shape_of(path: Path) -> dict[str, object]:
