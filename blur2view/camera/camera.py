@@ -89,12 +89,18 @@ class Camera:
 
     @classmethod
     def from_string(cls, text: str) -> Camera:
-        """Return the camera of a string, blanks or commas between: "PINHOLE 640 480 525 525 320 240"."""
+        """Return the camera of a COLMAP string, blanks or commas between: "PINHOLE 640 480 525 525 320 240".
+
+        CameraError if it is none.
+        """
         return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
 
     @classmethod
     def from_database(cls, path: Path, camera_id: int | None = None, image_name: str = "") -> Camera:
-        """Return a camera of a COLMAP database: by id, else the image's, else the only one."""
+        """Return a camera of a COLMAP database: by id, else the image's, else the only one.
+
+        CameraError if the database or the camera cannot be used; see `colmap_database.choose_camera`.
+        """
         chosen, camera = choose_camera(path, camera_id, image_name)
         return cls.from_colmap(camera, f"database, camera {chosen}")
 

@@ -172,10 +172,8 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
         (first, last): whole,
     }
-    known = {
-        image.image_id,
-        *(number for number, _ in own.values()),
-    }  # whose pairs may be old
+    # no other image has pairs of an earlier call
+    known = {image.image_id, *(number for number, _ in own.values())}
     for (one, other), geometry in geometries.items():
         pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
         put_pair(database, one, other, pair, replace={one, other} <= known)
