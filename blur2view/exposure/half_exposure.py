@@ -47,11 +47,11 @@ def half_pose(pose: RigidTransform) -> RigidTransform:
 
 
 def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
-    """Return F of half the motion, to first order in the motion.
+    """Return F (3, 3) of half the motion, to first order in the motion; of unit norm and rank 2.
 
     A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
-    with d/2 in place of d that is S / 2 + [a]x. The nearest matrix of rank 2, in coordinates in which
-    the picture (``size``: width and height, pixels) is of unit size; of unit norm.
+    with d/2 in place of d that is S / 2 + [a]x. Of rank 2 it is the nearest, in coordinates in which the
+    picture, of ``size`` (width, height) in pixels, is of unit size.
     """
     scale = 2.0 / max(size)
     T = np.diag([scale, scale, 1.0])
