@@ -37,13 +37,7 @@ class DatabaseError(Blur2ViewError):
 
 @contextmanager
 def within_memory(path: Path) -> Iterator[None]:
-    """Raise what a library says of too little memory as one line that names the photograph.
-
-    Raises
-    ------
-    ImageError
-        In place of a MemoryError, which NumPy and OpenCV raise as a subclass or another type.
-    """
+    """Raise what a library says of too little memory, by any type of error, as an ImageError of one line."""
     try:
         yield
     except Exception as error:

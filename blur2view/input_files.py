@@ -8,13 +8,7 @@ MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 
 
 def read_regular(path: Path) -> bytes:
-    """Return a file's content.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read; if it is a pipe or a device, which may never end, or of more than 1 GiB.
-    """
+    """Return a file's content; OSError of a pipe or a device, which may never end, or of more than 1 GiB."""
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise OSError(errno.EINVAL, "is no regular file")

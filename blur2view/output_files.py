@@ -26,17 +26,9 @@ Write = Callable[[BinaryIO], object]
 
 
 def prepare_folder(folder: Path) -> list[Path]:
-    """Return the folders that were created so that files can be written there, which is checked.
+    """Return the folders, the deepest first, that were created so that files can be written there.
 
-    Returns
-    -------
-    list of Path
-        The folders that did not exist before, the deepest first; see `remove_empty`.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be created or written.
+    OutputError if it cannot be created or written, which is tried.
     """
     try:
         created = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -118,12 +110,13 @@ def plan_outputs(
     kind: ResultKind[Files],
     names: Mapping[Path, Path] | None = None,
 ) -> list[Files | OutputError]:
-    """Return the files of each photograph, or why they must not be written.
+    """Return the files of each photograph of a call, or why they must not be written.
+
+    Photographs of one stem get subfolders as they have, or else keep their suffix.
 
     Parameters
     ----------
     images : sequence of Path
-        The photographs of one call.
     folder : Path
         Where the files go.
     overwrite : bool
@@ -134,11 +127,6 @@ def plan_outputs(
         What a photograph's files are, such as :class:`OutputFiles`.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
-
-    Returns
-    -------
-    list of Files or OutputError
-        One per photograph. Photographs of one stem get subfolders as they have, or else keep their suffix.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
@@ -185,11 +173,7 @@ def _image_of(document: Path) -> str | None:
 def is_ours(path: Path, kind: str | None = None) -> bool:
     """Return whether a file says that blur2view wrote it; pictures of 0.1.0 do not.
 
-    Parameters
-    ----------
-    path : Path
-    kind : str, optional
-        The suffix that stands for what it should be; its own by default.
+    ``kind`` is the suffix that stands for what it should be; its own by default.
     """
     if not path.is_file():
         return False
@@ -225,13 +209,7 @@ def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
 
 
 def write_atomically(path: Path, write: Write) -> None:
-    """Write beside the path and rename, so that a reader never sees half a file.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; nothing is left behind then.
-    """
+    """Write beside the path and rename, so that a reader never sees half a file; a failure leaves nothing."""
     beside = _beside(path)
     try:
         with beside.open("wb") as file:
@@ -244,12 +222,8 @@ def write_atomically(path: Path, write: Write) -> None:
 def write_together(files: Mapping[Path, Write]) -> None:
     """Write files of which the last marks that all are complete: beside their paths first, then rename.
 
-    An old last file is removed before the first rename, so that it never stands beside new ones.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be written; the old files stay as they were then.
+    An old last file is removed before the first rename, so that it never stands beside new ones. If a file
+    cannot be written the old files stay as they were.
     """
     try:
         for path, write in files.items():

@@ -183,15 +183,8 @@ class FileEstimate:
 def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | None = None) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
-    Parameters
-    ----------
-    path : Path
-    network : SmearNetwork
-    run : Run
-        The options. Each photograph has a generator of its own, so that its result does not depend on those
-        before it.
-    content : bytes, optional
-        Of the file, where it has been read already.
+    Each photograph has a generator of its own, so that its result does not depend on those before it.
+    ``content`` is that of the file, where it has been read already.
 
     Raises
     ------

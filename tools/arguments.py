@@ -1,4 +1,4 @@
-"""Paths on the command lines of tools: looked at before any work, so that a wrong one costs one line."""
+"""Command lines of tools: help, and paths, looked at before any work, so that a wrong one costs one line."""
 
 from __future__ import annotations
 
@@ -22,3 +22,8 @@ def target(text: str) -> Path:
     except OSError as error:
         raise argparse.ArgumentTypeError(f"{text}: {path.parent}: {error.strerror}") from None
     return path
+
+
+def parser_of(text: str | None) -> argparse.ArgumentParser:
+    """Return a parser whose help shows a module's docstring as it stands."""
+    return argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -77,14 +77,7 @@ class Camera:
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
         """Return a camera of square pixels, no distortion, its principal point at the centre of the image.
 
-        Parameters
-        ----------
-        focal_px : float
-            Focal length in pixels, positive.
-        image_size : (int, int)
-            Width and height.
-        source : str
-            Where the focal length is from.
+        ``image_size`` is width and height, ``source`` where the focal length, in pixels, is from.
         """
         if not possible_focal(focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px}")
@@ -98,10 +91,7 @@ class Camera:
     def from_string(cls, text: str) -> Camera:
         """Return the camera of a COLMAP string, blanks or commas between: "PINHOLE 640 480 525 525 320 240".
 
-        Raises
-        ------
-        CameraError
-            If it is none.
+        CameraError if it is none.
         """
         return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
 
@@ -109,10 +99,7 @@ class Camera:
     def from_database(cls, path: Path, camera_id: int | None = None, image_name: str = "") -> Camera:
         """Return a camera of a COLMAP database: by id, else the image's, else the only one.
 
-        Raises
-        ------
-        CameraError
-            If the database or the camera cannot be used; see `colmap_database.choose_camera`.
+        CameraError if the database or the camera cannot be used; see `colmap_database.choose_camera`.
         """
         chosen, camera = choose_camera(path, camera_id, image_name)
         return cls.from_colmap(camera, f"database, camera {chosen}")

@@ -39,15 +39,7 @@ def possible_focal(focal_px: float) -> bool:
 def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
     """Return the parts of a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
 
-    Returns
-    -------
-    model, width, height, params
-        As written; `colmap_camera` checks them.
-
-    Raises
-    ------
-    CameraError
-        If it is not of that form.
+    As written: `colmap_camera` checks them. CameraError if the string is not of that form.
     """
     words = text.replace(",", " ").split()
     if len(words) < 4:
@@ -67,17 +59,7 @@ def _malformed(text: str, why: str) -> CameraError:
 
 
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
-    """Return pycolmap's camera.
-
-    Returns
-    -------
-    pycolmap.Camera
-
-    Raises
-    ------
-    CameraError
-        If the model is unknown, has another number of parameters, or a value cannot be.
-    """
+    """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
     known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]

@@ -34,7 +34,7 @@ HINTS = {
     "image_id_check": "its image ids are used up; extract features into a new database",
 }
 
-CameraRow = tuple[int, int, int, int, bytes]  # camera_id, model, width, height, params
+CameraRow = tuple[int, int, int, int, bytes]  # id, COLMAP's model number, width, height, float64 params
 
 
 @contextmanager
@@ -51,32 +51,7 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
         shows it; if another program changed it meanwhile.
     """
     with database_errors(path), ExitStack() as stack:
-        yield stack.enter_context(_snapshot(path.resolve()))
-
-
-@contextmanager
-def database_errors(path: Path) -> Iterator[None]:
-    """Raise every error of SQLite inside as one line that names the file and the remedy.
-
-    Raises
-    ------
-    DatabaseError
-        In place of errors of SQLite; if there is no such file.
-    """
-    if not path.is_file():
-        raise DatabaseError(f"{path}: no such database; check the path")
-    try:
-        yield
-    except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
-        why = " ".join(str(error).split())  # a damaged schema may hold line breaks
-        hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
-        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
-
-
-@contextmanager
-def _snapshot(path: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection inside a read transaction, to the file itself or to a recovered copy."""
-    with ExitStack() as stack:
+        path = path.resolve()
         try:
             database = stack.enter_context(_begun(path, "mode=ro&readonly_shm=1"))
         except sqlite3.OperationalError as error:
@@ -86,6 +61,19 @@ def _snapshot(path: Path) -> Iterator[sqlite3.Connection]:
             copy = _copied(path, Path(stack.enter_context(TemporaryDirectory())))
             database = stack.enter_context(_begun(copy, "mode=rw"))
         yield database
+
+
+@contextmanager
+def database_errors(path: Path) -> Iterator[None]:
+    """Raise every error of SQLite inside as a DatabaseError, one line with the file and the remedy."""
+    if not path.is_file():
+        raise DatabaseError(f"{path}: no such database; check the path")
+    try:
+        yield
+    except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
+        why = " ".join(str(error).split())  # a damaged schema may hold line breaks
+        hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
+        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
 
 
 @contextmanager
@@ -137,19 +125,9 @@ def longest_suffix(names: Container[str], photograph: Path) -> str | None:
 
 
 def database_cameras(path: Path) -> tuple[list[CameraRow], dict[str, int]]:
-    """Return the cameras of a COLMAP database, of any version, and the camera of every image.
+    """Return the cameras of a COLMAP database, of any version, and the camera id of every image by its name.
 
-    Returns
-    -------
-    cameras : list of (camera_id, model, width, height, params)
-        ``model`` is COLMAP's number, ``params`` its float64 bytes.
-    of_image : dict
-        Camera id by image name.
-
-    Raises
-    ------
-    CameraError
-        If there is no such file, it is locked or damaged, or is no COLMAP database.
+    CameraError if there is no such file, it is locked or damaged, or is no COLMAP database.
     """
     try:
         with open_read_only(path) as database:
@@ -163,19 +141,8 @@ def database_cameras(path: Path) -> tuple[list[CameraRow], dict[str, int]]:
 def choose_camera(path: Path, camera_id: int | None, image_name: str) -> tuple[int, Any]:
     """Return id and pycolmap.Camera of a database: the one asked for, the image's, or the only one.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    camera_id : int or None
-        None chooses by the image.
-    image_name : str
-        The photograph's path; the database's image whose name it ends with is taken for it.
-
-    Raises
-    ------
-    CameraError
-        If the database cannot be read, has no such camera, or leaves the choice open.
+    ``image_name`` is the photograph's path; the database's image whose name it ends with is taken for it.
+    CameraError if the database cannot be read, has no such camera, or leaves the choice open.
     """
     rows, of_image = database_cameras(path)
     by_id = {row[0]: row for row in rows}

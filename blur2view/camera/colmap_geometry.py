@@ -47,22 +47,9 @@ def colmap_two_view_geometry(
 ) -> Any:
     """Return a pycolmap.TwoViewGeometry of index-aligned keypoints.
 
-    Parameters
-    ----------
-    config : str
-        A name of TwoViewGeometryConfiguration.
-    inliers : ndarray of int, shape (M,)
-        Indices of the keypoints that are inliers, the same in both images.
-    F, H : ndarray of shape (3, 3), optional
-        Of our pixels.
-    E : ndarray of shape (3, 3), optional
-        Of rays, which have no half pixel.
-    pose : (ndarray of shape (3, 3), ndarray of shape (3,)), optional
-        Rotation and translation of cam2_from_cam1.
-
-    Returns
-    -------
-    pycolmap.TwoViewGeometry
+    ``config`` is a name of TwoViewGeometryConfiguration; ``inliers`` (M,) are indices of keypoints, the same
+    in both images; F and H (3, 3) are of our pixels, E of rays, which have no half pixel; ``pose`` is
+    rotation (3, 3) and translation (3,) of cam2_from_cam1.
     """
     import pycolmap
 

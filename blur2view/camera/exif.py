@@ -42,14 +42,7 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
     FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
-    picture upright does not change it.
-
-    Parameters
-    ----------
-    path : path-like
-        A photograph.
-    content : bytes, optional
-        Of its file, where it has been read already.
+    picture upright does not change it. ``content`` is that of the file, where it has been read already.
 
     References
     ----------

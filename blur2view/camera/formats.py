@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +33,7 @@ def is_heic(encoded: bytes) -> bool:
 
 
 def register_heic(path: Path) -> None:
-    """Let Pillow open HEIC.
-
-    Raises
-    ------
-    ImageError
-        If pillow-heif is not installed.
-    """
+    """Let Pillow open HEIC; ImageError if pillow-heif is not installed."""
     try:
         import pillow_heif
     except ImportError:
@@ -53,28 +46,15 @@ def register_heic(path: Path) -> None:
 def develop(
     path: Path, encoded: bytes, *, as_stored: bool, check_size: Callable[[int, int], None]
 ) -> NDArray[np.uint16]:
-    """Return a RAW photograph, developed: sRGB with the camera's white balance, not brightened.
+    """Return a RAW photograph (H, W, 3), uint16: sRGB with the camera's white balance, not brightened.
 
-    Parameters
-    ----------
-    path : Path
-    encoded : bytes
-        The file.
-    as_stored : bool
-        Not rotated upright.
-    check_size : callable
-        Raises ImageError where width and height cannot be used.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint16
-
-    Raises
-    ------
-    ImageError
-        If rawpy is not installed or LibRaw cannot develop the file.
+    ``encoded`` is the file; ``as_stored`` leaves the picture as it lies; ``check_size`` raises for sizes that
+    cannot be used. ImageError if rawpy is not installed or LibRaw cannot develop the file.
     """
-    rawpy = _rawpy(path)
+    try:
+        import rawpy
+    except ImportError:
+        raise ImageError(f"{path}: is RAW; install rawpy (pip install rawpy) or develop it to JPEG") from None
     try:
         with rawpy.imread(io.BytesIO(encoded)) as raw:
             check_size(raw.sizes.width, raw.sizes.height)
@@ -89,13 +69,3 @@ def develop(
         reason = " ".join(str(error).split()).removeprefix("b'").removesuffix("'")
         raise ImageError(f"{path}: cannot be developed ({reason}); develop it to JPEG or PNG") from None
     return pixels
-
-
-def _rawpy(path: Path) -> ModuleType:
-    """Return the module rawpy, which only this needs."""
-    try:
-        import rawpy
-    except ImportError:
-        raise ImageError(f"{path}: is RAW; install rawpy (pip install rawpy) or develop it to JPEG") from None
-    module: ModuleType = rawpy
-    return module

@@ -4,7 +4,6 @@ import io
 import math
 import os
 import warnings
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,8 @@ BACKDROP = 0.5
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
 # By which photographs in a folder are known; named by themselves they may be of any.
-PHOTOGRAPH_SUFFIXES = (
-    frozenset(
-        [".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"]
-    )
-    | HEIC_SUFFIXES
-    | RAW_SUFFIXES
-)
+PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -83,26 +77,13 @@ def read_image(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        return _to_rgb(_decode(path, encoded, as_stored, max_memory_gib))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Decoded:
-    """Pixels of shape (H, W) or (H, W, C), C in 2, 3, 4, upright, with the value that means white."""
-
-    pixels: Pixels
-    white: int
+        return _to_rgb(*_decode(path, encoded, as_stored, max_memory_gib))
 
 
 def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    Raises
-    ------
-    ImageError
-        If it cannot be read.
-    EndOfVideo
-        If the video announces more frames than it has.
+    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
@@ -111,7 +92,7 @@ def read_content(path: Path) -> bytes:
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
     try:
-        encoded = read_regular(path)
+        return read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
@@ -119,17 +100,14 @@ def read_content(path: Path) -> bytes:
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-    return encoded
 
 
-def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> _Decoded:
-    """Return every pixel, decoded and upright unless the picture is wanted as it is stored."""
+def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
+    """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
     check_size = partial(_check_size, path, max_memory_gib=max_memory_gib)
     try:
         if is_raw(path, encoded):
-            return _Decoded(
-                pixels=develop(path, encoded, as_stored=as_stored, check_size=check_size), white=65535
-            )
+            return develop(path, encoded, as_stored=as_stored, check_size=check_size), 65535
         if is_heic(encoded):
             register_heic(path)
         with Image.open(io.BytesIO(encoded)) as photo:
@@ -149,7 +127,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return _Decoded(pixels=_decode_deep(encoded), white=65535)
+                return _decode_deep(encoded), 65535
             # Pillow's TIFF reader has rotated the picture by now, so ask again
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             pixels, white = _pixels(path, photo)
@@ -157,7 +135,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
                 white = 4095
             if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
                 pixels = white - pixels  # which Pillow does for 8 bits only
-            return _Decoded(pixels=pixels if as_stored else _upright(pixels, orientation), white=white)
+            return pixels if as_stored else _upright(pixels, orientation), white
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -234,10 +212,10 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
     return pixels
 
 
-def _to_rgb(photo: _Decoded) -> NDArray[np.float32]:
+def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
     """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.ascontiguousarray(photo.pixels, dtype=np.float32)
-    values /= photo.white
+    values = np.ascontiguousarray(pixels, dtype=np.float32)
+    values /= white
     if values.ndim == 2:
         values = values[..., None]
     if values.shape[2] in (2, 4):

@@ -79,10 +79,13 @@ class Intrinsics:
         """
         if self.focal_px is not None:
             return Camera.from_focal(self.focal_px, image_size)
-        if self.camera is None:
-            return _hint(image_size, exif)
-        if self.camera == "exif":
-            return _from_exif(path, image_size, exif)
+        if self.camera is None or self.camera == "exif":
+            if exif.focal_px is not None:
+                camera = Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")
+                return camera if self.camera else replace(camera, log_focal_sigma=EXIF_LOG_FOCAL)
+            if self.camera is None:
+                return None
+            raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
         database = self._database()
         if database is not None:
             camera = Camera.from_database(*database, str(path))
@@ -92,18 +95,3 @@ class Intrinsics:
             return camera.for_image(image_size)
         except CameraError as error:
             raise CameraError(f"{path}: {error}") from None
-
-
-def _hint(image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
-    """Return EXIF's focal length as a hint, None where there is none."""
-    if exif.focal_px is None:
-        return None
-    camera = Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")
-    return replace(camera, log_focal_sigma=EXIF_LOG_FOCAL)
-
-
-def _from_exif(path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera:
-    """Return the camera of EXIF's focal length, taken for true."""
-    if exif.focal_px is None:
-        raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
-    return Camera.from_focal(exif.focal_px, image_size, f"exif ({exif.focal_tags})")

@@ -12,23 +12,9 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ImageError
 
-SUFFIXES = frozenset(  # of what OpenCV's FFmpeg reads
-    [
-        ".3gp",
-        ".avi",
-        ".m2ts",
-        ".m4v",
-        ".mkv",
-        ".mov",
-        ".mp4",
-        ".mpeg",
-        ".mpg",
-        ".mts",
-        ".ogv",
-        ".webm",
-        ".wmv",
-    ]
-)
+# Of what OpenCV's FFmpeg reads.
+SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
+SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS = 6  # of a frame's name
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
 
@@ -57,20 +43,10 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
 def frame_numbers(
     video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> range:
-    """Return the numbers of frames.
+    """Return the numbers of frames, one of ``every``, from the first to the last, which is included.
 
-    Parameters
-    ----------
-    video : Path
-    every : int
-        Of how many one is taken.
-    first, last : int or float
-        The first and the last frame, an integer by number, a float by seconds; the last is included.
-
-    Raises
-    ------
-    ImageError
-        If the video cannot be opened or has no frames.
+    An integer names a frame by number, a float by seconds. ImageError if the video cannot be opened or has no
+    such frames.
     """
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
@@ -92,12 +68,8 @@ def frame_numbers(
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
 
-    Raises
-    ------
-    ImageError
-        If the video cannot be opened, ends too early or announces no such frame.
-    EndOfVideo
-        If it ends within a second of where it says, or the frame before could not be read either.
+    ImageError if the video cannot be opened, ends too early or announces no such frame; EndOfVideo if it ends
+    within a second of where it says, or the frame before could not be read either.
     """
     return _reader(video).read(number)
 
@@ -106,18 +78,13 @@ class _Reader:
     """A video, read forwards: to seek is not exact with every codec."""
 
     def __init__(self, video: Path) -> None:
-        self.video = video
-        self.broken = False
-        self._open()
-
-    def _open(self) -> None:
-        """Begin at the first frame."""
-        self.capture, self.position = _opened(self.video), 0
+        self.video, self.broken = video, False
+        self.capture, self.position = _opened(video), 0
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
         if number < self.position:
-            self._open()
+            self.capture, self.position = _opened(self.video), 0
         while self.position <= number:
             if not self.capture.grab():
                 self._end(number)

@@ -10,7 +10,7 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap.transforms import relative_folder, transforms
+from blur2view.colmap.transforms import transforms
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, prepare_folder, remove_empty, unwritable, write_atomically
 
@@ -28,7 +28,7 @@ def run_to_transforms(options: argparse.Namespace, usage_error: Callable[[str], 
     content = transforms(
         options.model,
         dialect=options.dialect,
-        images=relative_folder(images, target),
+        images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
     )
     if options.photographs is not None:

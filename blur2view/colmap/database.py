@@ -60,13 +60,7 @@ def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace:
 
 
 def refuse_existing(path: Path) -> None:
-    """Refuse a path where something lies, or a folder that takes no files.
-
-    Raises
-    ------
-    DatabaseError
-        If so.
-    """
+    """Raise a DatabaseError where something lies at a path, or its folder takes no files."""
     if os.path.lexists(path):
         raise DatabaseError(f"{path}: exists; add to it with --link, or choose another --db")
     if not os.access(path.parent, os.W_OK | os.X_OK):
@@ -75,13 +69,7 @@ def refuse_existing(path: Path) -> None:
 
 @contextmanager
 def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Connection]:
-    """Open an empty COLMAP database beside the path, and rename it when all is written.
-
-    Raises
-    ------
-    DatabaseError
-        If the file exists or cannot be written.
-    """
+    """Open an empty COLMAP database beside the path, and rename it when all is written."""
     if not replace:
         refuse_existing(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -19,27 +19,16 @@ from blur2view.exposure.neighbours import NO_POINTS
 
 
 class DatabaseMatcher:
-    """Matches of a COLMAP database, verified ones where it has them.
+    """Matches of photographs, by their names, of a COLMAP database, verified ones where it has them.
 
-    Parameters
-    ----------
-    path : Path
-        The database; it is opened for each pair, for reading only.
-    names : sequence of str
-        Of the photographs, as the database has them.
+    The database is opened for each pair, for reading only.
     """
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:
         self._path, self._names = path, names
 
     def __call__(self, first: int, second: int) -> tuple[Array, Array]:
-        """Return matched pixels (M, 2) of two photographs by their indices, none where it has none.
-
-        Raises
-        ------
-        DatabaseError
-            If the database cannot be read.
-        """
+        """Return matched pixels (M, 2) of two photographs by their indices, none where it has none."""
         try:
             with open_read_only(self._path) as database:
                 return _matched_points(database, self._names[first], self._names[second])
@@ -48,13 +37,7 @@ class DatabaseMatcher:
 
 
 def database_names(path: Path) -> list[str]:
-    """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out.
-
-    Raises
-    ------
-    DatabaseError
-        If the database cannot be read.
-    """
+    """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out."""
     with open_read_only(path) as database:
         return list(image_names(database))
 
@@ -82,17 +65,7 @@ def image_id_of(database: sqlite3.Connection, name: str) -> int | None:
 def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
     """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
 
-    Parameters
-    ----------
-    database : sqlite3.Connection
-    table : str
-        "matches", or "two_view_geometries" for the inliers.
-    id1, id2 : int
-
-    Raises
-    ------
-    ValueError
-        If the row contradicts itself.
+    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
     """
     query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
     row = database.execute(query, (pair_id(min(id1, id2), max(id1, id2)),)).fetchone()
@@ -101,13 +74,7 @@ def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -
 
 
 def read_keypoints(database: sqlite3.Connection, image_id: int) -> NDArray[np.float64]:
-    """Return COLMAP's pixels (N, 2) of an image's keypoints, none where it has none.
-
-    Raises
-    ------
-    ValueError
-        If the row contradicts itself.
-    """
+    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
     query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
     row = database.execute(query, (image_id,)).fetchone()
     return NO_POINTS if row is None else keypoints_from_blob(*row)

@@ -45,24 +45,14 @@ def certainty(views: ExposureViews) -> NDArray[np.float16]:
 
 
 def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
-    """Write ``features.h5``, ``matches.h5`` and ``pairs.txt`` for all photographs, each whole or not at all.
+    """Write and return ``features.h5``, ``matches.h5`` and ``pairs.txt``, each whole or not at all.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
-    sequence : sequence of ExposureViews
-
-    Returns
-    -------
-    list of Path
-        The three files.
+    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
 
     Raises
     ------
     OutputError
-        If h5py is missing, a name holds a blank or is there twice, or a file cannot be written or is not
-        ours.
+        If h5py is missing, a name has a blank or is there twice, or a file cannot be written or is not ours.
     """
     refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
@@ -78,13 +68,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder whose files of these names hold more than views: hloc keeps its own in such files.
-
-    Raises
-    ------
-    OutputError
-        If so, or if one cannot be read as what it should be.
-    """
+    """Raise an OutputError if files of these names hold more than views: hloc keeps its own in such files."""
     for name in NAMES:
         path = folder / name
         if os.path.lexists(path) and not _holds_views_alone(path):
@@ -116,13 +100,7 @@ def _holds_views_alone(path: Path) -> bool:
 
 
 def _h5py() -> Any:
-    """Return the module h5py, which only this needs.
-
-    Raises
-    ------
-    OutputError
-        If it is not installed.
-    """
+    """Return the module h5py, which only this needs."""
     try:
         import h5py
     except ImportError:

@@ -64,25 +64,10 @@ class LinkJob:
 def plan_links(
     path: Path, photographs: Sequence[Path], *, replace: bool = False
 ) -> list[LinkStep | DatabaseError]:
-    """Return what linking will do with each photograph of a project; nothing is written.
+    """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    photographs : sequence of Path
-    replace : bool
-        Whether views that an earlier call wrote are written anew.
-
-    Returns
-    -------
-    list of LinkStep or DatabaseError
-        One per photograph; an error says why it cannot be linked.
-
-    Raises
-    ------
-    DatabaseError
-        If the database as a whole cannot be used.
+    With ``replace`` views that an earlier call wrote are written anew. DatabaseError is raised if the
+    database as a whole cannot be used.
     """
     plan: list[LinkStep | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -132,19 +117,7 @@ def digest(image: ProjectImage) -> bytes:
 def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> Path | None:
     """Write the views of all photographs in one transaction; without jobs the file is not touched.
 
-    Parameters
-    ----------
-    path : Path
-        The database.
-    jobs : sequence of LinkJob
-        Made by `plan_links`, each with its views.
-    backup : bool
-        Whether the database is copied first, as it is when the transaction begins.
-
-    Returns
-    -------
-    Path or None
-        The backup.
+    Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
 
     Raises
     ------
@@ -184,12 +157,12 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
     ids = []
     for role, (name, points) in sides.items():
-        there = own[role][0] if role in own else None
-        if there is None:
-            number = add_image(database, name, image.camera_id, with_frame=frames)
+        if role in own:
+            number = own[role][0]
+            set_camera(database, number, image.camera_id, with_frame=frames)
         else:
-            number = set_camera(database, there, image.camera_id, with_frame=frames)
-        put_keypoints(database, number, points, replace=there is not None)
+            number = add_image(database, name, image.camera_id, with_frame=frames)
+        put_keypoints(database, number, points, replace=role in own)
         ids.append(number)
     first, last = ids
     matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
@@ -199,27 +172,19 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
         (first, last): whole,
     }
+    # no other image has pairs of an earlier call
+    known = {image.image_id, *(number for number, _ in own.values())}
     for (one, other), geometry in geometries.items():
         pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        known = {
-            number for number, _ in own.values()
-        }  # no row of a pair of a new image is from an earlier call
-        put_pair(database, one, other, pair, replace={one, other} <= known | {image.image_id})
+        put_pair(database, one, other, pair, replace={one, other} <= known)
     mark_views(database, views, ids, digest(image))
 
 
 def back_up(path: Path) -> Path:
-    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it.
-
-    Raises
-    ------
-    DatabaseError
-        If the copy cannot be written.
-    """
+    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
     stamp = time.strftime("%Y%m%dT%H%M%S")
-    candidates = (
-        path.with_name(f"{path.name}.{stamp}{n}.bak") for n in ("", *(f"-{i}" for i in range(1000)))
-    )
+    suffixes = ("", *(f"-{i}" for i in range(1000)))
+    candidates = (path.with_name(f"{path.name}.{stamp}{suffix}.bak") for suffix in suffixes)
     copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
     beside = copy.with_name(f".{copy.name}.tmp")
     try:

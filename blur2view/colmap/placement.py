@@ -123,13 +123,7 @@ def place_views(
 
 
 def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder.
-
-    Raises
-    ------
-    DatabaseError
-        If there is none.
-    """
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none."""
     import pycolmap
 
     try:

@@ -64,10 +64,7 @@ class ProjectImage:
 def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connection]:
     """Open a COLMAP database for reading only; with ``write`` inside one transaction, undone by any failure.
 
-    Raises
-    ------
-    DatabaseError
-        If there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
+    DatabaseError if there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
     """
     with _write_transaction(path) if write else open_read_only(path) as database:
         check_schema(path, database)
@@ -85,13 +82,7 @@ def _write_transaction(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def check_schema(path: Path, database: sqlite3.Connection) -> None:
-    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use.
-
-    Raises
-    ------
-    DatabaseError, sqlite3.Error
-        If it is not.
-    """
+    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use."""
     version = database.execute("PRAGMA user_version").fetchone()[0]
     if version < 0:
         raise DatabaseError(f"{path}: has version {version}, which no COLMAP writes; is it COLMAP's?")
@@ -119,8 +110,8 @@ def _check_columns(path: Path, database: sqlite3.Connection, table: str, columns
     rows = database.execute(f"PRAGMA table_info({table})").fetchall()
     have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
     missing = [column for column in columns if column not in have]
-    foreign = [name for name, (needed, default) in have.items() if needed and default is None]
-    foreign = [name for name in foreign if name not in columns]
+    must = [name for name, (needed, default) in have.items() if needed and default is None]
+    foreign = [name for name in must if name not in columns]
     if missing or foreign:
         what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
         raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")
@@ -138,13 +129,7 @@ def storable(name: str) -> bool:
 
 
 def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectImage:
-    """Return one image of a project with its keypoints.
-
-    Raises
-    ------
-    DatabaseError
-        If its rows are missing or contradict each other.
-    """
+    """Return one image of a project with its keypoints; DatabaseError if rows are missing or damaged."""
     sql = (
         "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
         "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"

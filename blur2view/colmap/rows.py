@@ -18,17 +18,15 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
-    CONFIGURATIONS,
     keypoints_blob,
     matches_blob,
     matrix_blob,
     model_number,
     pair_id,
-    params_blob,
     quaternion,
 )
 from blur2view.exposure.end_order import GUESSED_FOCAL
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 
 class CameraColumns(NamedTuple):
@@ -59,15 +57,10 @@ class Pair:
 
 
 def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
-    """Return the row of a photograph's camera.
+    """Return the row of a photograph's camera; ``size`` is the photograph's width and height, pixels.
 
-    Parameters
-    ----------
-    camera : Camera or None
-        Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for
-        a distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
-    size : (int, int)
-        Width and height of the photograph, pixels.
+    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
+    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
     """
     width, height = size
     if camera is None:
@@ -86,7 +79,7 @@ def add_camera(database: Connection, camera: CameraColumns) -> int:
     """Insert a camera with a rig of its own; return its id."""
     model, width, height, params, prior = camera
     sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
-    row = (model_number(model), width, height, params_blob(params), prior)
+    row = (model_number(model), width, height, matrix_blob(np.array(params)), prior)
     camera_id = _inserted(database, sql, row)
     rig_of(database, camera_id)
     return camera_id
@@ -111,8 +104,8 @@ def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bo
     return image_id
 
 
-def set_camera(database: Connection, image_id: int, camera_id: int, *, with_frame: bool) -> int:
-    """Give an image that is there this camera, and a frame if it has none of it; return the image's id."""
+def set_camera(database: Connection, image_id: int, camera_id: int, *, with_frame: bool) -> None:
+    """Give an image that is there this camera, and a frame if it has none of it."""
     database.execute("UPDATE images SET camera_id = ? WHERE image_id = ?", (camera_id, image_id))
     sql = (
         "SELECT 1 FROM frame_data JOIN frames USING (frame_id) "
@@ -123,7 +116,6 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
         sql = "DELETE FROM frame_data WHERE data_id = ? AND sensor_type = ?"
         database.execute(sql, (image_id, CAMERA_SENSOR))
         _add_frame(database, image_id, camera_id)
-    return image_id
 
 
 def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
@@ -145,14 +137,8 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
 def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, replace: bool = False) -> None:
     """Write both match tables' rows of a pair of which at least one image is a view.
 
-    Parameters
-    ----------
-    database : Connection
-    image1, image2 : int
-        Ids; a row leads from the smaller one, so that of image1 > image2 holds the reversed geometry.
-    pair : Pair
-    replace : bool
-        Whether a row there may be overwritten; otherwise it raises sqlite3.IntegrityError.
+    A row leads from the smaller id, so that of image1 > image2 holds the reversed geometry. Without
+    ``replace`` a row that is there raises sqlite3.IntegrityError.
     """
     geometry = pair.geometry if image1 < image2 else pair.geometry.reversed()
     key = pair_id(min(image1, image2), max(image1, image2))
@@ -167,7 +153,7 @@ def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, repl
         "rows": len(pair.inliers),
         "cols": 2,
         "data": matches_blob(pair.inliers),
-        "config": CONFIGURATIONS[geometry.config.name],
+        "config": list(Configuration).index(geometry.config),
         "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
         "E": matrix_blob(geometry.E_of_pose),
         "H": matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),

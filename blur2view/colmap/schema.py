@@ -20,7 +20,7 @@ Facts that the rows rely on
 
 from __future__ import annotations
 
-import struct
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,17 +29,6 @@ SCHEMA_VERSION = 4020100  # user_version of pycolmap 4.2.1
 NEWEST_KNOWN = 4029999  # any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
-CONFIGURATIONS = {
-    "UNDEFINED": 0,
-    "DEGENERATE": 1,
-    "CALIBRATED": 2,
-    "UNCALIBRATED": 3,
-    "PLANAR": 4,
-    "PANORAMIC": 5,
-    "PLANAR_OR_PANORAMIC": 6,
-    "WATERMARK": 7,
-    "MULTIPLE": 8,
-}
 MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2}  # what needs no pycolmap to be named
 TABLES = """
 CREATE TABLE rigs (rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, ref_sensor_id INTEGER NOT NULL,
@@ -108,22 +97,10 @@ def model_number(name: str) -> int:
 
 
 def pair_id(image1: int, image2: int) -> int:
-    """Return the key of a pair of images in both match tables; image1 < image2.
-
-    Raises
-    ------
-    ValueError
-        If they are not in order: the row would have to be reversed.
-    """
+    """Return the key of a pair of images in both match tables; ValueError unless image1 < image2."""
     if not 0 <= image1 < image2 < MAX_IMAGES:
         raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
     return MAX_IMAGES * image1 + image2
-
-
-def images_of_pair(pair: int) -> tuple[int, int]:
-    """Return both image ids of a pair's key."""
-    image2 = pair % MAX_IMAGES
-    return (pair - image2) // MAX_IMAGES, image2
 
 
 def keypoints_blob(points: NDArray[np.floating]) -> bytes:
@@ -132,35 +109,25 @@ def keypoints_blob(points: NDArray[np.floating]) -> bytes:
 
 
 def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
-    """Return COLMAP's pixels (N, 2) of a row of keypoints.
-
-    Raises
-    ------
-    ValueError
-        If the row contradicts itself.
-    """
-    blob = b"" if data is None else data
-    if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
-        raise ValueError("keypoints of another type")
-    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{len(blob)} bytes of keypoints for {rows} rows of {cols}")
-    return np.frombuffer(blob, "<f4").reshape(rows, cols)[:, :2].astype(np.float64)
+    """Return COLMAP's pixels (N, 2) of a row of keypoints; ValueError if the row contradicts itself."""
+    return _values(rows, cols, data, "<f4", (2, 4, 6), "keypoints")[:, :2].astype(np.float64)
 
 
 def matches_from_blob(rows: object, cols: object, data: object) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of a row of matches or of inliers.
+    """Return the indices (M, 2) of a row of matches or of inliers; ValueError if it contradicts itself."""
+    return _values(rows, cols, data, "<u4", (2,), "matches").astype(np.int64)
 
-    Raises
-    ------
-    ValueError
-        If the row contradicts itself.
-    """
+
+def _values(
+    rows: object, cols: object, data: object, dtype: str, widths: tuple[int, ...], what: str
+) -> NDArray[Any]:
+    """Return a blob of numbers of four bytes as an array (rows, cols)."""
     blob = b"" if data is None else data
-    if not (isinstance(rows, int) and isinstance(blob, bytes)):
-        raise ValueError("matches of another type")
-    if cols != 2 or rows < 0 or len(blob) != 8 * rows:
-        raise ValueError(f"{len(blob)} bytes of matches for {rows} rows of {cols}")
-    return np.frombuffer(blob, "<u4").reshape(rows, 2).astype(np.int64)
+    if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
+        raise ValueError(f"{what} of another type")
+    if cols not in widths or rows < 0 or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{len(blob)} bytes of {what} for {rows} rows of {cols}")
+    return np.frombuffer(blob, dtype).reshape(rows, cols)
 
 
 def matches_blob(indices: NDArray[np.integer]) -> bytes | None:
@@ -175,15 +142,8 @@ def matrix_blob(matrix: NDArray[np.floating] | None) -> bytes | None:
     return None if matrix is None else np.ascontiguousarray(matrix, "<f8").tobytes()
 
 
-def params_blob(params: tuple[float, ...]) -> bytes:
-    """Return camera parameters as bytes."""
-    return struct.pack(f"<{len(params)}d", *params)
-
-
 def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix, w not negative."""
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    q = np.array([w, x, y, z])
-    return -q if w < 0 else q
+    return np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1)

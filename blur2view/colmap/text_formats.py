@@ -87,13 +87,7 @@ def write_matches_text(
 
 
 def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
-    """Refuse names that a format would cut or mix up.
-
-    Raises
-    ------
-    OutputError
-        If one holds a blank or is there twice.
-    """
+    """Raise an OutputError for a name with a blank, where formats cut it, or one that is there twice."""
     names = [views.name for views in sequence]
     for name in names:
         if any(character.isspace() for character in name):
@@ -103,13 +97,7 @@ def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder with a ``matches.txt`` that has more than views.
-
-    Raises
-    ------
-    OutputError
-        If so.
-    """
+    """Raise an OutputError for a folder with a ``matches.txt`` that has more than views."""
     path = folder / "matches.txt"
     if not os.path.lexists(path):
         return

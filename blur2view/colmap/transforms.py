@@ -59,19 +59,11 @@ RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedPhotograph:
-    """A photograph of a model, with the poses of its exposure.
+    """A photograph of a model, by its name there, with the poses of its exposure.
 
-    Parameters
-    ----------
-    name : str
-        In the model.
-    camera_id : int
-    middle : ndarray of shape (4, 4)
-        world_from_camera at mid exposure, OpenGL's camera axes.
-    ends : (ndarray, ndarray) or None
-        The same at shutter-open and shutter-close; None without views.
-    smear_px : float or None
-        Median distance between both projections of the points that it observes; None without points.
+    ``middle`` (4, 4) is world_from_camera at mid exposure, OpenGL's camera axes, ``ends`` the same at
+    shutter-open and shutter-close, None without views; ``smear_px`` the median distance between both
+    projections of the points that it observes, None without points.
     """
 
     name: str
@@ -165,13 +157,7 @@ def transforms(
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
-    """Return the keys that describe a pycolmap.Camera.
-
-    Raises
-    ------
-    DatabaseError
-        If its model is none that both readers know.
-    """
+    """Return the keys that describe a pycolmap.Camera; DatabaseError if a reader does not know it."""
     if camera.model_name not in (*PLAIN, *FISHEYE):
         raise DatabaseError(
             f"{folder}: camera {camera.camera_id} is {camera.model_name}, which transforms.json cannot hold; "
@@ -184,11 +170,6 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
     absent = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
     kind = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True} if fisheye else {"camera_model": "OPENCV"}
     return kind | found | {name: 0.0 for name in absent if name not in found}
-
-
-def relative_folder(images: Path, target: Path) -> str:
-    """Return the folder of the photographs as seen from that of the file."""
-    return os.path.relpath(images, target.parent)
 
 
 def _world_from_camera(image: Any) -> Array:

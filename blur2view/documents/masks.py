@@ -122,16 +122,7 @@ class MaskDocument(Document):
 
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:
-        """Return the document of a mask.
-
-        Parameters
-        ----------
-        estimate : EstimateDocument
-            Of the same photograph.
-        mask : MotionMask
-        segment_s : float
-            Seconds that the mask took.
-        """
+        """Return the document of a mask that took so many seconds, of the photograph of an estimate."""
         from blur2view.segmentation.mask import MotionLabel
 
         return cls(

@@ -43,19 +43,9 @@ class MotionOrder:
     pose: RigidTransform | None
 
     def swapped(self, ends: Array, sigma_px: Array) -> NDArray[np.bool_]:
-        """Return which smears have ends[:, 1] as their open end.
+        """Return which smears (N,) have ends[:, 1] as their open end; none where neither F nor H is known.
 
-        Parameters
-        ----------
-        ends : ndarray of shape (N, 2, 2)
-            Pixels of the photograph, finite.
-        sigma_px : ndarray of shape (N,)
-            Standard deviation of ends[:, 1] - ends[:, 0].
-
-        Returns
-        -------
-        ndarray of bool, shape (N,)
-            All False where neither F nor H is known.
+        ``ends`` (N, 2, 2) are finite pixels, ``sigma_px`` (N,) deviations of ends[:, 1] - ends[:, 0].
         """
         forward = forward_share(self.geometry, self.camera.undistorted(ends), sigma_px)
         if self.pose is None or self.geometry.F is None:
@@ -68,17 +58,8 @@ def motion_order(
 ) -> MotionOrder:
     """Return the motion to order smears by: that of F, where the pose has no translation or is not known.
 
-    Without intrinsics it is that of an approximate or guessed camera.
-
-    Parameters
-    ----------
-    geometry : TwoViewGeometry
-        Of ``matches``; its F, or its H, is kept as it is, so that orders agree with it and not its transpose.
-    matches : SmearMatches
-    camera : Camera or None
-        None: the focal length that COLMAP guesses.
-    size : (int, int)
-        Width and height of the photograph, pixels.
+    F, or H, is kept as it is, so that orders agree with it and not its transpose. Without a camera the focal
+    length is the one that COLMAP guesses; ``size`` is width and height of the photograph, pixels.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
     pose = geometry.cam2_from_cam1
@@ -104,8 +85,7 @@ def forward_share(geometry: TwoViewGeometry, ends: Array, sigma_px: Array) -> Ar
         ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
     else:
         return np.full(len(ends), 0.5)
-    share: Array = 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
-    return share
+    return 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
 
 
 def _transfer(H: Array, points1: Array, points2: Array) -> Array:

@@ -20,18 +20,10 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 
 
 def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
-    """Return the geometry from the middle of the exposure (1) to its close (2).
+    """Return the geometry from the middle of the exposure (1) to its close (2), of that from open to close.
 
-    That from the middle to the open end is the same of ``geometry.reversed()``.
-
-    Parameters
-    ----------
-    geometry : TwoViewGeometry
-        From open to close.
-    camera : Camera or None
-        Intrinsics; where they are known F is exactly that of the halved pose.
-    size : (int, int)
-        Width and height of the photograph, pixels.
+    That from the middle to the open end is the same of ``geometry.reversed()``. With a camera F is exactly
+    that of the halved pose. ``size`` is width and height of the photograph, pixels.
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)
@@ -55,22 +47,11 @@ def half_pose(pose: RigidTransform) -> RigidTransform:
 
 
 def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
-    """Return F of half the motion, to first order in the motion.
+    """Return F (3, 3) of half the motion, to first order in the motion; of unit norm and rank 2.
 
     A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
-    with d/2 in place of d that is S / 2 + [a]x. The nearest matrix of rank 2, in coordinates in which
-    the picture is of unit size.
-
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3)
-    size : (int, int)
-        Width and height, pixels.
-
-    Returns
-    -------
-    ndarray of shape (3, 3)
-        Unit norm, rank 2.
+    with d/2 in place of d that is S / 2 + [a]x. Of rank 2 it is the nearest, in coordinates in which the
+    picture, of ``size`` (width, height) in pixels, is of unit size.
     """
     scale = 2.0 / max(size)
     T = np.diag([scale, scale, 1.0])

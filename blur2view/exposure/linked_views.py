@@ -47,18 +47,10 @@ class KeypointViews:
 def keypoint_views(
     name: str, keypoints: Array, estimate: Estimate, options: EstimatorOptions | None = None
 ) -> KeypointViews:
-    """Return the features of a photograph moved to both ends of the exposure.
+    """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Parameters
-    ----------
-    name : str
-        Of the photograph in the project.
-    keypoints : ndarray of shape (N, 2)
-        Pixels. What lies beyond the picture stays where it is and is not usable; what is not
-        finite is put at 0.
-    estimate : Estimate
-    options : EstimatorOptions, optional
-        Those of the estimate: what counts as an inlier.
+    What lies beyond the picture stays where it is and is not usable; what is not finite is put at 0.
+    ``options`` are those of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
     geometry, sampled = estimate.geometry, sample(estimate.field, keypoints)

@@ -26,10 +26,7 @@ NO_POINTS = np.zeros((0, 2))
 class PhotographMatcher:
     """Matches photographs by SIFT, mutual nearest neighbours and an epipolar check.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        The photographs; each is read when it is first needed, the features of a few are kept.
+    Each is read when it is first needed; the features of a few are kept.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -41,13 +38,7 @@ class PhotographMatcher:
 
 
 def grey_photograph(path: Path) -> NDArray[np.uint8]:
-    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it.
-
-    Raises
-    ------
-    ImageError
-        If it cannot be read.
-    """
+    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it."""
     grey = cv2.cvtColor(read_image(path, as_stored=True), cv2.COLOR_RGB2GRAY)
     return np.asarray(np.rint(255 * grey), np.uint8)
 

@@ -38,13 +38,9 @@ MIN_MATCHES = 8  # matches; fewer have no vote
 # reversal alone decided, four were wrong, with mean cosines of 0.07 to 0.19.
 INDEPENDENT_SMEARS = 30
 MIN_CONFIDENCE = 0.8  # confidence from which the direction is called known: right nine times in ten
-MAX_EXPOSURES_APART = (
-    25.0  # exposures from frame to frame (RedKitchen: 1 to 6); after more, motion may have changed
-)
+MAX_EXPOSURES_APART = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6); then motion may have changed
 ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
-CHEIRALITY_WEIGHT = (
-    0.1  # of the share of points in front of both cameras, which decides where orders are equal
-)
+CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 
 
@@ -69,23 +65,11 @@ class NeighbourMotion:
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
-    """Return the motion that matches with a neighbour show.
+    """Return the motion that matched pixels (M, 2) of a photograph and of a neighbour show.
 
-    Parameters
-    ----------
-    here, there : ndarray of shape (M, 2)
-        Matched pixels in the photograph and in the neighbour.
-    steps : int
-        Frames from the photograph to the neighbour; negative if the neighbour is earlier.
-    camera : Camera, optional
-        Of both; used if it is known.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or the neighbour is the photograph itself.
+    ``steps`` are the frames from the photograph to the neighbour, negative if that is earlier; the camera is
+    that of both, and used if it is known.
     """
-    here, there = np.asarray(here, float).reshape(-1, 2), np.asarray(there, float).reshape(-1, 2)
     if here.shape != there.shape or steps == 0:
         raise ValueError(f"expected points (M, 2) twice and steps, got {here.shape}, {there.shape}, {steps}")
     rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
@@ -178,16 +162,16 @@ def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> Exposu
         return replace(views, time=TimeDirection())
     twins = [views, other_translation(views)]
     candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
-    best = max(candidates, key=lambda candidate: _score(candidate, motions))
+
+    def score(one: ExposureViews) -> float:
+        """Return how well a candidate agrees with the neighbours, and with cheirality."""
+        rotation, in_front = rotation_agreement(one, motions), share_in_front(one)
+        return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
+
+    best = max(candidates, key=score)
     confidence = confidence_of(max(agreement_of(best, motions), 0.0))
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
-
-
-def _score(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """Return how well a candidate agrees with the neighbours, and with cheirality."""
-    rotation, in_front = rotation_agreement(views, motions), share_in_front(views)
-    return agreement_of(views, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
 
 def with_time_direction(
@@ -196,7 +180,7 @@ def with_time_direction(
     matched: Matched,
     reach: int = 1,
 ) -> list[ExposureViews]:
-    """Return photographs' views with the time direction decided where they have neighbours in time.
+    """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
     Parameters
     ----------
@@ -210,16 +194,6 @@ def with_time_direction(
         Returns matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
     reach : int
         How many frames before and after vote.
-
-    Returns
-    -------
-    list of ExposureViews
-        In the order given.
-
-    Raises
-    ------
-    ValueError
-        If the reach is not positive.
     """
     if reach < 1:
         raise ValueError(f"reach must be positive, got {reach}")
@@ -249,20 +223,11 @@ def pairs_within(count: int, reach: int) -> Iterator[tuple[int, int]]:
 
 
 def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[int]]:
-    """Return the runs of photographs that follow one another in time.
+    """Return the runs of photographs that follow one another in time, as indices in order of time.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the photographs.
-    in_order : bool
-        They are the frames of one video as they stand. Otherwise those are taken for consecutive whose names
-        differ by one in the last number they hold and in nothing else ("frame_0041.jpg", "frame_0042.jpg").
-
-    Returns
-    -------
-    list of list of int
-        Indices in order of time; photographs without a neighbour are in none.
+    With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
+    names differ by one in the last number they hold and in nothing else ("frame_0041.jpg",
+    "frame_0042.jpg"). Photographs without a neighbour are in none.
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []

@@ -109,18 +109,8 @@ def _size(vectors: Array) -> Array:
 def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Array | None:
     """Return the motion (6,) during the exposure by smears and trajectory, rotation vector and translation.
 
-    Parameters
-    ----------
-    frame : ExposedFrame
-    fraction : float
-        Exposure over frame interval; see `common_fraction`.
-    spread : ndarray of shape (6,)
-        Standard deviations of the velocity; see `roughness`.
-
-    Returns
-    -------
-    ndarray of shape (6,) or None
-        None if there are neither enough smears nor a velocity.
+    ``fraction`` is that of `common_fraction`, ``spread`` (6,) the standard deviations of the velocity that
+    `roughness` measures. None if there are neither enough smears nor a velocity.
     """
     expected, precision = np.zeros(6), np.full(6, TINY)
     if frame.velocity is not None and np.isfinite(fraction):
@@ -162,11 +152,6 @@ def velocities(poses: Array) -> Array:
     """Return the motion per frame (N, 6) about each of N poses cam_from_world (N, 3, 4); NaN stays NaN.
 
     Half of that from the frame before to the one after, as one screw motion; at both ends from one neighbour.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two poses.
     """
     last = len(poses) - 1
     if last < 1 or poses.shape[1:] != (3, 4):

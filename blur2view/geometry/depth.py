@@ -50,20 +50,10 @@ def parallax_along_lines(
 
 
 def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return the log-probabilities of both orders by their parallax, known to a standard deviation.
+    """Return the log-probabilities (N,) of both orders by their parallax (N,), known to a standard deviation.
 
     An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
     gains nothing by being vague; where none is, both are improbable.
-
-    Parameters
-    ----------
-    forward, backward, sigma : ndarray of shape (N,)
-        As of `parallax_along_lines`, and the standard deviation of both.
-
-    Returns
-    -------
-    forward_log, backward_log : ndarray of shape (N,)
-        Not positive.
     """
     scale = -PROBIT_AS_LOGIT / sigma
     ahead, behind = (1 / (1 + np.exp(np.minimum(z * scale, MOST_LOG_ODDS))) for z in (forward, backward))

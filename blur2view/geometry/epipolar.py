@@ -22,19 +22,9 @@ CROSS[[0, 0, 1, 1, 2, 2], [7, 5, 2, 6, 3, 1]] = [1, -1, 1, -1, 1, -1]
 
 
 def cross_matrix(vectors: Array) -> Array:
-    """Return the matrices [v]x with ``[v]x w = v x w``.
-
-    Parameters
-    ----------
-    vectors : ndarray of shape (..., 3)
-
-    Returns
-    -------
-    ndarray of shape (..., 3, 3)
-    """
+    """Return the matrices [v]x (..., 3, 3) of vectors (..., 3): ``[v]x w = v x w``."""
     vectors = np.asarray(vectors, float)
-    crossed: Array = (vectors @ CROSS).reshape(*vectors.shape, 3)
-    return crossed
+    return (vectors @ CROSS).reshape(*vectors.shape, 3)
 
 
 def homogeneous(points: Array) -> Array:
@@ -51,18 +41,9 @@ def unit_norm(F: Array) -> Array:
 
 
 def symmetric_skew(F: Array) -> tuple[Array, Array]:
-    """Return the parts S and a of F = S + [a]x.
+    """Return the parts S (..., 3, 3) and a (..., 3) of F = S + [a]x, shape (..., 3, 3).
 
-    Parameters
-    ----------
-    F : ndarray of shape (..., 3, 3)
-
-    Returns
-    -------
-    S : ndarray of shape (..., 3, 3)
-        The symmetric part; zero for a pure translation.
-    a : ndarray of shape (..., 3)
-        The axis of the skew part; the transpose of F has -a.
+    S is zero for a pure translation; the transpose of F has -a.
     """
     transposed = np.swapaxes(F, -2, -1)
     skew = 0.5 * (F - transposed)
@@ -72,24 +53,13 @@ def symmetric_skew(F: Array) -> tuple[Array, Array]:
 
 def join_symmetric_skew(S: Array, a: Array) -> Array:
     """Return F = S + [a]x, the inverse of `symmetric_skew`."""
-    joined: Array = S + cross_matrix(a)
-    return joined
+    return S + cross_matrix(a)
 
 
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
-    """Return the coefficients of q in S and of l in a, so that points2^T F points1 = q + l.
+    """Return coefficients of smears' ends (..., 2, 2) so that points2^T F points1 = q + l.
 
-    Parameters
-    ----------
-    ends : ndarray of shape (..., 2, 2)
-        The two ends of every smear.
-
-    Returns
-    -------
-    q_features : ndarray of shape (..., 6)
-        Coefficients of (S11, S12, S13, S22, S23, S33) in q.
-    l_features : ndarray of shape (..., 3)
-        Coefficients of a in l; swapping the ends negates them.
+    Of (S11, S12, S13, S22, S23, S33) in q, (..., 6), and of a in l, (..., 3): swapped ends negate these.
     """
     u, v = np.moveaxis(0.5 * (ends[..., 0, :] + ends[..., 1, :]), -1, 0)
     su, sv = np.moveaxis(0.5 * (ends[..., 1, :] - ends[..., 0, :]), -1, 0)
@@ -112,13 +82,7 @@ def epipoles(F: Array) -> tuple[Array, Array]:
 
 
 def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
-    """Return F of unit norm from K and cam2_from_cam1 = (R, t), both views sharing K.
-
-    Raises
-    ------
-    ValueError
-        If t is zero: a pure rotation has no F.
-    """
+    """Return F of unit norm from K, of both views, and cam2_from_cam1 = (R, t); ValueError if t is zero."""
     if not np.linalg.norm(t) > 0:
         raise ValueError("t is zero: a pure rotation has no fundamental matrix")
     inverse = np.linalg.inv(K)
@@ -126,18 +90,10 @@ def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
 
 
 def shared_normalisation(ends: Array) -> Array:
-    """Return one similarity T for both ends: centroid to 0, mean distance to sqrt(2).
+    """Return one similarity T (..., 3, 3) of ends (..., N, 2, 2): centroid to 0, mean distance to sqrt(2).
 
     Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
-
-    Parameters
-    ----------
-    ends : ndarray of shape (..., N, 2, 2)
-
-    Returns
-    -------
-    ndarray of shape (..., 3, 3)
-        ``x_normalised = T x``; coincident points give a pure shift.
+    Coincident points give a pure shift.
     """
     points = ends.reshape(*ends.shape[:-3], -1, 2)
     centre = points.mean(axis=-2)
@@ -152,8 +108,7 @@ def shared_normalisation(ends: Array) -> Array:
 
 def apply_similarity(T: Array, points: Array) -> Array:
     """Return pixels (..., K, 2) under scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
-    mapped: Array = points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
-    return mapped
+    return points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
 
 
 def denormalise(F: Array, T: Array) -> Array:

@@ -71,8 +71,7 @@ class RigidTransform:
     @property
     def essential(self) -> Array:
         """E = [t]x R, (3, 3): ``rays2^T E rays1 = 0``."""
-        E: Array = cross_matrix(self.translation) @ self.rotation
-        return E
+        return cross_matrix(self.translation) @ self.rotation
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
@@ -98,18 +97,10 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
-    """Return which matches' rays meet, or nearly meet, before both cameras (cheirality).
+    """Return which matches' rays meet, or nearly meet, before both cameras (cheirality), (N,).
 
-    Parameters
-    ----------
-    pose : RigidTransform
-    rays1, rays2 : ndarray of shape (N, 2)
-        Coordinates x/z, y/z in view 1 and view 2. Parallel rays meet nowhere.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        Where depth2 y = depth1 R x + t has both depths positive, each solved across the other ray.
+    Rays (N, 2) are x/z, y/z in view 1 and view 2; parallel ones meet nowhere. True where
+    depth2 y = depth1 R x + t has both depths positive, each solved across the other ray.
     """
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)
@@ -164,10 +155,7 @@ def order_before_both(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the order of the rays (N, 2, 2) of matches, by probability and positive depth under a pose.
 
-    Returns
-    -------
-    swapped, in_front : ndarray of bool, shape (N,)
-        Where ends[:, 1] is the open end; where the match, in the order chosen, lies before both cameras.
+    Where (N,) ends[:, 1] is the open end; where the match, in the order chosen, lies before both cameras.
     """
     front, back = before_both(pose, ends[:, 0], ends[:, 1]), before_both(pose, ends[:, 1], ends[:, 0])
     swapped = (1 - forward) * np.where(back, 1.0, DOUBT) > forward * np.where(front, 1.0, DOUBT)
@@ -205,8 +193,7 @@ class PoseCovariance:
     @property
     def rotation_sigma_deg(self) -> Array:
         """Standard deviations (3,) of the rotation about x, y and z of camera 2, degrees."""
-        sigma: Array = np.degrees(np.sqrt(np.maximum(np.diag(self.matrix)[:3], 0)))
-        return sigma
+        return np.degrees(np.sqrt(np.maximum(np.diag(self.matrix)[:3], 0)))
 
     @property
     def translation_sigma_deg(self) -> float:

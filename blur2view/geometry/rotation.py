@@ -59,22 +59,13 @@ def rotation_vector(R: Array) -> Array:
 def step_on_sphere(unit: Array, delta: Array) -> Array:
     """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
     moved = unit + delta @ plane_basis(unit)
-    scaled: Array = moved / np.linalg.norm(moved)
-    return scaled
+    return moved / np.linalg.norm(moved)
 
 
 def rotation_flow(middle: Array) -> Array:
-    """Return the motion (2, 3, N) of points per radian of rotation about x, y and z, to first order.
+    """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian of rotation about x, y and z.
 
-    Parameters
-    ----------
-    middle : ndarray of shape (N, 2)
-        Coordinates of a camera with K = identity.
-
-    Returns
-    -------
-    ndarray of shape (2, 3, N)
-        A rotation w moves the point p by w x p - p (w x p)_z.
+    To first order: a rotation w moves the point p by w x p - p (w x p)_z.
     """
     x, y = middle.T
     return np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]])

@@ -12,23 +12,13 @@ from blur2view.geometry.epipolar import homogeneous, quadratic_features
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
-CHUNK = (
-    16384  # residuals of models at once: beyond the processor's cache each takes three to four times as long
-)
+CHUNK = 16384  # residuals of models at once: beyond the processor's cache each takes 3 to 4 times as long
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Return the squared Sampson distance of ordered matches to F, in squared pixels.
+    """Return squared Sampson distances (..., N) of ordered matches (N, 2) to F (..., 3, 3), squared pixels.
 
-    Parameters
-    ----------
-    F : ndarray of shape (..., 3, 3)
-    points1, points2 : ndarray of shape (N, 2)
-
-    Returns
-    -------
-    ndarray of shape (..., N)
-        Zero for exact matches, and at a match lying on both epipoles.
+    Zero for exact matches, and at a match lying on both epipoles.
 
     References
     ----------
@@ -46,37 +36,19 @@ def sampson(F: Array, points1: Array, points2: Array) -> Array:
 def serrmin(F: Array, ends: Array) -> Array:
     """Return SErrMin: the smaller of the squared Sampson distances of the two orders of each smear.
 
-    Parameters
-    ----------
-    F : ndarray of shape (..., 3, 3)
-        F and its transpose give the same values.
-    ends : ndarray of shape (N, 2, 2)
-
-    Returns
-    -------
-    ndarray of shape (..., N)
-        Squared pixels.
+    Of F (..., 3, 3), or its transpose, and ends (N, 2, 2): (..., N), squared pixels.
     """
     one, other = ends[:, 0], ends[:, 1]
     return np.minimum(sampson(F, one, other), sampson(F, other, one))
 
 
 def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
-    """Return the order of each match: True where ``ends[:, 1]`` is the open (first) point under F.
+    """Return the order (N,) of smears (N, 2, 2): True where ``ends[:, 1]`` is the open (first) point under F.
 
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3)
-    ends : ndarray of shape (N, 2, 2)
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
+    Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
     """
     one, other = ends[:, 0], ends[:, 1]
-    decided: NDArray[np.bool_] = sampson(F, other, one) < sampson(F, one, other)
-    return decided
+    return sampson(F, other, one) < sampson(F, one, other)
 
 
 class BatchSampson:
@@ -169,12 +141,6 @@ def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
     return residual_parts(F, homogeneous(points1).T, homogeneous(points2).T)[0]
 
 
-def sampson_jacobian(F: Array, points1: Array, points2: Array) -> Array:
-    """Return the derivative (N, 3, 3) of `signed_sampson` in the entries of F."""
-    x, y = homogeneous(points1).T, homogeneous(points2).T
-    return entry_jacobian(*residual_parts(F, x, y), x, y).T.reshape(-1, 3, 3)
-
-
 def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: Array, y: Array) -> Array:
     """Return the derivative (9, N) of the signed Sampson distance in the entries of F.
 
@@ -187,8 +153,7 @@ def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: 
     along[:2] -= line2[:2] * (scaled * inverse)
     jacobian = along[:, None] * x
     jacobian[:, :2] -= across[:, None] * (line1[:2] * scaled)
-    columns: Array = jacobian.reshape(9, -1)
-    return columns
+    return jacobian.reshape(9, -1)
 
 
 def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:

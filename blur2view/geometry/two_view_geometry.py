@@ -15,7 +15,7 @@ from blur2view.geometry.pose import PoseCovariance, RigidTransform
 
 
 class Configuration(StrEnum):
-    """Kind of two-view geometry, named and spelled as in COLMAP's TwoViewGeometryConfiguration."""
+    """Kind of two-view geometry, named, spelled and counted as COLMAP's TwoViewGeometryConfiguration."""
 
     UNDEFINED = "UNDEFINED"
     DEGENERATE = "DEGENERATE"
@@ -134,11 +134,6 @@ class TwoViewGeometry:
         """
         pose = self.cam2_from_cam1
         return self.E if pose is None or pose.translation.any() else None
-
-    @property
-    def runner_up(self) -> tuple[MotionModel, float] | None:
-        """Cheapest model that was not chosen, with its penalised cost; None if there is none."""
-        return next((score for score in self.scores if score[0] != self.model), None)
 
     def reversed(self) -> TwoViewGeometry:
         """Return the same motion with time reversed: the other of two equal answers."""

@@ -67,22 +67,9 @@ class SmearField:
 
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
-    """Return |d| (cos 2phi, sin 2phi) of d, the same for d and -d.
+    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d.
 
-    Parameters
-    ----------
-    displacement : array_like of shape (..., 2)
-        Displacements (x, y) in pixels.
-
-    Returns
-    -------
-    ndarray of shape (..., 2)
-        Double-angle vectors of the same length and, for floats, the same dtype; zero stays zero.
-
-    Raises
-    ------
-    ValueError
-        If the last axis is not of size 2.
+    Of the same length and, for floats, the same dtype; zero stays zero.
     """
     d = _vectors(displacement)
     length = np.hypot(d[..., 0], d[..., 1])
@@ -92,22 +79,9 @@ def to_double_angle(displacement: ArrayLike) -> Floats:
 
 
 def from_double_angle(double_angle: ArrayLike) -> Floats:
-    """Return the inverse of :func:`to_double_angle`, phi in (-90, 90] degrees.
+    """Return the displacements (..., 2) of vectors |d| (cos 2phi, sin 2phi), phi in (-90, 90] degrees.
 
-    Parameters
-    ----------
-    double_angle : array_like of shape (..., 2)
-        Vectors |d| (cos 2phi, sin 2phi) in pixels.
-
-    Returns
-    -------
-    ndarray of shape (..., 2)
-        Displacements in pixels whose x is not negative (and whose y is positive where x is zero).
-
-    Raises
-    ------
-    ValueError
-        If the last axis is not of size 2.
+    Their x is not negative, and their y is positive where x is zero.
     """
     u = _vectors(double_angle)
     length = np.hypot(u[..., 0], u[..., 1])
@@ -116,24 +90,9 @@ def from_double_angle(double_angle: ArrayLike) -> Floats:
 
 
 def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
-    """Return both ends, p - d/2 and p + d/2, of smears at mid-exposure points p.
+    """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2).
 
-    Parameters
-    ----------
-    points : array_like of shape (N, 2)
-        Mid-exposure pixels (x, y).
-    displacement : array_like of shape (N, 2)
-        Full displacements in pixels.
-
-    Returns
-    -------
-    ndarray of shape (N, 2, 2), float64
-        ``[:, 0]`` and ``[:, 1]`` are the two ends; which is the start is unknown.
-
-    Raises
-    ------
-    ValueError
-        If the two arrays are not both (N, 2).
+    Which end is the start is unknown. ValueError if the two arrays are not both (N, 2).
     """
     p = np.asarray(points, dtype=np.float64)
     half = np.asarray(displacement, dtype=np.float64) / 2
@@ -143,26 +102,10 @@ def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64
 
 
 def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Return a grid of cells resampled to pixels, cell j's centre at pixel stride*j + (stride-1)/2.
+    """Return a grid of cells (h, w, C) resampled to pixels (h*stride, w*stride, C), float32.
 
-    Directions must be in double angle: averaging d and -d would cancel them. Outside the outermost
-    centres the nearest cell continues.
-
-    Parameters
-    ----------
-    grid : ndarray of shape (h, w, C), float32
-        Values at the cells' centres.
-    stride : int
-        Pixels per cell, at least 1.
-
-    Returns
-    -------
-    ndarray of shape (h*stride, w*stride, C), float32
-
-    Raises
-    ------
-    ValueError
-        If the grid has another number of axes or the stride is less than 1.
+    Cell j's centre is at pixel stride*j + (stride-1)/2; outside the outermost centres the nearest cell
+    continues. Directions must be in double angle: averaging d and -d would cancel them.
     """
     if grid.ndim != 3 or stride < 1:
         raise ValueError(f"expected shape (h, w, C) and a positive stride, got {grid.shape}, {stride}")

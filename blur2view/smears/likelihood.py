@@ -42,19 +42,12 @@ def lengths_px(bins: int) -> Floats:
 
 
 def read_smears(log_likelihood: Floats) -> Floats:
-    """Return the smears that a log likelihood tells, with their standard deviations.
+    """Return the smears that a log likelihood tells, with their standard deviations, (h, w, 4), float32.
 
-    Parameters
-    ----------
-    log_likelihood : ndarray of shape (h, w, 32, bins), float32
-        Per cell, up to a constant: directions by lengths.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 4), float32
-        Double angle |d| (cos 2phi, sin 2phi), standard deviation of the end-point error |d - d*|, pixels, and
-        of the direction, radians: root mean squares over the whole likelihood, all its peaks, less what the
-        fit's own blur adds.
+    Of cells' log likelihoods (h, w, 32, bins), up to a constant, directions by lengths: the double angle |d|
+    (cos 2phi, sin 2phi), the standard deviation of the end-point error |d - d*|, pixels, and of the
+    direction, radians: root mean squares over the whole likelihood, all its peaks, less what the fit's own
+    blur adds.
     """
     likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
     likelihood /= likelihood.sum((-2, -1), keepdims=True)

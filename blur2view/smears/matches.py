@@ -129,8 +129,7 @@ class SmearMatches:
     @property
     def displacement(self) -> Array:
         """Displacements d, (N, 2), pixels, sign arbitrary."""
-        displacement: Array = self.ends[:, 1] - self.ends[:, 0]
-        return displacement
+        return self.ends[:, 1] - self.ends[:, 0]
 
     @property
     def length_px(self) -> Array:

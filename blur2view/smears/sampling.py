@@ -156,21 +156,14 @@ def grid_pixels(shape: tuple[int, int]) -> tuple[NDArray[np.int_], NDArray[np.in
 
 
 def spread(points: Array, shape: tuple[int, int], options: SelectOptions) -> NDArray[np.int_]:
-    """Return at most max_matches of the points (N, 2), best first, from each cell in turn.
-
-    Returns
-    -------
-    ndarray of int, shape (at most max_matches,)
-        Indices in order of rank within their cell.
-    """
+    """Return indices of at most max_matches of the points (N, 2), best first, from each cell in turn."""
     size = np.array(shape[::-1], float)
     cell = (points / size * options.cells).astype(int) @ np.array([1, options.cells])
     order = np.argsort(cell, kind="stable")
     start = np.searchsorted(cell[order], cell[order])
     rank = np.empty(len(points), int)
     rank[order] = np.arange(len(points)) - start  # rank within the cell
-    chosen: NDArray[np.int_] = np.argsort(rank, kind="stable")[: options.max_matches]
-    return chosen
+    return np.argsort(rank, kind="stable")[: options.max_matches]
 
 
 def _still_share(length: Array, sigma: Array, options: SelectOptions) -> float:

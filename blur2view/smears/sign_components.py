@@ -21,46 +21,16 @@ from blur2view.arrays import Array
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sign_graph import Edges, Labels, connected, consistent_signs, near_pairs, support
 
+NEIGHBOURS = 16  # mean number of smears within the distance that counts as near
+MAX_DIFFERENCE = 0.4  # greatest |d_i -+ d_j| over the root mean square length that agrees;
+USUAL, FLOOR = 3.0, 0.2  # tightened to so many times the median of the certain edges, not below the latter
+MIN_COMMON = 2  # near smears that must agree with both ends of a certain edge,
+MIN_COMMON_SHARE = 0.5  # and their least share of those that agree with one
+MIN_MERGE = 2  # least number of agreeing pairs across that merge two components,
+MIN_MERGE_SHARE = 0.5  # and their least share of all pairs across, near ones and sparse ones:
+SPARSE = 4  # those near among every fourth smear, for fields of a network have gaps
+VALLEY, MIN_PART = 0.6, 0.05  # see `_parted`
 BLOCK = 4  # side, in distances that count as near, of the blocks that a contradictory component falls into
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentOptions:
-    """When the relative order of two smears counts as certain.
-
-    ``neighbours`` the mean number of smears within the distance that counts as near; ``max_difference`` the
-    greatest |d_i -+ d_j| over the root mean square length that agrees, tightened to ``usual`` times the
-    median of the certain edges but not below ``floor``; ``min_common`` near smears that must agree with both
-    ends of a certain edge, and ``min_common_share`` their least share of those that agree with one;
-    ``min_merge`` the least number of agreeing pairs across that merge two components, and
-    ``min_merge_share`` their least share of all pairs across, near ones and those near among every
-    ``sparse``-th smear: fields of a network have gaps; ``valley`` and ``min_part`` see `_parted`.
-    """
-
-    neighbours: int = 16
-    max_difference: float = 0.4
-    usual: float = 3.0
-    floor: float = 0.2
-    min_common: int = 2
-    min_common_share: float = 0.5
-    min_merge: int = 2
-    min_merge_share: float = 0.5
-    sparse: int = 4
-    valley: float = 0.6
-    min_part: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Refuse options out of range."""
-        if min(self.neighbours, self.min_merge, self.sparse) < 1 or self.min_common < 0:
-            raise ValueError(f"need neighbours, min_merge, sparse >= 1, min_common >= 0, got {self}")
-        if not 0 <= self.floor <= self.max_difference < 2 or not self.usual > 0:
-            raise ValueError(f"need 0 <= floor <= max_difference < 2 and usual > 0, got {self}")
-        if not 0 <= self.min_common_share <= 1:
-            raise ValueError(f"min_common_share must be in [0, 1], got {self.min_common_share}")
-        if not 0 < self.min_merge_share <= 1:
-            raise ValueError(f"min_merge_share must be in (0, 1], got {self.min_merge_share}")
-        if not (0 <= self.valley <= 1 and 0 <= self.min_part <= 1):
-            raise ValueError(f"valley and min_part must be in [0, 1], got {self}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,55 +85,44 @@ def no_components(count: int) -> SignComponents:
     return SignComponents(label=np.arange(count), sign=np.ones(count))
 
 
-def sign_components(matches: SmearMatches, options: ComponentOptions | None = None) -> SignComponents:
-    """Return groups of smears whose relative order is certain.
+def sign_components(matches: SmearMatches) -> SignComponents:
+    """Return groups of smears, scattered anywhere, whose relative order is certain.
 
-    Parameters
-    ----------
-    matches : SmearMatches
-        Scattered anywhere; their sigma is not used.
-    options : ComponentOptions, optional
-
-    Returns
-    -------
-    SignComponents
-        Outliers and smears without like neighbours are mostly singletons. Deterministic.
+    Outliers and smears without like neighbours are mostly singletons. Deterministic; sigmas are not used.
     """
-    options = options or ComponentOptions()
     count, points = len(matches), matches.midpoint
     if count < 2:
         return no_components(count)
-    near, radius = near_pairs(points, options.neighbours)
-    edges = Edges.between(matches.displacement, near, options.max_difference)
+    near, radius = near_pairs(points, NEIGHBOURS)
+    edges = Edges.between(matches.displacement, near, MAX_DIFFERENCE)
     both, either = support(points, radius, near, edges)
-    certain = edges.only((both >= options.min_common) & (both >= options.min_common_share * either))
-    limit = _limit(certain, options)
+    certain = edges.only((both >= MIN_COMMON) & (both >= MIN_COMMON_SHARE * either))
+    limit = _limit(certain)
     certain = certain.only(certain.difference < limit)
     label, sign = consistent_signs(_ever_fewer(certain, points, radius, limit), count)
-    touching = np.concatenate([near, _far_pairs(points, radius, options)], axis=1)
+    touching = np.concatenate([near, _far_pairs(points, radius)], axis=1)
     edges = Edges.between(matches.displacement, touching, limit)
-    joined, flip = consistent_signs([_joins(label, sign, touching, edges, options)], int(label.max()) + 1)
-    parted = _parted(joined[label], edges, matches.length_px, options)
+    joined, flip = consistent_signs([_joins(label, sign, touching, edges)], int(label.max()) + 1)
+    parted = _parted(joined[label], edges, matches.length_px)
     return _relabelled(parted, sign * flip[label])
 
 
-def _far_pairs(points: Array, radius: float, options: ComponentOptions) -> Labels:
-    """Return the pairs (2, E) that are near among every ``sparse``-th point alone."""
-    sparse = np.arange(0, len(points), options.sparse)
+def _far_pairs(points: Array, radius: float) -> Labels:
+    """Return the pairs (2, E) that are near among every fourth point alone."""
+    sparse = np.arange(0, len(points), SPARSE)
     if len(sparse) < 2:
         return np.zeros((2, 0), int)
-    pairs = sparse[near_pairs(points[sparse], options.neighbours)[0]]
+    pairs = sparse[near_pairs(points[sparse], NEIGHBOURS)[0]]
     apart = points[pairs[0]] - points[pairs[1]]
-    far: Labels = pairs[:, np.hypot(*apart.T) > radius]
-    return far
+    return pairs[:, np.hypot(*apart.T) > radius]
 
 
-def _limit(certain: Edges, options: ComponentOptions) -> float:
+def _limit(certain: Edges) -> float:
     """Return the greatest difference that agrees, tightened to what is usual on surfaces."""
     if not len(certain.i):
-        return options.max_difference
-    usual = options.usual * float(np.median(certain.difference))
-    return float(np.clip(usual, options.floor, options.max_difference))
+        return MAX_DIFFERENCE
+    usual = USUAL * float(np.median(certain.difference))
+    return float(np.clip(usual, FLOOR, MAX_DIFFERENCE))
 
 
 def _ever_fewer(certain: Edges, points: Array, radius: float, limit: float) -> Iterator[Edges]:
@@ -190,21 +149,11 @@ class SamplePatterns:
 def sample_patterns(
     components: SignComponents, drawn: Labels, doubted: NDArray[np.bool_] | None = None
 ) -> list[SamplePatterns]:
-    """Return the sign patterns that components leave for every sample, grouped by their number.
+    """Return the sign patterns that components leave for samples (B, m) of indices, grouped by their number.
 
-    Parameters
-    ----------
-    components : SignComponents
-        `no_components` leaves all 2^(m - 1) patterns.
-    drawn : ndarray of int, shape (B, m)
-        Index sets.
-    doubted : ndarray of bool, shape (B,), optional
-        Samples that get all patterns, so that a search survives a wrong grouping; default none.
-
-    Returns
-    -------
-    list of SamplePatterns
-        By growing number of patterns; every sample is in exactly one.
+    `no_components` leaves all 2^(m - 1) patterns, and so do samples that are ``doubted`` (B,), so that a
+    search survives a wrong grouping. Every sample is in exactly one group; groups have growing numbers of
+    patterns.
 
     Examples
     --------
@@ -231,7 +180,7 @@ def sample_patterns(
     return groups
 
 
-def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: ComponentOptions) -> Edges:
+def _joins(label: Labels, sign: Array, near: Labels, edges: Edges) -> Edges:
     """Return edges between components that, where they touch, mostly agree in one relative sign."""
     count = int(label.max()) + 1
     across = np.flatnonzero(label[edges.i] != label[edges.j])
@@ -240,34 +189,33 @@ def _joins(label: Labels, sign: Array, near: Labels, edges: Edges, options: Comp
     net = np.bincount(index, weights=edges.sign[across] * sign[i] * sign[j], minlength=len(key))
     touching = np.sort(_pair_key(label[near[0]], label[near[1]], count))
     total = np.searchsorted(touching, key, side="right") - np.searchsorted(touching, key)
-    join = (np.abs(net) >= options.min_merge) & (np.abs(net) >= options.min_merge_share * total)
+    join = (np.abs(net) >= MIN_MERGE) & (np.abs(net) >= MIN_MERGE_SHARE * total)
     one, other = np.divmod(key[join], count)
     return Edges(i=one, j=other, sign=np.sign(net[join]), difference=np.zeros(len(one)))
 
 
-def _parted(label: Labels, edges: Edges, length_px: Array, options: ComponentOptions) -> Labels:
+def _parted(label: Labels, edges: Edges, length_px: Array) -> Labels:
     """Return labels in which components joined by short smears alone are split.
 
     Where the motion passes through zero it reverses, but smears on both sides look the same. Long is a smear
-    of at least ``valley`` times the upper quartile; parts of fewer long smears than ``min_part`` of the
+    of at least VALLEY times the upper quartile; parts of fewer long smears than MIN_PART of the
     component do not count.
     """
     count = int(label.max()) + 1
     order, sizes = np.lexsort((length_px, label)), np.bincount(label, minlength=count)
     quartile = length_px[order][np.cumsum(sizes) - 1 - sizes // 4]
-    long = length_px >= options.valley * quartile[label]
+    long = length_px >= VALLEY * quartile[label]
     joined = (label[edges.i] == label[edges.j]) & (long[edges.i] == long[edges.j])
     part = connected(edges.i[joined], edges.j[joined], len(label))
     size = np.bincount(part, weights=long)
     whole = np.zeros(len(size), int)
     whole[part] = label
-    counts = np.bincount(whole[size >= np.maximum(options.min_part * sizes[whole], 1)], minlength=count)
+    counts = np.bincount(whole[size >= np.maximum(MIN_PART * sizes[whole], 1)], minlength=count)
     return np.where(counts[label] > 1, count + part, label)
 
 
 def _pair_key(one: Labels, other: Labels, count: int) -> Labels:
-    key: Labels = np.minimum(one, other) * count + np.maximum(one, other)
-    return key
+    return np.minimum(one, other) * count + np.maximum(one, other)
 
 
 def _relabelled(label: Labels, sign: Array) -> SignComponents:

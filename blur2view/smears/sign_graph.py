@@ -113,8 +113,7 @@ def _neighbour_bits(bit: Labels, i: Labels, j: Labels) -> NDArray[np.uint64]:
     low, high = (
         np.minimum(total, 2.0**WORD - 1).astype(np.uint64).reshape(halves // 2, 2, count).swapaxes(0, 1)
     )
-    joined: NDArray[np.uint64] = low | high << np.uint64(WORD)
-    return joined
+    return low | high << np.uint64(WORD)
 
 
 def connected(i: Labels, j: Labels, count: int) -> Labels:

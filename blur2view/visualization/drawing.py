@@ -12,17 +12,9 @@ _SHIFT = 4  # OpenCV draws with 1/16 px
 
 
 def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
-    """Return a vivid RGB colour for the orientation of each smear, the same for d and -d.
+    """Return a vivid colour (N, 3), uint8 RGB, for the orientation of smears (N, 2), the same for d and -d.
 
-    Parameters
-    ----------
-    displacement : ndarray of shape (N, 2)
-        Displacements in pixels, (x, y).
-
-    Returns
-    -------
-    ndarray of shape (N, 3), uint8
-        Horizontal is red; the hue goes once around over 180 degrees.
+    Horizontal is red; the hue goes once around over 180 degrees.
     """
     if len(displacement) == 0:
         return np.empty((0, 3), np.uint8)  # which OpenCV refuses to convert
@@ -36,15 +28,8 @@ def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
 def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thickness: int) -> None:
     """Draw an anti-aliased line with sub-pixel ends, clipped to what OpenCV's integers hold."""
     fixed = np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int)
-    cv2.line(
-        canvas,
-        fixed[0].tolist(),
-        fixed[1].tolist(),
-        np.ravel(colour).tolist(),
-        thickness,
-        cv2.LINE_AA,
-        _SHIFT,
-    )
+    start, end = fixed.tolist()
+    cv2.line(canvas, start, end, np.ravel(colour).tolist(), thickness, cv2.LINE_AA, _SHIFT)
 
 
 def write(

@@ -5,8 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.segmentation.mask import MotionLabel, MotionMask
-from blur2view.visualization.drawing import FAINT, LEADING_PX, PAPER, TEXT_SIZE, Picture, wrap, write
-from blur2view.visualization.overlay import MIN_SIDE_PX, View
+from blur2view.visualization.drawing import FAINT, LEADING_PX, TEXT_SIZE, Picture, wrap, write
+from blur2view.visualization.overlay import MIN_SIDE_PX, View, with_room
 
 PINK = (255, 70, 170)
 COVER = 0.55  # share of the pink over what moves: the object stays visible
@@ -15,58 +15,32 @@ LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
 def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
-    """Return the picture of a motion mask over its photograph.
+    """Return the picture of a motion mask over its photograph (H, W, 3), sRGB-coded in [0, 1], as uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
-    caption below counts the regions and says what was measured.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1].
-    mask : MotionMask
-        Of the same height and width.
-
-    Returns
-    -------
-    ndarray of shape (H', W', 3), uint8
-        RGB; the photograph's longer side is 640 to 1280 pixels.
-
-    Raises
-    ------
-    ValueError
-        If the mask is not of the image's size.
+    caption below counts the regions and says what was measured. The photograph's longer side becomes 640 to
+    1280 pixels.
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
     view = View.of(image.shape)
-    size = (view.width, view.height)
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if view.scale < 1 else cv2.INTER_LINEAR)
-    canvas = np.round(255 * np.clip(small, 0, 1)).astype(np.uint8).reshape(view.height, view.width, 3)
-    labels = cv2.resize(mask.labels, size, interpolation=cv2.INTER_NEAREST)
+    canvas = np.round(255 * np.clip(view.resized(image), 0, 1)).astype(np.uint8)
+    labels = cv2.resize(mask.labels, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
     moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
     canvas[unseen] = (0.45 * canvas[unseen]).astype(np.uint8)
-    canvas[unseen & _hatch(labels.shape)] = FAINT
+    rows, columns = np.indices(labels.shape)
+    canvas[unseen & ((rows + columns) % HATCH_PX == 0)] = FAINT
     canvas[moving] = ((1 - COVER) * canvas[moving] + COVER * np.array(PINK)).astype(np.uint8)
     rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
     return _captioned(canvas, mask)
 
 
-def _hatch(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return thin diagonal lines, (h, w)."""
-    rows, columns = np.mgrid[: shape[0], : shape[1]]
-    return np.asarray((rows + columns) % HATCH_PX == 0)
-
-
 def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
     """Return the picture with its words below; a narrow photograph leaves it narrower than them."""
     width = max(canvas.shape[1], MIN_SIDE_PX)
     lines = wrap(mask.reason.partition(";")[0], width - 20, TEXT_SIZE)
-    height = canvas.shape[0] + 38 + LEADING_PX * len(lines)
-    picture = np.full((height, width, 3), PAPER, np.uint8)
-    left = (width - canvas.shape[1]) // 2
-    picture[: canvas.shape[0], left : left + canvas.shape[1]] = canvas
+    picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
     write(picture, headline(mask), (10, canvas.shape[0] + 24), size=0.55, thickness=1)
     for index, line in enumerate(lines):
         write(picture, line, (10, canvas.shape[0] + 44 + LEADING_PX * index), colour=FAINT)

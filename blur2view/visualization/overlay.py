@@ -56,7 +56,10 @@ def draw_overlay(
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(image, matches, geometry)
-    return _stack(canvas, draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry))
+    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry)
+    picture = with_room(canvas, panel.shape[1], panel.shape[0])
+    picture[canvas.shape[0] :] = panel
+    return picture
 
 
 def draw_smears(
@@ -64,16 +67,14 @@ def draw_smears(
 ) -> Picture:
     """Return the photograph with smears, epipolar lines and epipoles, without the panel.
 
-    Parameters
-    ----------
-    image, matches, geometry
-        As of `draw_overlay`.
-    longest : int, optional
-        Longer side of the picture, pixels; by default that of the overlay.
+    As `draw_overlay`; ``longest`` is the longer side of the picture, pixels, by default that of the overlay.
     """
     view = View.of(image.shape, longest)
     canvas = view.backdrop(image)
-    shown = spread_subset(view.to_canvas(matches.midpoint), _quality(matches), _spacing(view, matches))
+    typical = float(np.median(matches.length_px)) * view.scale if len(matches) else 0.0
+    spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
+    certainty = matches.length_px / (matches.sigma_px + 0.1)
+    shown = spread_subset(view.to_canvas(matches.midpoint), certainty, spacing)
     F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
@@ -111,10 +112,15 @@ class View:
         """Return points (..., 2) of the photograph on the canvas; its corners are the canvas's corners."""
         return (points + 0.5) * self.scale - 0.5
 
-    def backdrop(self, image: NDArray[np.float32]) -> Picture:
-        """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
+    def resized(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the photograph at this scale."""
         interpolation = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
         small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
+        return small.reshape(self.height, self.width, 3).astype(np.float32, copy=False)
+
+    def backdrop(self, image: NDArray[np.float32]) -> Picture:
+        """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
+        small = self.resized(image)
         grey = small.mean(axis=2, keepdims=True)
         pale: Picture = np.clip(255 * (0.08 + 0.4 * grey + 0.25 * small), 0, 255).astype(np.uint8)
         return pale
@@ -123,32 +129,14 @@ class View:
 def spread_subset(
     points: NDArray[np.float64], quality: NDArray[np.floating], spacing: float
 ) -> NDArray[np.intp]:
-    """Return the index of the best point in every square of side ``spacing``, in increasing order.
+    """Return the index of the best point (N, 2) in every square of side ``spacing``, in increasing order.
 
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2)
-        Positions.
-    quality : ndarray of shape (N,)
-        Larger is better; ties go to the first.
-    spacing : float
-        Side of a square, in the unit of the points.
+    Larger quality (N,) is better; ties go to the first.
     """
     best_first = np.argsort(-quality, kind="stable")
     squares = np.floor(points[best_first] / spacing).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
     return np.sort(best_first[first])
-
-
-def _spacing(view: View, matches: SmearMatches) -> float:
-    """Return the side of the squares that get one smear each; long smears need more room."""
-    typical = float(np.median(matches.length_px)) * view.scale if len(matches) else 0.0
-    return max(SMEAR_SPACING_PX, 0.5 * typical)
-
-
-def _quality(matches: SmearMatches) -> NDArray[np.floating]:
-    """Return the rank of smears for drawing: the more certain relative to their length the higher."""
-    return np.asarray(matches.length_px / (matches.sigma_px + 0.1))
 
 
 def _draw_smears(
@@ -178,16 +166,10 @@ def _draw_epipolar_lines(
         lines / np.maximum(norms, 1e-300)[:, None], matches.ends[chosen, 1 - order], strict=True
     ):
         foot = close_end - (line @ [*close_end, 1.0]) * line[:2]
-        _endless_line(layer, view.to_canvas(foot), np.array([-line[1], line[0]]))
+        point, direction = view.to_canvas(foot), np.array([-line[1], line[0]])
+        across = (sum(canvas.shape[:2]) + np.abs(point).max()) * direction
+        draw_line(layer, np.stack([point - across, point + across]), (255, 255, 255), thickness=1)
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
-
-
-def _endless_line(canvas: Picture, point: NDArray[np.float64], direction: NDArray[np.float64]) -> None:
-    """Draw a line across the canvas."""
-    reach = sum(canvas.shape[:2]) + np.abs(point).max()
-    draw_line(
-        canvas, np.stack([point - reach * direction, point + reach * direction]), (255, 255, 255), thickness=1
-    )
 
 
 def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
@@ -214,10 +196,9 @@ def _draw_epipoles(canvas: Picture, view: View, F: NDArray[np.float64]) -> None:
                 cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
 
 
-def _stack(canvas: Picture, panel: Picture) -> Picture:
-    """Return the panel below the canvas, which a narrow photograph leaves narrower."""
-    picture = np.full((canvas.shape[0] + panel.shape[0], panel.shape[1], 3), PAPER, np.uint8)
-    left = (panel.shape[1] - canvas.shape[1]) // 2
-    picture[: canvas.shape[0], left : left + canvas.shape[1]] = canvas
-    picture[canvas.shape[0] :] = panel
-    return picture
+def with_room(canvas: Picture, width: int, below: int) -> Picture:
+    """Return a canvas with room below it, and on both sides if a narrow photograph leaves it narrower."""
+    left = (width - canvas.shape[1]) // 2
+    right = width - canvas.shape[1] - left
+    padded = cv2.copyMakeBorder(canvas, 0, below, left, right, cv2.BORDER_CONSTANT, value=PAPER)
+    return np.asarray(padded, np.uint8)

@@ -9,7 +9,6 @@ from html import escape
 from importlib.resources import files
 from pathlib import PurePath
 from string import Template
-from typing import Any
 
 import numpy as np
 
@@ -20,20 +19,8 @@ from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SID
 from blur2view.visualization.report_photograph import photograph
 from blur2view.visualization.verdicts import VERDICT_ORDER, sentence
 
-SCRIPTS = (
-    "unpack",
-    "geometry",
-    "lens",
-    "colours",
-    "smears",
-    "layers",
-    "view",
-    "facts",
-    "viewer",
-    "gestures",
-    "gallery",
-    "main",
-)
+SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
+SCRIPTS += ["viewer", "gestures", "gallery", "main"]
 STYLES = ("page", "stage")
 
 
@@ -77,16 +64,14 @@ class Entry:
         """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
         shown = photograph(one, mask, mask_s, timings=timings)
         matches, geometry = one.estimate.matches, one.estimate.geometry
-        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32) / np.float32(
-            255
-        )
+        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
         return cls(
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
             text=sentence(geometry),
             median_px=shown["median_px"],
-            thumbnail=picture(drawn, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 
@@ -97,33 +82,25 @@ class Entry:
 
 
 def report(entries: Sequence[Entry], version: str) -> bytes:
-    """Return the page, UTF-8; equal entries give equal bytes.
+    """Return the page, UTF-8, of entries in the order of the call; equal entries give equal bytes.
 
-    Parameters
-    ----------
-    entries : sequence of Entry
-        In the order of the call.
-    version : str
-        Of blur2view.
-
-    Returns
-    -------
-    bytes
-        HTML that loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
+    It loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
     """
     style = "\n".join(_part(f"{name}.css") for name in STYLES)
     script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
+    blocks = [_block(f"photo-data-{k}", one.content) if one.content else "" for k, one in enumerate(entries)]
+    failures = [{"image": one.name, "error": one.text} for one in entries if not one.content]
     page = Template(_part("page.html")).substitute(
-        title=_plain(_title(entries)),
-        summary=_plain(_count(entries)),
-        version=_plain(version),
+        title=escape(entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"),
+        summary=escape(_count(entries)),
+        version=escape(version),
         style=style,
         style_hash=_hash(style),
         script=script,
         script_hash=_hash(script),
         cards="\n".join(_card(index, entry) for index, entry in enumerate(entries)),
-        contents="\n".join(_content(index, entry) for index, entry in enumerate(entries)),
-        failures=_data("failures", [{"image": e.name, "error": e.text} for e in entries if not e.content]),
+        contents="\n".join(blocks),
+        failures=_block("failures", json.dumps(failures, allow_nan=False)),
     )
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
 
@@ -136,16 +113,6 @@ def _part(name: str) -> str:
 def _hash(text: str) -> str:
     """Return the source expression by which a Content-Security-Policy allows exactly this text."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _plain(text: str) -> str:
-    """Return text escaped for HTML, also within quotes."""
-    return escape(text, quote=True)
-
-
-def _title(entries: Sequence[Entry]) -> str:
-    """Return the title of the report."""
-    return entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"
 
 
 def _count(entries: Sequence[Entry]) -> str:
@@ -164,28 +131,18 @@ def _card(index: int, entry: Entry) -> str:
     facts = f"median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
     body = (
         f'<span class="card-picture">{picture_html}</span>'
-        f'<span class="card-name">{_plain(PurePath(entry.name).name)}</span>'
-        f'<span class="card-verdict"><span class="chip chip-{entry.kind}">{_plain(entry.verdict)}</span>'
+        f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
+        f'<span class="card-verdict"><span class="chip chip-{entry.kind}">{escape(entry.verdict)}</span>'
         f'<span class="card-length">{facts if entry.content else ""}</span></span>'
-        f'<span class="card-text">{_plain(entry.text)}</span>'
+        f'<span class="card-text">{escape(entry.text)}</span>'
     )
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
     return (
-        f'<li class="card card-{entry.kind}" data-index="{index}" data-name="{_plain(entry.name)}" '
+        f'<li class="card card-{entry.kind}" data-index="{index}" data-name="{escape(entry.name)}" '
         f'data-verdict="{order}" data-kind="{entry.kind}" data-length="{length}">'
         + (link if entry.content else f'<div class="card-body">{body}</div>')
         + "</li>"
     )
-
-
-def _content(index: int, entry: Entry) -> str:
-    """Return the block of data of a photograph, none for a failed one."""
-    return _block(f"photo-data-{index}", entry.content) if entry.content else ""
-
-
-def _data(name: str, value: Any) -> str:
-    """Return a block of data."""
-    return _block(name, json.dumps(value, allow_nan=False))
 
 
 def _block(name: str, text: str) -> str:

@@ -25,24 +25,11 @@ class Packed(TypedDict):
 
 
 def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Packed:
-    """Return an array as integers of a type, ``value / step`` rounded.
+    """Return an array of finite numbers as integers of a type, ``value / step`` rounded.
 
-    Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes
-    first, deflated and written in base64; ``report_page/unpack.js`` is the inverse.
-
-    Parameters
-    ----------
-    values : ndarray
-        Finite.
-    kind : str
-        "uint8", "int16", "uint16" or "int32".
-    step : float
-        What one stands for; doubled until the type holds every value.
-
-    Returns
-    -------
-    Packed
-        An error is at most half a ``step``.
+    Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes first,
+    deflated and written in base64; ``report_page/unpack.js`` is the inverse. ``kind`` is "uint8", "int16",
+    "uint16" or "int32"; ``step``, what one stands for, is doubled until the type holds every value.
 
     Raises
     ------
@@ -59,32 +46,18 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Packed:
     while high / step > limits.max or low / step < limits.min:
         step *= 2
     integers = np.round(values / step).astype(f"<{np.dtype(kind).str[1:]}")
-    data = zlib.compress(_planes(integers).tobytes(), 6)  # 9: 25 times as long, 0.5 % less
-    shape = list(integers.shape)
-    return {"type": kind, "shape": shape, "step": step, "data": base64.b64encode(data).decode()}
-
-
-def _planes(integers: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return differences along the last axis as planes of bytes, (bytes, N), low bytes first."""
     deltas = integers.copy()
     deltas[..., 1:] -= integers[..., :-1]  # wraps around, as the sums on the page do
-    octets = np.ascontiguousarray(deltas).view(np.uint8)
-    return np.ascontiguousarray(octets.reshape(-1, integers.dtype.itemsize).T)
+    planes = deltas.view(np.uint8).reshape(-1, integers.dtype.itemsize).T
+    data = zlib.compress(planes.tobytes(), 6)  # 9: 25 times as long, 0.5 % less
+    shape = list(integers.shape)
+    return {"type": kind, "shape": shape, "step": step, "data": base64.b64encode(data).decode()}
 
 
 def picture(
     image: NDArray[np.float32], side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY
 ) -> str:
-    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32
-    side_px : int
-        A longer photograph is reduced to this side.
-    quality : int
-        Of JPEG.
-    """
+    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG of at most this side."""
     height, width = image.shape[:2]
     scale = min(side_px / max(height, width), 1.0)
     if scale < 1:

@@ -85,20 +85,8 @@ def photograph(
 ) -> PhotographRecord:
     """Return everything the page shows of one photograph, in JSON's types.
 
-    Parameters
-    ----------
-    one : FileEstimate
-    mask : MotionMask, optional
-        Its layers are left out without.
-    mask_s : float, optional
-        Seconds that it took.
-    timings : bool
-        Without them equal photographs have equal texts.
-
-    Returns
-    -------
-    PhotographRecord
-        Its ``document`` has ``timings_s`` null without timings.
+    Without a mask its layers are left out; ``mask_s`` are the seconds that it took. Without timings equal
+    photographs have equal texts: the ``timings_s`` of the document are null.
     """
     estimate, geometry = one.estimate, one.estimate.geometry
     document = EstimateDocument.of(one)
@@ -128,13 +116,7 @@ def median_length(used: SmearMatches) -> float | None:
 
 
 def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Return rows and columns of the pixels that are shown: those of `sampling.grid_pixels`, or every k-th.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Height and width of the photograph.
-    """
+    """Return rows and columns of the pixels that are shown: those of `sampling.grid_pixels` or every k-th."""
     height, width = shape
     nodes = -(-height // STRIDE) * -(-width // STRIDE)
     step = STRIDE * int(np.ceil(np.sqrt(nodes / MAX_NODES)))

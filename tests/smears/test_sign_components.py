@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, solve_seven_smears
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sign_components import (
-    ComponentOptions,
     SignComponents,
     no_components,
     sample_patterns,
@@ -20,6 +18,7 @@ from blur2view.smears.sign_components import (
 from blur2view.smears.sign_graph import near_pairs
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, project_smears, with_outliers
+from tools.metrics import rho
 
 SEEDS = range(10)
 
@@ -274,14 +273,6 @@ def test_patterns_left_hold_the_true_F_of_exact_samples() -> None:
         tried += group.signs.shape[0] * group.signs.shape[1]
     assert (found < 1e-4).mean() >= 0.96
     assert tried < 50 * 8
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"neighbours": 0}, {"max_difference": 2.0}, {"min_common_share": 1.5}, {"min_merge_share": 0.0}]
-)
-def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="need|must be"):
-        ComponentOptions(**wrong)
 
 
 def test_wrong_labels_and_signs_are_refused() -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import blur2view
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.benchmarks import estimator_report
 from tools.benchmarks.estimator_cells import (
     BASE,
@@ -167,9 +167,7 @@ def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="a few cells and seeds, to their own files")
     parser.add_argument("--development", action="store_true", help="seeds to tune on, to their own files")
     parser.add_argument("--seeds", type=int, help="instances of every cell and kind")

@@ -71,10 +71,7 @@ class Log:
     def begin(self, head: dict[str, str]) -> None:
         """Start a new file, or mend one that a kill cut short.
 
-        Raises
-        ------
-        ValueError
-            If the file holds figures of other code: those of two versions must not be mixed.
+        ValueError if the file holds figures of other code: those of two versions must not be mixed.
         """
         before = self.head()
         if before and before["code"] != head["code"]:

@@ -13,7 +13,6 @@ the longest blur at which half are left in the first folder of ``--photos``.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +24,7 @@ import blur2view
 from blur2view.arrays import AnyArray, Array
 from blur2view.cli.arguments.triage import MAX_SMEAR_PX
 from blur2view.smears.sharpness import median_smear
+from tools.arguments import parser_of
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.even_blur import blurred, middle
 from tools.rendering.textures import read_photograph
@@ -182,8 +182,7 @@ def report(sets: dict[str, list[Ordered]], features: dict[str, Array], limit_px:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=Path, help="a test set, with the sharp first instant of each scene")
     parser.add_argument("--photos", type=Path, nargs="*", default=[], help="folders of sharp photographs")
     parser.add_argument("--out", type=Path, help="where the table goes, without its suffix")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.camera.colmap_database import open_read_only
-from blur2view.colmap.schema import CAMERA_SENSOR, images_of_pair
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES
 
 SIZES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
 
@@ -85,7 +85,8 @@ def _pairs(database: sqlite3.Connection) -> Iterator[str]:
     matches: dict[int, set[tuple[int, int]]] = {}
     for table in ("matches", "two_view_geometries"):
         for pair, rows, cols, data in database.execute(f"SELECT pair_id, rows, cols, data FROM {table}"):
-            where, image1, image2 = f"{table} {images_of_pair(pair)}", *images_of_pair(pair)
+            image1, image2 = ids = divmod(pair, MAX_IMAGES)
+            where = f"{table} {ids}"
             if image1 not in counts or image2 not in counts or image1 >= image2:
                 yield f"{where}: no such images"
                 continue
@@ -113,7 +114,7 @@ def _geometries(database: sqlite3.Connection) -> Iterator[str]:
         for (name, size), blob in zip(SIZES.items(), blobs, strict=True):
             if not blob:
                 continue
-            where = f"{name} of pair {images_of_pair(pair)}"
+            where = f"{name} of pair {divmod(pair, MAX_IMAGES)}"
             if len(blob) != size:
                 yield f"{where}: {len(blob)} bytes"
                 continue

@@ -13,7 +13,6 @@ user's rows must be the same, and it must be possible to link all photographs ag
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import shutil
@@ -37,6 +36,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from tools.arguments import parser_of
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
@@ -281,9 +281,7 @@ def kill_many(count: int, seed: int = 0, kinds: tuple[str, ...] = KINDS) -> dict
 
 def main() -> None:
     """Print what was left, by kind."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

@@ -7,13 +7,11 @@ an end is hidden).
 
 from __future__ import annotations
 
-import argparse
-
 import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.datasets.shards import add_scene_arguments, scene_arguments
 from tools.rendering.render import Rendering, RenderOptions, render
 
@@ -56,8 +54,7 @@ def label_picture(rendering: Rendering) -> AnyArray:
 
 def main() -> None:
     """Write a contact sheet."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=target, required=True, help="the sheet's PNG file")
     add_scene_arguments(parser)
     arguments = parser.parse_args()

@@ -46,12 +46,8 @@ def write_test_scenes(exposures: Iterable[Exposure], out: Path, source: str) -> 
     """Write what `testset.read_test_set` reads; finished ones are kept. Return their number.
 
     ``origins.txt`` says which exposure of the source each number is, as every file does itself. Without
-    cameras R and t are NaN and K is a guess.
-
-    Raises
-    ------
-    Blur2ViewError
-        If the folder holds another exposure under a number, or a file that is no scene.
+    cameras R and t are NaN and K is a guess. Blur2ViewError if the folder holds another exposure under a
+    number, or a file that is no scene.
     """
     out.mkdir(parents=True, exist_ok=True)
     count, names = 0, []

@@ -98,13 +98,7 @@ class Reader(ABC):
 
 
 def read_frame(path: Path) -> AnyArray:
-    """Return a frame (H, W, 3) as uint8 RGB.
-
-    Raises
-    ------
-    Blur2ViewError
-        If the file is missing or no picture.
-    """
+    """Return a frame (H, W, 3) as uint8 RGB; Blur2ViewError if the file is missing or no picture."""
     encoded = np.fromfile(path, np.uint8) if path.is_file() else np.empty(0, np.uint8)
     picture = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if len(encoded) else None
     if picture is None:

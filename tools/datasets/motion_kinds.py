@@ -11,7 +11,6 @@ Nothing moves by itself.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 from functools import partial
 from pathlib import Path
@@ -24,6 +23,7 @@ from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
+from tools.arguments import parser_of
 from tools.datasets.shards import start_worker
 from tools.datasets.testset import SERIES, write_truth
 from tools.rendering.exposure import Exposure, grid_points
@@ -115,9 +115,7 @@ def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tup
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=30, help="of each kind")
     parser.add_argument("--seed", type=int, default=20_000, help="of the first of each kind")

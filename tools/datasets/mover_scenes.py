@@ -6,13 +6,13 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from tools.arguments import parser_of
 from tools.datasets.testset import test_options, write_truth
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, photograph
@@ -56,9 +56,7 @@ def write_mover_scenes(out: Path, scenes: int, options: RenderOptions, first_see
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=12)
     arguments = parser.parse_args()

@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from blur2view.geometry.epipolar import epipoles
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import test_options
 from tools.rendering.render import render
 from tools.rendering.sensor import SensorOptions, photograph
@@ -26,9 +25,7 @@ SMEAR_PX = (10.0, 14.0)
 
 def main() -> None:
     """Render, photograph, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("target", type=target)
     parser.add_argument("--photos", type=existing, help="folder of the Kodak photographs")
     arguments = parser.parse_args()

@@ -36,10 +36,7 @@ FLIP: AnyArray = np.diag([1.0, -1.0, -1.0])
 def read_pfm(path: Path) -> AnyArray:
     """Return a PFM file as float32 (H, W, 3) or (H, W), first row on top.
 
-    Raises
-    ------
-    Blur2ViewError
-        If the file is missing, no PFM or cut short.
+    Blur2ViewError if the file is missing, no PFM or cut short.
 
     References
     ----------

@@ -19,7 +19,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 from tools.rendering.render import RenderOptions, render
 
 CROP_PX = 128
@@ -154,8 +154,7 @@ def scene_arguments(arguments: argparse.Namespace) -> tuple[range, RenderOptions
 
 def main() -> None:
     """Write a dataset and print its speed."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder of shards")
     add_scene_arguments(parser)
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())

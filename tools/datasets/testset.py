@@ -7,7 +7,6 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 from tools.datasets.shards import start_worker
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
@@ -137,9 +136,7 @@ def read_test_set(folder: Path) -> Iterator[TestScene]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")

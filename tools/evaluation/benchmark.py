@@ -9,7 +9,6 @@ machines differ: read the ratios.
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import resource
@@ -35,7 +34,7 @@ from blur2view.robust.minimal_solvers import solve_seven_smears
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.datasets.testset import test_options, write_scene
 
 SIZE = (1280, 720)
@@ -148,9 +147,7 @@ def machine() -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--out", type=target, help="write OUT.md")
     arguments = parser.parse_args()

@@ -10,7 +10,6 @@ neither order nor start. Columns are levels of the direction's noise; medians ov
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -23,17 +22,17 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import apply_similarity, denormalise
-from blur2view.metrics import rho, rotation_error, translation_direction_error_deg
 from blur2view.robust.parametrization import CameraF, CameraPrior, GeneralF, Manifold, TranslationF
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.baselines import scrambled
 from tools.evaluation.evaluate import true_ends
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rho, rotation_error, translation_direction_error_deg
 from tools.rendering.exposure import GRID
 
 DIRECTION_DEG = (1.0, 2.0, 4.0, 8.0)
@@ -244,9 +243,7 @@ def markdown(outcomes: list[Outcome], scenes: int) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
     parser.add_argument("--count", type=int, default=SCENES, help="scenes, the first that do")
     parser.add_argument("--processes", type=int, default=2)

@@ -15,7 +15,6 @@ is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC wit
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -29,19 +28,19 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rho
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
@@ -246,9 +245,7 @@ def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=100, help="scenes of each kind")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene of each kind")
     parser.add_argument("--scenes", type=existing, help="rendered split to name through the network")

@@ -9,7 +9,6 @@ Every method gets the same matches, the network's own. F is judged on the true s
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
@@ -22,16 +21,17 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.search import two_parameter_fundamental
+from tools.arguments import parser_of
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
+from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,9 +191,7 @@ def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
     parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
     parser.add_argument("--out", type=Path, help="write OUT.md, OUT.json and OUT.png")

@@ -7,7 +7,6 @@ blurred radiance through the renderer's whole camera model instead of adding 0.3
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +15,8 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.metrics import direction_error_deg
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
+from tools.metrics import direction_error_deg
 from tools.rendering.sensor import photograph
 from tools.rendering.textures import read_photograph
 
@@ -122,8 +121,7 @@ def table(rows: list[Reading]) -> str:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("photos", type=existing, nargs="+", help="folders of sharp photographs")
     parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
     parser.add_argument("--sensor", action="store_true", help="the whole camera model")

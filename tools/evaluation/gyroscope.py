@@ -8,7 +8,6 @@ Format and data: DeepGyro (Mustaniemi et al., WACV 2019); no licence is stated, 
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 
 SUFFIXES = (".png", ".jpg")
 
@@ -81,8 +80,7 @@ def table(figures: dict[str, GyroscopeFigures]) -> str:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=existing, help="photographs, and their measurements as .npz")
     parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
     arguments = parser.parse_args()

@@ -10,7 +10,6 @@ the standard deviation of every displacement is stated truly, that errors are co
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,10 +19,9 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     Kind,
@@ -33,6 +31,7 @@ from tools.datasets.synthetic_matches import (
 )
 from tools.evaluation.correlated_noise import smooth_noise
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rotation_error, translation_direction_error_deg
 
 SEEDS = 200
 PARTS = {"pose": slice(0, 5), "rotation": slice(0, 3), "translation": slice(3, 5)}
@@ -147,9 +146,7 @@ def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=target, help="write the table to OUT.md")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--jobs", type=int, default=2)

@@ -8,7 +8,6 @@ prints two tables and writes them to ``tools/results/sign_components.md``. Figur
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +18,6 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
 from blur2view.robust.ransac import ransac, weighted_samples
 from blur2view.smears.field import SmearField
@@ -29,10 +27,11 @@ from blur2view.smears.sign_components import SignComponents, no_components, samp
 from blur2view.two_view.model_selection import fit_families
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import build_estimator
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
+from tools.metrics import rho
 
 SAMPLES = 200  # samples of seven per image
 REPEATS = 5  # timings per image, of which the median counts
@@ -245,9 +244,7 @@ def report(scenes: Path | None, redkitchen: Path | None, count: int) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=existing, help="folder of the rendered test split")
     parser.add_argument("--redkitchen", type=existing, help="folder of the real frames")
     parser.add_argument("--count", type=int, default=40, help="synthetic scenes per row")

@@ -9,7 +9,6 @@ uncovers what is behind it, the convolution keeps a sharp edge, or draws on what
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.exposure import coded
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import Exposure, pixel_grid
@@ -126,8 +125,7 @@ def figure_of(found: Blurs) -> Figure:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
     parser.add_argument(
         "--out", type=target, required=True, help="PNG to write; OUT.json is written beside it"

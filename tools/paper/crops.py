@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.utils.data import IterableDataset
 
+from blur2view.arrays import AnyArray as Array
 from tools.datasets.shards import Scenes, decode_linear
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import photograph
-
-Array = NDArray[Any]
 
 LONGEST_PX = 400
 """Displacements from here on, and those that overflowed when stored, become invalid zeros."""

@@ -10,7 +10,6 @@ what is there.
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import blur2view
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.paper import convolution_blur, failure_cases, paper_summary, paper_tables
 from tools.paper.crop_batches import TrainOptions
@@ -115,8 +114,7 @@ def write_json(path: Path, document: object) -> None:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--photos", type=existing, help="folder of the Kodak suite's 24 PNG files")
     parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
     parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")

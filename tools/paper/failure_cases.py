@@ -8,7 +8,6 @@ counts the verdicts of `blur2view.estimate`. `tools.reports.figures --only failu
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -19,9 +18,9 @@ import numpy as np
 import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
 from blur2view.smears.field import smear_ends
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
+from tools.metrics import rho
 from tools.rendering.exposure import grid_points
 from tools.rendering.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.rendering.render import Rendering
@@ -89,8 +88,7 @@ def study(network: blur2view.SmearNetwork, photos: Path | None, seeds: Sequence[
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--model", help="ONNX file; the shipped one by default")

@@ -7,8 +7,7 @@ and orientation, log length and uncertainty as separate outputs do, within minut
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -34,15 +33,6 @@ class ModelOptions:
 
     widths: tuple[int, ...] = (48, 80, 144)
     bottom: int = 3
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for checkpoints."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> ModelOptions:
-        """Invert :meth:`as_dict`."""
-        return cls(widths=tuple(values["widths"]), bottom=values["bottom"])
 
 
 class Block(nn.Module):
@@ -115,15 +105,3 @@ def decode(raw: Tensor) -> Tensor:
     mean_error = torch.exp(torch.clamp(raw[:, 3:4], -3.0, 4.5))  # what the Laplace likelihood fits
     mean_angle = torch.exp(torch.clamp(raw[:, 4:5], -5.0, 0.5))
     return torch.cat([direction * length, math.sqrt(2) * mean_error, math.sqrt(2) * mean_angle], 1)
-
-
-class ExportedSmear(nn.Module):
-    """The network followed by :func:`decode`: what the ONNX file computes."""
-
-    def __init__(self, network: SmearUNet) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, image: Tensor) -> Tensor:
-        """Compute the output named ``smear``."""
-        return decode(self.network(image))

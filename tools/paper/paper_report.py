@@ -6,13 +6,13 @@ missing by which command it is made.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tools.arguments import parser_of
 from tools.paper import failure_cases, paper_summary, paper_tables
 from tools.paper.paper_variants import ALPHA_STUDY, TABLE_1
 from tools.rendering.failure_scenes import KINDS
@@ -213,8 +213,7 @@ def report(results: Path) -> str:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
     arguments = parser.parse_args()
     (arguments.results / "paper.md").write_text(report(arguments.results))

@@ -16,7 +16,6 @@ its robust cost (no truth is used).
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -30,16 +29,16 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.metrics import PAPER_INLIER, cumulative_curve
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import paper_two_view
+from tools.metrics import PAPER_INLIER, cumulative_curve
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
@@ -270,8 +269,7 @@ def plot(rows: Sequence[Row], path: Path) -> None:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=existing, help="folder in the format of tools.datasets.testset")
     parser.add_argument("--work", type=Path, default=Path("runs/paper/table2.jsonl"))
     parser.add_argument("--out", type=target, required=True, help="write OUT.json and OUT.png")

@@ -14,7 +14,6 @@ two processes may share the work (--seeds, --only). :mod:`tools.paper.paper_repo
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -27,8 +26,9 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import Blur2ViewError
-from blur2view.metrics import sparsification_area, sparsification_curve
+from tools.arguments import parser_of
 from tools.datasets.shards import Scenes, load_shards
+from tools.metrics import sparsification_area, sparsification_curve
 from tools.paper.crop_batches import TrainOptions, batches_of
 from tools.paper.loss import loss_of, smear_error, target_parts
 from tools.paper.model import SmearUNet, decode
@@ -238,8 +238,7 @@ def run_all(
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     for name in ("train", "val", "out"):
         parser.add_argument(f"--{name}", type=Path, required=True)
     parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")

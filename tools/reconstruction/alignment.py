@@ -7,14 +7,11 @@ truth by one similarity; motion within an exposure needs its scale alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.geometry.rotation import rotation_vector
-
-Array = NDArray[Any]
 
 
 def centres(poses: Array) -> Array:
@@ -48,11 +45,7 @@ def align(model: Array, true: Array) -> Similarity:
 
     The rotation is the mean of those that bring each camera's orientation to its own (centres on a line, as
     those of a short walk are, would leave it open); scale and shift are then least squares of the centres.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two poses.
+    ValueError if there are fewer than two poses.
     """
     if len(model) < 2 or model.shape != true.shape:
         raise ValueError(f"expected two arrays (N, 3, 4), N >= 2, got {model.shape} and {true.shape}")

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.rotation import rotation_vector
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.sequence import read_sequence, relative_pose
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,27 +45,17 @@ class Recording:
 
     def first(self, count: int | None) -> Recording:
         """Return the first frames only."""
-        return Recording(
-            name=self.name,
-            paths=self.paths[:count],
-            K=self.K,
-            poses=self.poses[:count],
-            motion=Motion(
-                rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
-            ),
-            exposure_known=self.exposure_known,
-            displacement=None if self.displacement is None else self.displacement[:count],
+        motion = Motion(
+            rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
+        )
+        displacement = None if self.displacement is None else self.displacement[:count]
+        return replace(
+            self, paths=self.paths[:count], poses=self.poses[:count], motion=motion, displacement=displacement
         )
 
 
 def rendered_recording(folder: Path) -> Recording:
-    """Return a video of :mod:`tools.reconstruction.sequence`.
-
-    Raises
-    ------
-    Blur2ViewError
-        If there is none.
-    """
+    """Return a video of :mod:`tools.reconstruction.sequence`; Blur2ViewError if there is none."""
     paths, truth = read_sequence(folder)
     return Recording(
         name="rendered",
@@ -84,10 +71,7 @@ def rendered_recording(folder: Path) -> Recording:
 def redkitchen_recording(folder: Path) -> Recording:
     """Return consecutive frames with ``poses.npz`` (frame, cam_from_world, K), as in redkitchen_sequence.
 
-    Raises
-    ------
-    Blur2ViewError
-        If there are none.
+    Blur2ViewError if there are none.
     """
     if not (folder / "poses.npz").exists():
         raise Blur2ViewError(f"{folder}: has no poses.npz; give the folder of redkitchen_sequence")

@@ -10,17 +10,15 @@ exposure about its own instant. Same seed and options, same bytes.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.errors import Blur2ViewError
-from tools.arguments import existing
+from tools.arguments import existing, parser_of
 from tools.datasets.testset import sharp_photograph
 from tools.reconstruction.wandering import sample_path
 from tools.rendering.canvas import Canvas, paint
@@ -28,8 +26,6 @@ from tools.rendering.exposure import KNOTS, Exposure, grid_points
 from tools.rendering.render import compose, mean_frame
 from tools.rendering.scene import Layer, Plane, sample_card, sample_illumination, tilted_normal
 from tools.rendering.textures import photographs
-
-Array = NDArray[Any]
 
 LARGEST_TILT, GROUND = 0.3, 0.3
 """Tilt of the wall, radians; height above the ground: no more than the path allows without a look behind."""
@@ -151,11 +147,7 @@ def origins(exposure: Exposure, layer: Layer, tau: float, start: Array) -> Array
     """Return where (h, w, 2) at time 0 the points lay that are seen at the ringed grid's points at time tau.
 
     Fixed-point iteration from `start` (h, w, 2). It converges where a surface has one point for every ray.
-
-    Raises
-    ------
-    ValueError
-        If the background, which is everywhere, has none for a hundredth of them: the path is too long.
+    ValueError if the background, which is everywhere, has none for a hundredth of them: the path is too long.
     """
     target, x = grid_points(exposure.size, ring=1), start
     for _ in range(STEPS):
@@ -298,10 +290,7 @@ def render_sequence(seed: int, folder: Path, options: SequenceOptions | None = N
 def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
     """Return what `render_sequence` wrote: the frames' paths, in order, and the truth.
 
-    Raises
-    ------
-    Blur2ViewError
-        If there is none.
+    Blur2ViewError if there is none.
     """
     if not (folder / "truth.npz").exists():
         raise Blur2ViewError(f"{folder}: no sequence; run python -m tools.reconstruction.sequence {folder}")
@@ -311,9 +300,7 @@ def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=SequenceOptions.frames)

@@ -15,7 +15,6 @@ run with its true smears in place of the network's. Writes OUT.md and OUT.png.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
@@ -26,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.cli.commands import main as blur2view_main
@@ -35,14 +33,13 @@ from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_vector
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.recording import Recording, redkitchen_recording, rendered_recording
 from tools.reconstruction.sfm_report import markdown
 from tools.reconstruction.sfm_result import Result, read_model
 from tools.reconstruction.true_smears import link_true
 
-Array = NDArray[Any]
 OVERLAP = 6
 """Frames ahead that a frame is matched with."""
 HEADER = "Of ``python -m tools.reconstruction.sfm_experiment``; see there what was done.\n"
@@ -116,10 +113,7 @@ def plain_options() -> Any:
 def link(database: Path, recording: Recording, model: Path | None) -> list[dict[str, Any]]:
     """Run ``blur2view to-colmap --link --sequence`` on every frame; return what its JSON says of each.
 
-    Raises
-    ------
-    Blur2ViewError
-        If the command fails.
+    Blur2ViewError if the command fails.
     """
     arguments = ["to-colmap", "--db", database, "--link", "--no-backup", "--sequence", "--json"]
     arguments += ["--camera", f"{database}:1", *recording.paths]
@@ -193,9 +187,7 @@ def experiment(recording: Recording, model: Path | None, true_smears: bool = Fal
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--sequence", type=existing, help="folder of tools.reconstruction.sequence")
     parser.add_argument("--redkitchen", type=existing, help="folder of redkitchen_sequence")
     parser.add_argument("--frames", type=int, help="only so many frames of each")

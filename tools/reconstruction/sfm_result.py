@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.exposure.views import CLOSE, OPEN
 from tools.reconstruction.alignment import Motion, MotionErrors, Similarity, align, common_scale
 from tools.reconstruction.recording import Recording
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,6 @@ lengths: the share of the time from frame to frame during which RedKitchen's shu
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -31,7 +30,7 @@ from blur2view.exposure.time_direction import with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.rotation import rotation_vector
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.reconstruction.sequence import read_sequence, relative_pose
 
 ROOM_DEPTH_M = 2.0  # RedKitchen's; between 1 m and infinity its flow keeps its direction to 0.99 (cosine)
@@ -233,9 +232,7 @@ def report(
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument(
         "--rendered", type=existing, nargs="+", default=[], help="folders of rendered sequences"
     )

@@ -9,8 +9,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.camera.camera import Camera
 from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
@@ -21,8 +21,6 @@ from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.field import SmearField
 from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-
-Array = NDArray[Any]
 
 SIGMA_PX = 0.5
 """Stated of true smears: they are straight, the paths of the camera are not."""

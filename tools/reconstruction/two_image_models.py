@@ -15,7 +15,6 @@ if one option is COLMAP's again.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
 
 LEAST_SMEAR_PX, LEAST_TRANSLATION = 12.0, 0.2
@@ -283,9 +282,7 @@ def outcome_row(o: Outcome) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=existing, help="folder written by tools.datasets.testset")
     parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
     parser.add_argument("--out", type=target, help="write OUT.md")

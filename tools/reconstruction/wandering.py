@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from tools.rendering.motion import Trajectory
-
-Array = NDArray[Any]
 
 PERIOD = 15.0
 """Frames in which the path comes round once."""

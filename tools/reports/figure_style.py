@@ -73,10 +73,7 @@ def show_picture(axes: Any, picture: Any, title: str = "") -> None:
 def save_picture(picture: NDArray[np.uint8], path: Path) -> None:
     """Write a picture (H, W, 3) RGB that holds photographs: a WebP has a tenth of a PNG's bytes.
 
-    Raises
-    ------
-    ValueError
-        If the path does not end in ``.webp``.
+    ValueError if the path does not end in ``.webp``.
     """
     if path.suffix != ".webp":
         raise ValueError(f"{path.name} does not end in .webp")

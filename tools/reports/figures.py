@@ -10,13 +10,12 @@ by rank) and ``failure_*`` (what is said of many movers, one plane and pure rota
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import blur2view
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import read_test_set
 from tools.rendering.failure_scenes import KINDS
 from tools.reports.figure_cases import Case, cases
@@ -57,8 +56,7 @@ def write(scenes: Path, out: Path, network: blur2view.SmearNetwork, photos: Path
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("scenes", type=existing, help="folder written by tools.datasets.testset")
     parser.add_argument(
         "--out", type=target, default=Path("tools/results/figures"), help="(default: %(default)s)"

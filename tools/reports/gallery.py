@@ -7,7 +7,6 @@ alone is drawn wider: ``python -m tools.reports.gallery models/sample.jpg --out 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import cv2
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view.visualization.drawing import INK, PAPER, write
 from blur2view.visualization.overlay import draw_overlay
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.reports.figure_style import save_picture
 
 Picture = NDArray[np.uint8]
@@ -60,8 +59,7 @@ def page(tiles: list[Picture]) -> Picture:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("photographs", type=existing, nargs="+")
     parser.add_argument("--out", type=target, required=True, help="WebP to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")

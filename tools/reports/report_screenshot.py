@@ -7,7 +7,6 @@ navigation until everything is drawn, chooses the smear at ``--at`` and takes th
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import tempfile
 from io import BytesIO
@@ -19,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.reports.figure_style import save_picture
 
 if TYPE_CHECKING:
@@ -63,8 +62,7 @@ def choose(page: Page, at: tuple[float, float]) -> None:
 
 def main() -> None:
     """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("photograph", type=existing)
     parser.add_argument("--out", type=target, help="WebP to write")
     parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")

@@ -10,7 +10,6 @@ notices survives. Which survivors change nothing that can be seen is for a reade
 
 from __future__ import annotations
 
-import argparse
 import gc
 import importlib
 import json
@@ -33,7 +32,7 @@ from queue import Queue
 import numpy as np
 import pytest
 
-from tools.arguments import target
+from tools.arguments import parser_of, target
 from tools.robustness.mutation_sites import Mutant, mutants_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -196,9 +195,7 @@ def report(drawn: Sequence[Mutant], outcomes: Sequence[str], total: int, seed: i
 
 def main() -> None:
     """Print a line for each mutant that survives, and the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1, help="mutants tested at a time")
