@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
+from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, solve_seven_smears
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sign_components import (
@@ -18,7 +19,6 @@ from blur2view.smears.sign_components import (
 from blur2view.smears.sign_graph import near_pairs
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, project_smears, with_outliers
-from tools.metrics import rho
 
 SEEDS = range(10)
 

@@ -11,6 +11,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.metrics import epipole_angle_deg, rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import agreement, constant_field
 from blur2view.two_view.estimate import estimate_two_view
@@ -25,7 +26,6 @@ from tests.support.scenes import (
     with_outliers,
     with_second_motion,
 )
-from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
 

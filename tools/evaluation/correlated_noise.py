@@ -22,6 +22,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import apply_similarity, denormalise
+from blur2view.metrics import rho, rotation_error, translation_direction_error_deg
 from blur2view.robust.parametrization import CameraF, CameraPrior, GeneralF, Manifold, TranslationF
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
@@ -32,7 +33,6 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.baselines import scrambled
 from tools.evaluation.evaluate import true_ends
 from tools.evaluation.processes import single_threaded_pool
-from tools.metrics import rho, rotation_error, translation_direction_error_deg
 from tools.rendering.exposure import GRID
 
 DIRECTION_DEG = (1.0, 2.0, 4.0, 8.0)

@@ -28,6 +28,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.metrics import rho
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
@@ -40,7 +41,6 @@ from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.evaluation.processes import single_threaded_pool
-from tools.metrics import rho
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (

@@ -19,6 +19,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
+from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of, target
@@ -31,7 +32,6 @@ from tools.datasets.synthetic_matches import (
 )
 from tools.evaluation.correlated_noise import smooth_noise
 from tools.evaluation.processes import single_threaded_pool
-from tools.metrics import rotation_error, translation_direction_error_deg
 
 SEEDS = 200
 PARTS = {"pose": slice(0, 5), "rotation": slice(0, 3), "translation": slice(3, 5)}

@@ -18,6 +18,7 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
+from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import ALL_SIGNS, SAMPLE_SIZE, solve_seven_smears
 from blur2view.robust.ransac import ransac, weighted_samples
 from blur2view.smears.field import SmearField
@@ -31,7 +32,6 @@ from tools.arguments import existing, parser_of, target
 from tools.datasets.synthetic_matches import SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.datasets.testset import read_test_set
 from tools.evaluation.benchmark import machine
-from tools.metrics import rho
 
 SAMPLES = 200  # samples of seven per image
 REPEATS = 5  # timings per image, of which the median counts

@@ -26,13 +26,13 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.field import smear_ends
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import existing, parser_of, target
 from tools.datasets.synthetic_matches import IMAGE_SIZE, SyntheticOptions, SyntheticSmears, synthetic_smears
 from tools.estimators.reference_methods import METHODS, Answer, Case
 from tools.evaluation.pose_error import pose_of
-from tools.metrics import rotation_error, translation_direction_error_deg
 from tools.reconstruction.sequence import read_sequence
 from tools.rendering.exposure import grid_points
 

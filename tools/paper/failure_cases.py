@@ -18,9 +18,9 @@ import numpy as np
 import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.metrics import rho
 from blur2view.smears.field import smear_ends
 from tools.arguments import existing, parser_of, target
-from tools.metrics import rho
 from tools.rendering.exposure import grid_points
 from tools.rendering.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.rendering.render import Rendering

@@ -4,7 +4,7 @@ Five parts: orientation as a chord on the double-angle circle, weighted down for
 end-point error in proportion to the length, which shortens what is uncertain; the uncertainty of the angle;
 and that of the whole, by the negative log likelihood of the end-point error with the paper's cross-check
 term. The gradients of the last two do not reach orientation and length. The torch twins of
-:mod:`blur2view.smears.field` and :mod:`tools.metrics` are tested equal to them.
+:mod:`blur2view.smears.field` and :mod:`blur2view.metrics` are tested equal to them.
 """
 
 from __future__ import annotations

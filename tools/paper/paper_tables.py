@@ -29,6 +29,7 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.metrics import PAPER_INLIER, cumulative_curve
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import SelectOptions, select_matches
@@ -38,7 +39,6 @@ from blur2view.two_view.search import sampson_sigma
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import paper_two_view
-from tools.metrics import PAPER_INLIER, cumulative_curve
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"

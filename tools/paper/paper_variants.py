@@ -26,9 +26,9 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import Blur2ViewError
+from blur2view.metrics import sparsification_area, sparsification_curve
 from tools.arguments import parser_of
 from tools.datasets.shards import Scenes, load_shards
-from tools.metrics import sparsification_area, sparsification_curve
 from tools.paper.crop_batches import TrainOptions, batches_of
 from tools.paper.loss import loss_of, smear_error, target_parts
 from tools.paper.model import SmearUNet, decode

@@ -8,8 +8,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from blur2view.metrics import DIRECTION_MIN_PX
 from tools.datasets.shards import load_shards
-from tools.metrics import DIRECTION_MIN_PX
 from tools.paper.crops import CropStream
 from tools.paper.loss import smear_error, target_parts
 from tools.paper.model import SmearUNet, decode

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.metrics import epe_s, rho
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
 from tools.datasets.testset import TestScene
 from tools.evaluation.evaluate import true_ends
-from tools.metrics import epe_s, rho
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

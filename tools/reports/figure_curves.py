@@ -10,12 +10,12 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
+from blur2view.metrics import PAPER_INLIER, cumulative_curve, epe_s, sparsification_curve
 from blur2view.two_view.search import two_parameter_fundamental
 from tools.estimators import baselines
 from tools.evaluation.evaluate import true_ends
 from tools.evaluation.smear_figures import coherence, evaluate_smears, pooled
 from tools.evaluation.smear_plot import draw_sparsification
-from tools.metrics import PAPER_INLIER, cumulative_curve, epe_s, sparsification_curve
 from tools.reports.figure_cases import Case
 from tools.reports.figure_style import BLACK, BLUE, GREEN, ORANGE, new_figure
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from blur2view.metrics import rho
 from tests.tools.evaluation.test_evaluate import OPTIONS, SIZE
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import correlated_noise as study
 from tools.evaluation.evaluate import true_ends
-from tools.metrics import rho
 from tools.rendering.render import render
 
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 from torch import Tensor
 
+from blur2view.metrics import direction_error_deg, epe_s
 from blur2view.smears.field import to_double_angle
-from tools.metrics import direction_error_deg, epe_s
 from tools.paper.loss import Target, loss_of, smear_error, target_parts
 from tools.paper.model import decode
 from tools.paper.validation import figures_of
