@@ -21,6 +21,7 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
 from blur2view.two_view.multiple_motions import (
+    ENOUGH,
     TwoMotions,
     find_two_motions,
     independent_share,
@@ -39,7 +40,6 @@ NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; n
 PROVEN = 25.0
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
-ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
 ATTEMPTS = 3  # of finding two motions
 
@@ -82,8 +82,9 @@ def assess(
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     evidence = tolerant_evidence(matches, problem, fit, plane, sample)
-    backward = swapped_by(problem, plane)
-    motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
+    backward, motions = swapped_by(problem, plane), None
+    if evidence.on_plane <= MOSTLY:
+        motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
     if motions is not None:
         if several(motions, evidence):
             return several_motions(len(problem.ends), motions, fit)
