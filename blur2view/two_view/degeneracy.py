@@ -10,6 +10,8 @@ beside it: parallax is open.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
+from blur2view.two_view.model_selection import Fit, fit_best, richer_starts, with_measured_noise
 from blur2view.two_view.multiple_motions import (
     ENOUGH,
     TwoMotions,
@@ -161,10 +163,16 @@ def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
-    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
+    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3).
+
+    The standard deviations are those that the dearer one left: the cheaper is refined at its own.
+    """
     model, points = richer_starts(problem, [F])
     other = fit_best(model, points, problem, cutoff)
-    return other if other.score < fit.score else fit
+    if other.score >= fit.score:
+        return fit
+    own = with_measured_noise(problem, other.point.matrix(), cutoff)
+    return replace(other, point=fit_best(model, [other.point], own, cutoff).point)
 
 
 def tolerant_evidence(
