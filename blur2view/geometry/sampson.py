@@ -24,11 +24,11 @@ def sampson(F: Array, points1: Array, points2: Array) -> Array:
     ----------
     Hartley and Zisserman, Multiple View Geometry, 2nd ed., equation 11.9.
     """
-    x, y = homogeneous(points1), homogeneous(points2)
-    line2 = x @ np.swapaxes(F, -2, -1)  # (..., N, 3)
-    line1 = y @ F
-    algebraic = (line2 * y).sum(-1)
-    gradient = (line2[..., :2] ** 2).sum(-1) + (line1[..., :2] ** 2).sum(-1)
+    x, y = homogeneous(points1).T, homogeneous(points2).T
+    line2 = F @ x  # (..., 3, N)
+    line1 = np.swapaxes(F, -2, -1) @ y
+    algebraic = (line2 * y).sum(-2)
+    gradient = (line2[..., :2, :] ** 2).sum(-2) + (line1[..., :2, :] ** 2).sum(-2)
     squared: Array = algebraic**2 / np.maximum(gradient, TINY)
     return squared
 

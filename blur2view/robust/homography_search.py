@@ -20,7 +20,7 @@ TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
 ROTATIONS: Array = np.zeros((8, 3))  # entries of A = [w]x are ROTATIONS @ w
 ROTATIONS[[7, 5, 2, 6, 3, 1], [0, 0, 1, 1, 2, 2]] = [1, -1, 1, -1, 1, -1]
 SEARCH_STEPS = 6  # rounds of reweighted least squares inside the loop
-SEARCH = RansacOptions(max_iterations=96, confidence=0.99)
+SEARCH = RansacOptions(max_iterations=96, confidence=0.99, batch=48)
 FINAL_STEPS = 3  # Levenberg-Marquardt steps; the search ends within noise of the optimum
 
 

@@ -29,8 +29,9 @@ def cells(middle: Array, count: int) -> NDArray[np.int_]:
 
 def block_sums(values: Array, middle: Array) -> Array:
     """Return the sums (K, B) of K kinds of values (K, N) over the blocks of the midpoints (N, 2)."""
-    _, block = np.unique(cells(middle, BLOCKS), return_inverse=True)
-    return np.stack([np.bincount(block, weights=row) for row in values])
+    block = cells(middle, BLOCKS)
+    occupied = np.bincount(block) > 0
+    return np.stack([np.bincount(block, weights=row)[occupied] for row in values])
 
 
 def block_scatter(gradient: Array, middle: Array) -> Array:

@@ -191,6 +191,11 @@ class CameraF:
         """Eight."""
         return 8
 
+    @cached_property
+    def rotation(self) -> Array:
+        """Rotation vector (3,), radians."""
+        return rotation_vector(self.R)
+
     def _inverse(self) -> Array:
         g = math.exp(self.log_focal)
         cx, cy = self.principal.tolist()
@@ -229,13 +234,13 @@ class CameraF:
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
         value = np.empty(6)
-        value[:3] = rotation_vector(self.R) - self.spread.centre
+        value[:3] = self.rotation - self.spread.centre
         value[3], value[4:] = self.log_focal, self.principal
         return value * self.spread.weight, self.spread.jacobian
 
     def motion(self) -> tuple[Array, Array]:
         """Return its rotation vector and translation; the offset of K from the identity is left out."""
-        return rotation_vector(self.R), self.t
+        return self.rotation, self.t
 
 
 def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:

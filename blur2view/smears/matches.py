@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -120,18 +121,18 @@ class SmearMatches:
             return self
         return replace(self, sigma_px=self.across_px * self.across_scale)
 
-    @property
+    @cached_property
     def midpoint(self) -> Array:
         """Mid-exposure pixels, (N, 2)."""
         middle: Array = self.ends.mean(axis=1)
         return middle
 
-    @property
+    @cached_property
     def displacement(self) -> Array:
         """Displacements d, (N, 2), pixels, sign arbitrary."""
         return self.ends[:, 1] - self.ends[:, 0]
 
-    @property
+    @cached_property
     def length_px(self) -> Array:
         """Lengths |d|, (N,), pixels."""
         length: Array = np.hypot(*self.displacement.T)

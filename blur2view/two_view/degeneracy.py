@@ -10,6 +10,8 @@ beside it: parallax is open.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +21,9 @@ from blur2view.robust.homography import PlaneH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.model_selection import Fit, fit_best, richer_starts
+from blur2view.two_view.model_selection import Fit, fit_best, richer_starts, with_measured_noise
 from blur2view.two_view.multiple_motions import (
+    ENOUGH,
     TwoMotions,
     find_two_motions,
     independent_share,
@@ -39,7 +42,6 @@ NEARLY_WHITE = 0.35  # share of independent errors of an F, whose fit is soft; n
 PROVEN = 25.0
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one, see `multiple_motions.TwoMotions`
-ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 MOSTLY = 0.82  # of what two motions explain, which one homography explains where there is but one
 ATTEMPTS = 3  # of finding two motions
 
@@ -82,8 +84,9 @@ def assess(
         return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
     stated_px = np.maximum(0.5 * matches.sigma_px, options.min_sigma_px)
     evidence = tolerant_evidence(matches, problem, fit, plane, sample)
-    backward = swapped_by(problem, plane)
-    motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
+    backward, motions = swapped_by(problem, plane), None
+    if evidence.on_plane <= MOSTLY:
+        motions = motions_of(problem, fit, stated_px, backward, cutoff, rng)
     if motions is not None:
         if several(motions, evidence):
             return several_motions(len(problem.ends), motions, fit)
@@ -160,10 +163,16 @@ def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
 
 
 def cheaper(problem: SmearProblem, fit: Fit, F: Array, cutoff: float) -> Fit:
-    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3)."""
+    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3).
+
+    The standard deviations are those that the dearer one left: the cheaper is refined at its own.
+    """
     model, points = richer_starts(problem, [F])
     other = fit_best(model, points, problem, cutoff)
-    return other if other.score < fit.score else fit
+    if other.score >= fit.score:
+        return fit
+    own = with_measured_noise(problem, other.point.matrix(), cutoff)
+    return replace(other, point=fit_best(model, [other.point], own, cutoff).point)
 
 
 def tolerant_evidence(

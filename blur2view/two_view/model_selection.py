@@ -86,7 +86,9 @@ def fit_families(
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
     """Return the two-parameter F, fitted robustly on the standard deviations as given."""
-    options = RefineOptions(cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=PLAIN_TOLERANCE)
+    options = RefineOptions(
+        cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=PLAIN_TOLERANCE, decided=True
+    )
     return refine(translation_start(estimator, PAIRS, rng), estimator.problem.thinned.weighted, options)[0]
 
 

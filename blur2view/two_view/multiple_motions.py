@@ -33,6 +33,7 @@ SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones 
 WORST = 0.35  # share of the smears, those that a first F fits worst, in which a second is sought
 COHERENT = 0.25  # share of independent directions of outliers below which they are of another motion
 MANY = 0.2  # share of outliers from which their directions are looked at
+ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
 
@@ -119,8 +120,8 @@ def find_two_motions(
     Returns
     -------
     TwoMotions or None
-        The same F twice and no second share where one F leaves only noise after all. None where no F is
-        found.
+        The same F twice and no second share where one F leaves only noise after all, or next to nothing.
+        None where no F is found.
     """
     chosen = rng.permutation(len(stated_px))[:SMEARS]
     stated, backward = replace(problem, sigma_px=stated_px).subset(chosen), backward[chosen]
@@ -130,9 +131,10 @@ def find_two_motions(
     one = _refit(stated, one, cutoff)
     stated = stated.rescaled(max(residual_scale(one, stated.weighted, cutoff), 1.0))
     (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
-    if not leaves_structure(stated, one, backward, cutoff, SURE):
+    explains = float(max(single[0], alone[0]))
+    if explains >= ENOUGH or not leaves_structure(stated, one, backward, cutoff, SURE):
         gain = 2 * (reached - likelihood)
-        return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=float(single[0]), gain=gain)
+        return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one), cutoff)), cutoff, rng)
     if other is None:
         return None
@@ -147,7 +149,7 @@ def find_two_motions(
     gain = 2 * (reached_by_two - max(likelihood, reached)) * own
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
-    return TwoMotions(F=pair, first=first, second=second, single=float(max(single[0], alone[0])), gain=gain)
+    return TwoMotions(F=pair, first=first, second=second, single=explains, gain=gain)
 
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:

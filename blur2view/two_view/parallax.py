@@ -115,27 +115,25 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
         without, errors are as large in all directions.
     """
     scales, ratios = (SCALES, (0.0,)) if length_error_px is None else (FEW_SCALES, LENGTH_ERRORS)
-    alone, on_line, beside = [], [], []
-    for ratio in ratios:
-        excess = (ratio * d.predicted) ** 2
-        if length_error_px is not None:
-            excess = np.minimum(excess, length_error_px**2)
-        cov = excess * d.cosine * d.sine
-        for scale in scales:
-            white = (scale * d.sigma) ** 2
-            along, across = white + excess * d.cosine**2, white + excess * d.sine**2
-            alone.append(_gaussian(d.along, d.across, along, across, cov))
-            on_line.append(_gaussian(d.along, d.off_line, along, across, cov))
-            wider = [along + (width * d.sigma) ** 2 for width in WIDTHS if scale <= LARGEST]
-            beside += [_gaussian(d.along, d.off_line, var, across, cov) for var in wider]
+    ratio, scale = np.array([(ratio, scale) for ratio in ratios for scale in scales]).T[..., None]  # (C, 1)
+    excess, white = (ratio * d.predicted) ** 2, (scale * d.sigma) ** 2  # (C, N)
+    if length_error_px is not None:
+        excess = np.minimum(excess, length_error_px**2)
+    along, across = white + excess * d.cosine**2, white + excess * d.sine**2
+    cov = excess * d.cosine * d.sine
+    alone = _gaussian(d.along, d.across, along, across, cov)
+    on_line = _gaussian(d.along, d.off_line, along, across, cov)
+    near = np.flatnonzero(scale <= LARGEST)
+    wider = along[near] + (np.array(WIDTHS)[:, None, None] * d.sigma) ** 2  # (W, C, N)
+    beside = _gaussian(d.along, d.off_line, wider, across[near], cov[near]).reshape(-1, len(d.sigma))
     chance = chance_densities(d.measured)
-    simple = np.stack([*alone, *chance], axis=1)
+    simple = np.concatenate([alone, chance]).T
     weights, _ = mixture(simple)
     _, without = mixture(simple, weights)  # as many rounds for the one as for the other
     on_plane = float(weights[: len(alone)].sum())
     start = np.insert(weights, len(alone), np.full(len(beside), 0.3 * on_plane / len(beside)))
     start[: len(alone)] *= 0.7
-    fitted, together = mixture(np.stack([*on_line, *beside, *chance], axis=1), start)
+    fitted, together = mixture(np.concatenate([on_line, beside, chance]).T, start)
     parallax = float(fitted[len(alone) : len(alone) + len(beside)].sum())
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
@@ -145,9 +143,9 @@ def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> fl
     deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
     measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
     along, across = deviation[:, 0], deviation[:, 1]
-    variances = [(scale * sigma) ** 2 for scale in SCALES]
-    alone = [_gaussian(along, across, var, var, 0.0) for var in variances]
-    return float(mixture(np.stack([*alone, *chance_densities(measured)], axis=1))[1].sum())
+    variance = (np.array(SCALES)[:, None] * sigma) ** 2  # (C, N)
+    alone = _gaussian(along, across, variance, variance, 0.0)
+    return float(mixture(np.concatenate([alone, chance_densities(measured)]).T)[1].sum())
 
 
 def chance_densities(measured: Array) -> list[Array]:
@@ -158,10 +156,13 @@ def chance_densities(measured: Array) -> list[Array]:
 
 
 def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, cov: Array | float) -> Array:
-    """Return density (N,) of deviations (2, N), both orders equally likely."""
+    """Return densities (..., N) of deviations (2, N), both orders equally likely, by covariances (..., N)."""
     determinant = var_along * var_across - cov * cov
-    squared = (var_across * along**2 - 2 * cov * along * across + var_along * across**2) / determinant
-    density: Array = (0.25 / np.pi) * np.exp(-0.5 * squared).sum(axis=0) / np.sqrt(determinant)
+    density: Array = np.zeros(determinant.shape)
+    for a, b in zip(along, across, strict=True):
+        squared = var_across * (a * a) - cov * (2 * a * b) + var_along * (b * b)
+        density += np.exp(-0.5 * squared / determinant)
+    density *= (0.25 / np.pi) / np.sqrt(determinant)
     return density
 
 

@@ -55,7 +55,7 @@ def test_each_smear_is_in_one_half_of_every_split() -> None:
     counts = [len(motion.inlier_mask) for motion in motions[2:]]
     assert len(counts) == 4
     assert counts[0] + counts[1] == counts[2] + counts[3] == len(found.matches)
-    assert min(counts) > 0.3 * len(found.matches)
+    assert min(counts) > 0.2 * len(found.matches)  # blocks are halved, which hold unequally many
 
 
 def test_each_sure_smear_is_in_the_half_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:

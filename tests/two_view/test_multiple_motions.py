@@ -13,7 +13,14 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import Fit
-from blur2view.two_view.multiple_motions import TwoMotions, explained, leaves_structure, suspicious
+from blur2view.two_view.multiple_motions import (
+    ENOUGH,
+    TwoMotions,
+    explained,
+    find_two_motions,
+    leaves_structure,
+    suspicious,
+)
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import search_and_fit
 from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
@@ -97,3 +104,14 @@ def test_the_F_of_several_motions_is_that_of_the_larger_one() -> None:
         length = np.linalg.norm(scene.true_ends[:, 1] - scene.true_ends[:, 0], axis=1)
         assert np.median(np.sqrt(serrmin(found.F, scene.true_ends)) / length) < 0.03
     assert named >= 2
+
+
+def test_no_second_motion_is_sought_where_one_F_explains_nearly_all() -> None:
+    options = SyntheticOptions(kind="smooth", outliers=0.0, second_motion=0.15)
+    scene = synthetic_smears(10100, options)
+    rng = np.random.default_rng(0)
+    problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
+    F, none = min(fits, key=lambda fit: fit.score).point.matrix(), np.zeros(len(scene.matches), bool)
+    found = find_two_motions(problem, F, 0.5 * scene.matches.sigma_px, none, 3.0, rng)
+    assert found is not None
+    assert found.single >= ENOUGH and found.second == 0
