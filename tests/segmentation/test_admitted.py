@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.pipeline import Estimate
+from blur2view.robust.independence import BLOCKS, cells
 from blur2view.segmentation import admitted
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
@@ -25,6 +27,19 @@ def forward(moving: bool = False) -> NDArray[np.float32]:
     if moving:
         displacement[BOX] = MOVER
     return displacement
+
+
+def noted_halves(monkeypatch: pytest.MonkeyPatch, found: Estimate) -> list[SmearMatches]:
+    """Return the smears of both halves of each of two splits."""
+    halves: list[SmearMatches] = []
+
+    def noted(matches: SmearMatches, *_: object) -> TwoViewGeometry:
+        halves.append(matches)
+        return found.geometry
+
+    monkeypatch.setattr(admitted, "estimate_two_view", noted)
+    admitted_motions(found, 2, EstimatorOptions(), np.random.default_rng(0))
+    return halves
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -48,27 +63,22 @@ def test_a_mover_contradicts_the_halves_too() -> None:
     assert (moving & true).sum() / (moving | true).sum() > 0.8
 
 
-def test_each_smear_is_in_one_half_of_every_split() -> None:
+def test_each_smear_is_in_one_half_of_every_split(monkeypatch: pytest.MonkeyPatch) -> None:
     found = estimate_of(forward(), F=RADIAL, H=SHIFT)
-    rng = np.random.default_rng(0)
-    motions = admitted_motions(found, 2, EstimatorOptions(), rng)
-    counts = [len(motion.inlier_mask) for motion in motions[2:]]
-    assert len(counts) == 4
-    assert counts[0] + counts[1] == counts[2] + counts[3] == len(found.matches)
-    assert min(counts) > 0.2 * len(found.matches)  # blocks are halved, which hold unequally many
+    halves = noted_halves(monkeypatch, found)
+    assert len(halves) == 4
+    block = cells(found.matches.midpoint, BLOCKS)
+    for one, other in (halves[:2], halves[2:]):
+        assert len(one) + len(other) == len(found.matches)
+        inside = (found.matches.ends[:, None] == one.ends).all(axis=(2, 3)).any(axis=1)
+        first, second = set(block[inside]), set(block[~inside])
+        assert first.isdisjoint(second) and first and second
 
 
 def test_each_sure_smear_is_in_the_half_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
     found = estimate_of(forward(), F=RADIAL)
     found = replace(found, matches=replace(found.matches, sure_ends=found.matches.ends))
-    halves: list[SmearMatches] = []
-
-    def noted(matches: SmearMatches, *_: object) -> TwoViewGeometry:
-        halves.append(matches)
-        return found.geometry
-
-    monkeypatch.setattr(admitted, "estimate_two_view", noted)
-    admitted_motions(found, 2, EstimatorOptions(), np.random.default_rng(0))
+    halves = noted_halves(monkeypatch, found)
     assert len(halves) == 4
     for half in halves:
         assert half.sure_ends is not None and 0 < len(half) < len(found.matches)
