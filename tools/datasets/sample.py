@@ -1,26 +1,51 @@
-"""Render the photograph that ships as ``models/sample.jpg``.
+"""Make the photographs that ship in ``models/``.
 
-``python -m tools.datasets.sample models/sample.jpg --photos KODAK`` gives the same bytes again.
+``python -m tools.datasets.sample models/sample.jpg --photos KODAK`` renders the sample of a moving camera,
+``python -m tools.datasets.sample models/sample_mover.jpg --photos KODAK --mover`` a door that the camera
+moved before, with a piece of another photograph that moved otherwise; both give the same bytes again.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from blur2view.arrays import Array
 from blur2view.geometry.epipolar import epipoles
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import test_options
 from tools.rendering.render import render
 from tools.rendering.sensor import SensorOptions, photograph
+from tools.rendering.shaken import ShakeOptions, shake
+from tools.rendering.textures import read_photograph
 
 SEED = 2_000_045
 """Walls, a ground and cards, seen by a camera that moves forward."""
 SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; that of the visible pixels is 10.2 px."""
+MOVER_SEED = 13
+MOVER = ShakeOptions(size=(720, 480), smear_px=(8.0, 20.0), still_share=0.0, layer_share=1.0, oval_share=0.0)
+QUALITY = 92
+
+
+def moving_camera(photos: Path | None) -> Array:
+    """Return the radiance (H, W, 3) of a scene that stands still; print the epipole of its true F."""
+    scene = render(SEED, replace(test_options(photos, (960, 540)), smear_px=SMEAR_PX, mover_share=0.0))
+    if scene.F is not None:
+        x, y, w = epipoles(scene.F)[0]
+        print(f"epipole of the true F at ({x / w:.0f}, {y / w:.0f})")
+    return scene.linear
+
+
+def mover(photos: Path) -> Array:
+    """Return the radiance (H, W, 3) of one of a folder's photographs and of a piece of another before it."""
+    surfaces = [read_photograph(path) for path in sorted(photos.rglob("*.png"))]
+    linear, _, _ = shake(np.random.default_rng(MOVER_SEED), surfaces, MOVER)
+    return linear
 
 
 def main() -> None:
@@ -28,14 +53,16 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("target", type=target)
     parser.add_argument("--photos", type=existing, help="folder of the Kodak photographs")
+    parser.add_argument("--mover", action="store_true", help="the sample in which something moves")
     arguments = parser.parse_args()
-    options = replace(test_options(arguments.photos, (960, 540)), smear_px=SMEAR_PX, mover_share=0.0)
-    scene = render(SEED, options)
-    picture = photograph(np.random.default_rng(SENSOR_SEED), scene.linear, SensorOptions(jpeg_share=0.0))
-    cv2.imwrite(str(arguments.target), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])
-    if scene.F is not None:
-        x, y, w = epipoles(scene.F)[0]
-        print(f"{arguments.target}: epipole of the true F at ({x / w:.0f}, {y / w:.0f})")
+    if arguments.mover and arguments.photos is None:
+        parser.error("--mover needs --photos")
+    linear = mover(arguments.photos) if arguments.mover else moving_camera(arguments.photos)
+    sensor = (
+        SensorOptions(jpeg_share=0.0, defocus_share=0.0) if arguments.mover else SensorOptions(jpeg_share=0.0)
+    )
+    picture = photograph(np.random.default_rng(SENSOR_SEED), linear, sensor)
+    cv2.imwrite(str(arguments.target), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 
 
 if __name__ == "__main__":

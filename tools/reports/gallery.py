@@ -3,6 +3,7 @@
 ``python -m tools.reports.gallery PHOTO... --out gallery.webp`` draws the overlay of each. With ``--plain``
 they are drawn on grey instead of the photographs, whose licences may not allow showing them. One photograph
 alone is drawn wider: ``python -m tools.reports.gallery models/sample.jpg --out tools/results/sample.webp``.
+With ``--masks`` what moves is shown instead of the smears.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
+from blur2view.segmentation.mask import segment
 from blur2view.visualization.drawing import INK, PAPER, write
+from blur2view.visualization.mask_overlay import draw_motion
 from blur2view.visualization.overlay import draw_overlay
 from tools.arguments import existing, parser_of, target
 from tools.reports.figure_style import save_picture
@@ -30,12 +33,15 @@ ALONE_PX = 960
 """Width of an overlay that has the page to itself."""
 
 
-def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, width: int) -> Picture:
-    """Return one photograph's overlay, so many pixels wide, under its name."""
+def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, masks: bool, width: int) -> Picture:
+    """Return one photograph's overlay, or its motion mask, so many pixels wide, under its name."""
     image = blur2view.read_image(path)
     found = blur2view.estimate(image, network=network)
     backdrop = np.full_like(image, GREY) if plain else image
-    overlay = draw_overlay(backdrop, found.field, found.matches, found.geometry)
+    if masks:
+        overlay = draw_motion(backdrop, segment(found))
+    else:
+        overlay = draw_overlay(backdrop, found.field, found.matches, found.geometry)
     height = round(overlay.shape[0] * width / overlay.shape[1])
     small = np.asarray(cv2.resize(overlay, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     title = np.full((24, width, 3), PAPER, np.uint8)
@@ -63,11 +69,12 @@ def main() -> None:
     parser.add_argument("photographs", type=existing, nargs="+")
     parser.add_argument("--out", type=target, required=True, help="WebP to write")
     parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
+    parser.add_argument("--masks", action="store_true", help="show motion masks")
     parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     width = TILE_PX if len(arguments.photographs) > 1 else ALONE_PX
-    tiles = [tile(path, network, arguments.plain, width) for path in arguments.photographs]
+    tiles = [tile(path, network, arguments.plain, arguments.masks, width) for path in arguments.photographs]
     save_picture(page(tiles), arguments.out)
 
 
