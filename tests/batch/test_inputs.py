@@ -66,6 +66,28 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     ]  # fmt: skip
 
 
+def test_blank_lines_and_comments_of_a_list_are_no_names(tmp_path: Path) -> None:
+    text = b"# of the first day\na.jpg\n\n  \n  # b.jpg\n./#c.jpg\n"
+    expected = [Path("a.jpg"), Path("#c.jpg")]
+    (tmp_path / "list.txt").write_bytes(text)
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(text)).paths == expected
+    # of find -print0, which writes no comments
+    assert listed("-", stdin=io.BytesIO(b"#a.jpg\0b.jpg\0")).paths == [Path("#a.jpg"), Path("b.jpg")]
+    with pytest.raises(ImageError, match="names no photograph"):
+        listed("-", stdin=io.BytesIO(b"# nothing\n"))
+
+
+def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    found = listed("frame_10.jpg", folder, "sub/../frame_10.jpg", "sub", "sub", "absent.jpg", "./absent.jpg")
+    assert [path.name for path in found.paths] == [
+        "frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"
+    ]  # fmt: skip
+    (folder / "empty").mkdir()
+    assert len(listed("empty", "empty").paths) == 1
+
+
 def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
     content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
     (tmp_path / "list.txt").write_bytes(content)
