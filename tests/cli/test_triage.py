@@ -71,7 +71,9 @@ def test_table_and_list_of_a_folder(
     assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.02)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
     assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
-    assert "1 sharp, 1 blurred but of use, 1 unusable" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
+    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
     # not again unless asked
     assert call("triage", tiny_model, *words) == 1
     assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
