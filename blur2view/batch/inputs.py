@@ -7,12 +7,14 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
 from blur2view.errors import ImageError
+from blur2view.input_files import read_regular
 from blur2view.output_files import is_ours
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
@@ -135,7 +137,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
         if word == STANDARD_INPUT:
             yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
         elif word.startswith(LIST):
-            yield from _lines(word[1:], Path(word[1:]).read_bytes)
+            yield from _lines(word[1:], partial(read_regular, Path(word[1:])))
         else:
             yield word
 
@@ -150,7 +152,7 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{source}: the list cannot be read ({reason}); check the path") from None
+        raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
     if "\0" in text:
         names = [name for name in text.split("\0") if name]
     else:
@@ -158,6 +160,9 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
+
+
+_NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
 def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:

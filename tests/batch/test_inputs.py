@@ -3,7 +3,9 @@
 import io
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import pytest
 
 from blur2view.batch.inputs import Frames, Inputs, list_photographs
@@ -94,6 +96,26 @@ def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> No
     expected = [Path("first.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
     assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
     assert listed("-", stdin=io.BytesIO(content)).paths == expected
+
+
+def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for endless in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
+            listed(f"@{endless}")
+
+
+@pytest.mark.parametrize("claim", [{cv2.CAP_PROP_FRAME_COUNT: 1e9}, {cv2.CAP_PROP_FPS: float("nan")}])
+def test_video_that_claims_what_cannot_be_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, claim: dict[int, float]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    capture = cv2.VideoCapture(str(video))
+    claims = {key: capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS)} | claim
+    damaged = SimpleNamespace(get=claims.get, release=capture.release)
+    monkeypatch.setattr("blur2view.camera.video._opened", lambda path: damaged)
+    (reason,) = listed(video, frames=Frames(first=1.0)).refused.values()
+    assert "convert it to MP4" in reason or "name frames by number" in reason
 
 
 def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:

@@ -287,7 +287,8 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         default=MAX_MEMORY_GIB,
         metavar="GIB",
         help="refuse photographs whose estimate takes more memory of its process, of which --jobs starts "
-        "many; masks take up to three times as much (default: %(default)s, enough for 32 megapixels)",
+        "many; masks take up to half as much again (default: %(default)s, enough for 32 megapixels, with "
+        "masks for 24)",
     )
     add(
         "--model",
