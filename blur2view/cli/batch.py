@@ -86,9 +86,14 @@ class CommandRun(Generic[Target, Kept]):
         self.names = colmap_names(options.inputs)
         overwrite = getattr(options, "overwrite", False) or options.resume
         if options.csv is not None:
-            remedy = GO_ON if hasattr(options, "overwrite") else "--resume to go on"
-            allowed = {"overwrite": overwrite, "remedy": remedy}
-            check_file(options.csv, "table", options.images, option="--csv", **allowed)
+            check_file(
+                options.csv,
+                "table",
+                options.images,
+                overwrite=overwrite,
+                option="--csv",
+                remedy=GO_ON if hasattr(options, "overwrite") else "--resume to go on",
+            )
         named = {name: getattr(options, name, None) for name in ("csv", "keep", "output", "db")}
         for name in ("csv", "keep"):
             if (target := named.pop(name)) is not None:

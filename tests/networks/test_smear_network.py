@@ -82,11 +82,12 @@ def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
 def test_interrupt_waits_for_the_tiles_in_hand_alone(
     tiny_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    network, begun = SmearNetwork(tiny_model), []
+    network, begun = SmearNetwork(tiny_model), list[float]()
     read = network._reader.read
 
     def slowly(*arguments: Any) -> Any:
-        begun.append(time.sleep(0.05 if begun else 0))  # so that no tile but one more begins meanwhile
+        begun.append(0.05 if begun else 0)  # so that no tile but one more begins meanwhile
+        time.sleep(begun[-1])
         return read(*arguments)
 
     def interrupted(done: int, count: int) -> None:

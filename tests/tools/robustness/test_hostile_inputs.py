@@ -98,7 +98,9 @@ def test_equal_seeds_give_equal_inputs(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
         cases = make_cases(tmp_path / folder, 20, seed)
         words.append([case.words for case in cases if case.kind == "arguments"])
-        words[-1] += [str(case.named).replace(str(tmp_path / folder), "") for case in cases if case.named]
+        words[-1] += [
+            [word.replace(str(tmp_path / folder), "") for word in case.named] for case in cases if case.named
+        ]
     assert words[0] == words[1] != words[2]
 
 
