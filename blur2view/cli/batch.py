@@ -163,17 +163,16 @@ class CommandRun(Generic[Target, Kept]):
         except KeyboardInterrupt:
             self.interrupted = True
             stopped = "interrupted"
-        except (RunError, OutputError) as error:  # no cluster, or no manifest, any more
+        except (RunError, OutputError) as error:  # no cluster, or no manifest, any more; it says how to go on
             complain(error)
             self.broken = True
-            stopped = "stopped"
         finally:
             bar.close()
             self._write_table()
             remove_empty(created)
-        if stopped and (self.interrupted or self.count > 1 and self.rows):
+        if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
-        elif self.count > 1 and self.prints:
+        elif self.count > 1 and self.prints and not self.broken:
             print(self._total(time.monotonic() - start))
 
     def _write_table(self) -> None:

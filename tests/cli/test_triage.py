@@ -24,8 +24,6 @@ COLUMNS = [
     "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
 ]  # fmt: skip
 
-GO_ON = "what is done is kept, the same call with --resume goes on"
-
 
 @pytest.fixture
 def frames(tmp_path: Path) -> Path:
@@ -326,8 +324,7 @@ def test_what_was_done_before_the_run_could_not_go_on_is_written(
     assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv", "--keep", tmp_path / "k.txt") == 1
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
     assert (tmp_path / "k.txt").read_text() == ""
-    said = capsys.readouterr().err.splitlines()
-    assert said == [f"blur2view: {error}", f"blur2view: stopped after 1 of 2 photographs; {GO_ON}"]
+    assert capsys.readouterr().err == f"blur2view: {error}\n"
     for command, option, target in (("report", "-o", "a.html"), ("to-colmap", "--db", "a.db")):
         assert call(command, tiny_model, frames, option, tmp_path / target) == 1
         assert (tmp_path / target).exists()  # with what is done, as after Ctrl-C
