@@ -70,6 +70,8 @@ class Settings:
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
+    A photograph is known by its path from the manifest's folder, from wherever it is named.
+
     Parameters
     ----------
     path : Path
@@ -78,8 +80,6 @@ class Manifest:
         Of this call.
     resume : bool
         Whether what earlier calls did with photographs is looked up.
-
-    A photograph is known by its path from the manifest's folder, from wherever it is named.
 
     Raises
     ------
