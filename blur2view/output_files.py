@@ -23,6 +23,7 @@ SIGNS = {
 }
 KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
+GO_ON = "--resume to go on or --overwrite to replace it"
 
 
 def prepare_folder(folder: Path) -> list[Path]:
@@ -41,7 +42,13 @@ def prepare_folder(folder: Path) -> list[Path]:
 
 
 def check_file(
-    target: Path, what: str, inputs: Iterable[Path] = (), *, overwrite: bool, option: str = "-o"
+    target: Path,
+    what: str,
+    inputs: Iterable[Path] = (),
+    *,
+    overwrite: bool,
+    option: str = "-o",
+    remedy: str = GO_ON,
 ) -> None:
     """Refuse, before any work, to write one file where it would replace what it must not.
 
@@ -57,6 +64,8 @@ def check_file(
         Whether a file of an earlier call may be replaced.
     option : str
         The option that names it.
+    remedy : str
+        What may be added to the call so that it is replaced.
 
     Raises
     ------
@@ -68,7 +77,7 @@ def check_file(
     if target.is_dir():
         raise OutputError(f"{target}: is a folder; name the {what} with {option}")
     if os.path.lexists(target) and not overwrite:
-        raise OutputError(f"{target}: exists; name another {what} with {option} or add --overwrite")
+        raise OutputError(f"{target}: exists; add {remedy}, or name another {what} with {option}")
     if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(
             f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
@@ -152,13 +161,20 @@ def _refusal(
     if hit:
         return f"a result would replace the photograph {hit[0]}; use another -o"
     if taken and not (overwrite or resume):
-        return f"{taken[0]} exists; use another -o or add --overwrite"
+        return f"{taken[0]} exists; add {GO_ON}, or use another -o"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     other = None if overwrite or not taken else _image_of(paths[-1])
-    if other is not None and os.path.realpath(other) != os.path.realpath(image):
+    if other is not None and not _may_be(other, image):
         return f"{paths[-1]} is the result of {other}; use another -o or add --overwrite"
     return None
+
+
+def _may_be(named: str, image: Path) -> bool:
+    """Return whether a call, from whatever folder, may have named a photograph so."""
+    below = "/".join(part for part in Path(named).parts if part != "..")
+    there = Path(os.path.abspath(image)).as_posix()
+    return os.path.realpath(named) == os.path.realpath(image) or there.endswith(f"/{below}")
 
 
 def _image_of(document: Path) -> str | None:
@@ -201,11 +217,14 @@ def result_names(images: Sequence[Path], known: Mapping[Path, Path]) -> list[Pat
 def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
     """Return paths below the folder that all files share; one at which there is none changes no other's."""
     absolute = [os.path.abspath(path) for path in paths]
-    # a file or, below it, a frame of a video
-    there = [path for path in absolute if os.path.isfile(path) or os.path.isfile(os.path.dirname(path))]
-    there = there or absolute
+    there = [path for path in absolute if is_there(path)] or absolute
     folder = os.path.commonpath([os.path.dirname(path) for path in there])
     return [Path(os.path.relpath(path, folder)) for path in absolute]
+
+
+def is_there(path: str | Path) -> bool:
+    """Return whether there is a file or, below it, a frame of a video."""
+    return os.path.isfile(path) or os.path.isfile(os.path.dirname(path))
 
 
 def write_atomically(path: Path, write: Write) -> None:

@@ -121,6 +121,7 @@ def test_every_command_and_python_block_runs(
             continue
         for text in commands(body) if language == "sh" else [body]:
             printed = call(language, text)
+            assert not re.search(r"\bnan\b", printed)
     missing = [name for name in named_files(section.text) if not (folder / name).is_file()]
     assert not missing, f"named, but not written: {missing}"
 

@@ -7,15 +7,17 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
 from blur2view.errors import ImageError
+from blur2view.input_files import read_regular
 from blur2view.output_files import is_ours
 
-STANDARD_INPUT, LIST = "-", "@"
+STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,8 @@ class Inputs:
     Parameters
     ----------
     paths : list of Path
-        In order; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among them.
+        In order, each once; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among
+        them.
     refused : dict of Path to str
         Why these cannot be used.
     names : dict of Path to Path
@@ -72,6 +75,10 @@ class Inputs:
         """Whether all are frames of one video, and so in the order of time."""
         frames = [frame_of(path) for path in self.paths]
         return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+
+    def is_folder(self, path: Path) -> bool:
+        """Return whether this is a folder that cannot be used, and so no photograph."""
+        return path in self.refused and os.path.isdir(path)
 
     def refuse(self, path: Path, reason: str) -> None:
         """Add what cannot be used."""
@@ -93,6 +100,7 @@ def list_photographs(
     words : sequence of str
         Files; folders, which stand for the photographs in them by their suffixes, without results of
         blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+        Blank lines of a list and those that begin with # are passed over.
     recursive : bool
         Whether folders stand for all below them, too.
     frames : Frames, optional
@@ -116,6 +124,10 @@ def list_photographs(
                 found.paths.append(path)
         except OSError as error:
             found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
+    once: dict[str, Path] = {}
+    for path in found.paths:
+        once.setdefault(os.path.abspath(path), path)
+    found.paths[:] = once.values()
     return found
 
 
@@ -125,7 +137,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
         if word == STANDARD_INPUT:
             yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
         elif word.startswith(LIST):
-            yield from _lines(word[1:], Path(word[1:]).read_bytes)
+            yield from _lines(word[1:], partial(read_regular, Path(word[1:])))
         else:
             yield word
 
@@ -133,17 +145,24 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
 def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
 
-    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name.
+    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name. A line that
+    begins with # is a comment.
     """
     try:
         text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{source}: the list cannot be read ({reason}); check the path") from None
-    names = [name for name in (text.split("\0") if "\0" in text else text.splitlines()) if name.strip()]
+        raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
+    if "\0" in text:
+        names = [name for name in text.split("\0") if name]
+    else:
+        names = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(COMMENT)]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
+
+
+_NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
 def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:

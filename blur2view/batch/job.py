@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -98,8 +97,6 @@ class Outcome(Generic[Kept]):
         Why it failed, one line.
     stop : bool
         Whether the others would fail likewise.
-    seconds : float
-        That it took.
     """
 
     made: Made[Kept] | None = None
@@ -108,7 +105,6 @@ class Outcome(Generic[Kept]):
     contents: Mapping[Path, bytes] = field(default_factory=dict)
     error: str = ""
     stop: bool = False
-    seconds: float = 0.0
 
 
 def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -> Outcome[Kept]:
@@ -121,7 +117,6 @@ def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -
     write : bool
         Otherwise the files come back as contents.
     """
-    start = time.perf_counter()
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
@@ -131,7 +126,7 @@ def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -
             outcome = replace(outcome, **(_written(made.files) if write else _rendered(made.files)))
     except Blur2ViewError as error:
         return Outcome(error=str(error), stop=isinstance(error, RunError))
-    return replace(outcome, seconds=time.perf_counter() - start)
+    return outcome
 
 
 def write_contents(outcome: Outcome[Kept]) -> Outcome[Kept]:

@@ -14,7 +14,7 @@ import json
 import os
 import pickle
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -70,6 +70,8 @@ class Settings:
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
+    A photograph is known by its path from the manifest's folder, from wherever it is named.
+
     Parameters
     ----------
     path : Path
@@ -90,13 +92,26 @@ class Manifest:
         self._begun = False
         self.cut_off = False
         self._done: dict[str, dict[str, Any]] = {}
+        self._owners: dict[str, str] = {}
         self._targets: dict[str, str] = {}
         for line in self._read():
             self._look_up(line, resume=resume)
 
     def knows(self, job: Job[Any]) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
-        return str(job.path) in self._done
+        return self._name(job.path) in self._done
+
+    def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
+        """Return the other photograph of which one of these files is a result, from the manifest's folder."""
+        owners = [self._owners.get(self._name(output)) for output in outputs if os.path.lexists(output)]
+        return next((owner for owner in owners if owner not in (None, self._name(path))), None)
+
+    def _name(self, path: Path) -> str:
+        """Return a path from the manifest's folder."""
+        try:
+            return Path(os.path.relpath(path, self.path.parent)).as_posix()
+        except ValueError:  # on another drive
+            return Path(os.path.abspath(path)).as_posix()
 
     def find(self, job: Job[Any], folder: Path) -> Made[Any] | None:
         """Return what an earlier call made of a photograph, if it is the same and its files are whole.
@@ -108,7 +123,7 @@ class Manifest:
         folder : Path
             That the names of files are relative to.
         """
-        line = self._done.pop(str(job.path), None)  # which may be large
+        line = self._done.pop(self._name(job.path), None)  # which may be large
         if line is None or (line["sha256"], line["source"]) != (job.digest, job.source):
             return None
         outputs = {folder / name: digest for name, digest in line["outputs"].items()}
@@ -134,7 +149,7 @@ class Manifest:
         OutputError
             If it cannot be written.
         """
-        about = {"settings": self.settings.digest, "image": str(job.path)}
+        about = {"settings": self.settings.digest, "image": self._name(job.path)}
         if outcome.made is None:
             self._write({**about, "error": outcome.error})
             return
@@ -145,7 +160,6 @@ class Manifest:
                 "sha256": outcome.digest,
                 "source": job.source,
                 "outputs": outputs,
-                "seconds": round(outcome.seconds, 3),
                 "summary": outcome.made.summary,
                 "row": outcome.made.row,
                 "kept": _packed(outcome.made.kept),
@@ -184,7 +198,9 @@ class Manifest:
         """Note a file of all photographs, or what was done with these settings."""
         if "target" in line:
             self._targets[line["target"]] = line["sha256"]
-        elif resume and "outputs" in line and line.get("settings") == self.settings.digest:
+            return
+        self._owners |= dict.fromkeys(line.get("outputs", ()), line.get("image", ""))
+        if resume and "outputs" in line and line.get("settings") == self.settings.digest:
             self._done[line["image"]] = line
         else:
             self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise

@@ -139,7 +139,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
+        remedy = f"if it lists photographs, write @{path}" if _may_be_list(path, encoded) else _CONVERT
+        raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise
     except Exception as error:
@@ -148,7 +149,17 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
+_CONVERT = "convert it to JPEG, PNG or TIFF"
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+
+
+def _may_be_list(path: Path, content: bytes) -> bool:
+    """Return whether a file is text and not named as a photograph."""
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return False
+    return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
 
 
 def _pictures(photo: Image.Image) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,12 @@ def frame_numbers(
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     capture.release()
-    if count < 1:
+    if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
+    if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
+        raise ImageError(f"{video}: does not say how many frames it has a second; name frames by number")
     begin, end = (
-        number if isinstance(number, int) else round(number * rate)
+        number if isinstance(number, int) else min(round(number * rate), count)
         for number in (first, count - 1 if last is None else last)
     )
     numbers = range(begin, min(end, count - 1) + 1, every)

@@ -18,13 +18,16 @@ from blur2view.cli.settings import settings_of
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural
 from blur2view.documents.document import Document, FailureDocument
 from blur2view.documents.table import Row, row, table_text
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import Blur2ViewError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import (
+    GO_ON,
     Files,
+    ResultFiles,
     ResultKind,
     below_shared_folder,
     check_file,
+    is_there,
     plan_outputs,
     prepare_folder,
     remove_empty,
@@ -53,12 +56,12 @@ class CommandRun(Generic[Target, Kept]):
 
     Attributes
     ----------
+    interrupted, broken : bool
+        Whether it ended early: by Ctrl-C, or as no photograph could be done any more.
     rows : list of Row
         Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
     has_table : bool
         Whether it was not asked for, or could be written.
-    created : list of Path
-        The folders that were created for it, see `prepare_folder`.
     judge : callable
         Adds to a row what the command says of it.
     """
@@ -75,7 +78,7 @@ class CommandRun(Generic[Target, Kept]):
         self.options, self.work = options, work
         self.count = len(options.images)
         self.done = self.skipped = self.failed = 0
-        self.interrupted = False
+        self.interrupted = self.broken = False
         self.has_table = True
         self.prints = prints and not options.json and options.verbosity > QUIET
         self.rows: list[Row] = []
@@ -83,7 +86,14 @@ class CommandRun(Generic[Target, Kept]):
         self.names = colmap_names(options.inputs)
         overwrite = getattr(options, "overwrite", False) or options.resume
         if options.csv is not None:
-            check_file(options.csv, "table", options.images, overwrite=overwrite, option="--csv")
+            check_file(
+                options.csv,
+                "table",
+                options.images,
+                overwrite=overwrite,
+                option="--csv",
+                remedy=GO_ON if hasattr(options, "overwrite") else "--resume to go on",
+            )
         named = {name: getattr(options, name, None) for name in ("csv", "keep", "output", "db")}
         for name in ("csv", "keep"):
             if (target := named.pop(name)) is not None:
@@ -95,7 +105,6 @@ class CommandRun(Generic[Target, Kept]):
             self.manifest = Manifest(manifest, settings_of(options), resume=options.resume)
             if self.manifest.cut_off:
                 complain(OutputError(f"{manifest}: its last line was cut off; that photograph is done again"))
-        self.created = [] if options.csv is None else prepare_folder(options.csv.parent)
 
     def replaces(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it, and this one goes on."""
@@ -104,7 +113,8 @@ class CommandRun(Generic[Target, Kept]):
     @property
     def exit_code(self) -> int:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
-        return INTERRUPTED if self.interrupted else DONE if self.has_table and not self.failed else FAILED
+        failed = self.failed or self.broken or not self.has_table
+        return INTERRUPTED if self.interrupted else FAILED if failed else DONE
 
     def results(
         self,
@@ -114,8 +124,8 @@ class CommandRun(Generic[Target, Kept]):
     ) -> Generator[Result[Kept]]:
         """Yield the result of every photograph, in order, after printing its line.
 
-        Ends early, after a line that says how to go on, if it is interrupted, the disk is full or as many
-        failed as --max-failures allows.
+        Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any
+        more, as on a full disk, or as many failed as --max-failures allows.
 
         Parameters
         ----------
@@ -128,6 +138,7 @@ class CommandRun(Generic[Target, Kept]):
         """
         start = time.monotonic()
         self.count = len(paths)
+        created = [] if self.options.csv is None else prepare_folder(self.options.csv.parent)
         batch = Batch(
             work=self.work,
             engine=self._engine(),
@@ -143,7 +154,8 @@ class CommandRun(Generic[Target, Kept]):
                 for result in results:
                     self._tell(result, bar)
                     said = None if result.made is None else result.made.row
-                    self.rows.append(self.judge(row(self.names[result.path], said, result.error)))
+                    if not self.options.inputs.is_folder(result.path):
+                        self.rows.append(self.judge(row(self.names[result.path], said, result.error)))
                     yield result
                     if result.stop or (most is not None and self.failed >= most):
                         stopped = "stopped"
@@ -151,12 +163,16 @@ class CommandRun(Generic[Target, Kept]):
         except KeyboardInterrupt:
             self.interrupted = True
             stopped = "interrupted"
+        except (RunError, OutputError) as error:  # no cluster, or no manifest, any more; it says how to go on
+            complain(error)
+            self.broken = True
         finally:
             bar.close()
             self._write_table()
+            remove_empty(created)
         if stopped and (self.interrupted or self.count > 1):
             print(f"blur2view: {stopped}{self._how_to_go_on()}", file=sys.stderr)
-        elif self.count > 1 and self.prints:
+        elif self.count > 1 and self.prints and not self.broken:
             print(self._total(time.monotonic() - start))
 
     def _write_table(self) -> None:
@@ -190,8 +206,17 @@ class CommandRun(Generic[Target, Kept]):
                 yield Result(index=index, path=path, error=refused[path])
             elif isinstance(target, Blur2ViewError):
                 yield Result(index=index, path=path, error=str(target))
+            elif other := self._other_owner(path, target):
+                told = f"its results would replace those of {other}; use another -o or add --overwrite"
+                yield Result(index=index, path=path, error=f"{path}: {told}")
             else:
                 yield Job(index=index, path=path, target=target, source=sources[index] if sources else "")
+
+    def _other_owner(self, path: Path, target: object) -> str | None:
+        """Return the photograph whose results another one's would replace in a run that goes on."""
+        if self.manifest is None or not self.options.resume or getattr(self.options, "overwrite", False):
+            return None
+        return self.manifest.other_owner(path, target.paths) if isinstance(target, ResultFiles) else None
 
     def _tell(self, result: Result[Kept], bar: Progress) -> None:
         """Count a photograph and print its line: of many the first of its summary, unless all is wanted."""
@@ -224,13 +249,18 @@ class CommandRun(Generic[Target, Kept]):
 def colmap_names(inputs: Inputs) -> dict[Path, str]:
     """Return the name of every photograph below the one folder that was given, or else that all share."""
     below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    shared = below_shared_folder(inputs.paths)
+    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
     roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
-    roots |= {path.parent for path in inputs.paths if path not in below}
+    roots |= {path.parent for path in there if path not in below}
     if len(roots) == 1:
         (root,) = roots
-        return {path: path.relative_to(root).as_posix() for path in inputs.paths}
-    shared = below_shared_folder(inputs.paths)
-    return {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+        return {
+            path: path.relative_to(root).as_posix() if path.is_relative_to(root) else name
+            for path, name in names.items()
+        }
+    return names
 
 
 def _refuse_shared(target: Path, others: Iterable[Path | None], lists: Iterable[Path], option: str) -> None:
@@ -281,7 +311,7 @@ def run_each(
     if options.output is not None:
         manifest = options.output / f"{options.command}.manifest.jsonl"
     run: CommandRun[Files | None, Made] = CommandRun(options, work, manifest, files=paths)
-    created = run.created
+    created: list[Path] = []
     documents: list[Made] = []
     failures: list[FailureDocument] = []
     try:

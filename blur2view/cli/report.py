@@ -75,17 +75,18 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     )
     overwrite = options.overwrite or options.resume
     check_file(options.output, "page", options.images, overwrite=overwrite)
-    created = prepare_folder(options.output.parent)
     run: CommandRun[str, Entry] = CommandRun(options, work, manifest_beside(options.output))
+    created = prepare_folder(options.output.parent)
     names = shown_names(options.images)
     shown = {path: name for path, name in zip(options.images, names, strict=True)}
     entries = [
         _failed(result.path, shown[result.path], result.error) if result.made is None else result.made.kept
-        for result in run.results(options.images, names)
+        for result in run.results(options.images, names, names)
+        if not options.inputs.is_folder(result.path)
     ]
     if all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
-        if run.interrupted:
+        if run.interrupted or run.broken or not entries:
             return run.exit_code
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)

@@ -97,7 +97,7 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
-        used += f", median length {length:.1f} px, sigma {sigma:.1f} px"
+        used += f", of median length {length:.1f} px and sigma {sigma:.1f} px"
     if geometry.F is not None or geometry.H is not None:
         used += f"; {document.num_inliers} ({document.support:.0%}) fit"
     lines = [geometry.reason, used]

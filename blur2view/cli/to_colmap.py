@@ -30,9 +30,11 @@ from blur2view.documents.to_colmap import (
     ToColmapDocument,
     ViewsDocument,
 )
+from blur2view.errors import DatabaseError
 from blur2view.output_files import prepare_folder, remove_empty
 
 FAILED = 1
+SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 
 
 def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -45,24 +47,28 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     if options.sequence is None and options.inputs.one_video:
         options.sequence = True
     network = CommandNetwork.of(options.model)
-    created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
     work = ViewsWork(database=options.db, run=run, network=network)
     batch: CommandRun[NamedPhotograph, KeptViews] = CommandRun(
-        options, work, _manifest(options), prints=False
+        options, work, _manifest(options), files=_written(options), prints=False
     )
     fresh = options.db is not None and not options.link
     replaces = fresh and batch.replaces(options.db)
+    if fresh and not options.resume and batch.manifest is not None and batch.manifest.wrote(options.db):
+        raise DatabaseError(
+            f"{options.db}: is of an earlier call; add --resume to go on, or choose another --db"
+        )
     if fresh and not replaces:
         refuse_existing(options.db)
     if options.output is not None:
         (hloc_files if options.format == HLOC else text_formats).refuse_foreign(options.output)
+    created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
     photographs, failures = name_photographs(options)
     batch.names |= {photograph.path: photograph.name for photograph in photographs}
     made: list[PhotographViews] = []
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
         made, failed = make_views(batch, wanted)
         failures += failed
-    if batch.interrupted and (options.link or not made):
+    if (batch.interrupted or batch.broken) and (options.link or not made):
         remove_empty(created)
         return batch.exit_code
     made = with_time(options, made)
@@ -78,6 +84,14 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     elif options.verbosity > QUIET:
         print(summary(document, linked=options.link, verbosity=options.verbosity))
     return FAILED if failures and not batch.interrupted else batch.exit_code
+
+
+def _written(options: argparse.Namespace) -> list[Path]:
+    """Return what is written besides the manifest and the files of single photographs."""
+    if options.format == DATABASE:
+        return [Path(f"{options.db}{end}") for end in SQLITE_FILES]
+    names = hloc_files.NAMES if options.format == HLOC else text_formats.NAMES
+    return [options.output / name for name in names]
 
 
 def _manifest(options: argparse.Namespace) -> Path | None:

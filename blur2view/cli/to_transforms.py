@@ -23,7 +23,7 @@ def run_to_transforms(options: argparse.Namespace, usage_error: Callable[[str], 
     if not 0 < options.exposure < math.inf:
         usage_error(f"--exposure must be positive and finite, got {options.exposure}")
     target: Path = options.output
-    check_file(target, "file", overwrite=options.overwrite)
+    check_file(target, "file", overwrite=options.overwrite, remedy="--overwrite")
     images = options.photographs or target.parent / "images"
     content = transforms(
         options.model,

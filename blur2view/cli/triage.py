@@ -14,7 +14,7 @@ from blur2view.cli.options import read_run
 from blur2view.cli.terminal import QUIET, complain, plural, printable
 from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row, facts
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, prepare_folder
+from blur2view.output_files import check_file, prepare_folder, remove_empty
 from blur2view.pipeline import Run, estimate_file
 
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")
@@ -32,7 +32,8 @@ class TriageWork:
         """Return the row of one photograph."""
         one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        length = "no texture" if said["smear_px"] is None else f"median smear {said['smear_px']:.1f} px"
+        median = said["smear_px"]
+        length = "no texture" if median is None else f"median of all smears {median:.1f} px"
         return Made(kept=None, summary=f"{printable(str(job.path))}: {length}; {said['verdict']}", row=said)
 
 
@@ -42,8 +43,6 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
         usage_error("name the table with --csv, the list with --keep, or both")
     if not 0 <= options.max_smear < math.inf:
         usage_error(f"--max-smear must not be negative, got {options.max_smear}")
-    if options.keep is not None:
-        prepare_folder(options.keep.parent)
     work = TriageWork(
         run=read_run(options, usage_error),
         network=CommandNetwork.of(options.model),
@@ -54,8 +53,12 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
     if options.keep is not None:
         wrote = run.manifest is not None and run.manifest.wrote(options.keep)
         _check_list(options, run.names.values(), wrote=wrote)
+    created = [] if options.keep is None else prepare_folder(options.keep.parent)
     for _ in run.results(options.images, [None] * len(options.images)):
         pass  # a row is all that is left of a photograph
+    if not run.rows:
+        remove_empty(created)
+        return run.exit_code
     if options.keep is not None:
         wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
         write_text(options.keep, list_text([row.name for row in run.rows if row.use in wanted]))

@@ -93,8 +93,6 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
     names = colmap_names(options.inputs)
     for path, plan in zip(options.images, plans, strict=True):
         name = names[path]
-        if plan is None and any(photograph.name == name for photograph in photographs):
-            plan = DatabaseError(f"{path}: is named twice; name it once")
         if plan is None and not storable(name):
             plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
         if isinstance(plan, DatabaseError):

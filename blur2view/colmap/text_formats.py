@@ -28,6 +28,7 @@ from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import write_atomically
 
 DESCRIPTOR = " 0" * 128
+NAMES = ("matches.txt", "keypoints", "images")
 
 
 def keypoints_text(points: Array) -> str:
@@ -72,7 +73,7 @@ def write_matches_text(
         raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
     refuse_names(sequence, "COLMAP's text formats")
     refuse_foreign(folder)
-    paths = [folder / "matches.txt", folder / "keypoints", folder / "images"]
+    paths = [folder / name for name in NAMES]
     try:
         for views, photograph in zip(sequence, photographs, strict=True):
             for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):

@@ -31,7 +31,8 @@ class Row(Document):
     parallax : str
         proven, open or absent.
     smear_px : float
-        Median length of the smears, pixels; empty where the photograph shows no texture.
+        Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
+        smears that were used is another: blur2view estimate -v and the report have it.)
     direction_deg : float
         Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
     sharpness : float

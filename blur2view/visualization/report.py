@@ -128,7 +128,7 @@ def _card(index: int, entry: Entry) -> str:
     length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
     order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
     picture_html = f'<img src="{entry.thumbnail}" alt="" decoding="async">' if entry.content else ""
-    facts = f"median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
+    facts = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
     body = (
         f'<span class="card-picture">{picture_html}</span>'
         f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'

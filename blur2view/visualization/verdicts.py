@@ -19,8 +19,8 @@ VERDICTS = {
     ),
     Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
     Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
-    Configuration.DEGENERATE: ("none", "There is no motion to estimate from: no F."),
-    Configuration.UNDEFINED: ("none", "No F explains the smears better than chance: none is given."),
+    Configuration.DEGENERATE: ("none", ""),  # the reason says what is missing
+    Configuration.UNDEFINED: ("none", ""),
 }
 OPEN = (
     "Parallax is open: F is given, but one homography, H, explains the smears, too; "
@@ -31,12 +31,12 @@ VERDICT_ORDER = [config.name for config in VERDICTS]
 
 def sentence(geometry: TwoViewGeometry) -> str:
     """Return the one sentence that matters: what the configuration means, or why there is nothing."""
-    kind, meaning = verdict(geometry)
-    return geometry.reason[:1].upper() + geometry.reason[1:] if kind == "none" else meaning
+    return verdict(geometry)[1]
 
 
 def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:
-    """Return the kind of a geometry's verdict, and what its configuration means in one sentence."""
+    """Return the kind of a geometry's verdict, and `sentence`."""
     kind, meaning = VERDICTS[geometry.config]
     beside_H = kind == "flat" and geometry.parallax is Parallax.OPEN
-    return ("open", OPEN) if beside_H else (kind, meaning)
+    reason = geometry.reason[:1].upper() + geometry.reason[1:]
+    return ("open", OPEN) if beside_H else (kind, meaning or reason)

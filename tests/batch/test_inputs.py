@@ -3,7 +3,9 @@
 import io
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
 import pytest
 
 from blur2view.batch.inputs import Frames, Inputs, list_photographs
@@ -66,12 +68,54 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     ]  # fmt: skip
 
 
+def test_blank_lines_and_comments_of_a_list_are_no_names(tmp_path: Path) -> None:
+    text = b"# of the first day\na.jpg\n\n  \n  # b.jpg\n./#c.jpg\n"
+    expected = [Path("a.jpg"), Path("#c.jpg")]
+    (tmp_path / "list.txt").write_bytes(text)
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(text)).paths == expected
+    # of find -print0, which writes no comments
+    assert listed("-", stdin=io.BytesIO(b"#a.jpg\0b.jpg\0")).paths == [Path("#a.jpg"), Path("b.jpg")]
+    with pytest.raises(ImageError, match="names no photograph"):
+        listed("-", stdin=io.BytesIO(b"# nothing\n"))
+
+
+def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    found = listed("frame_10.jpg", folder, "sub/../frame_10.jpg", "sub", "sub", "absent.jpg", "./absent.jpg")
+    assert [path.name for path in found.paths] == [
+        "frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"
+    ]  # fmt: skip
+    (folder / "empty").mkdir()
+    assert len(listed("empty", "empty").paths) == 1
+
+
 def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
     content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
     (tmp_path / "list.txt").write_bytes(content)
     expected = [Path("first.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
     assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
     assert listed("-", stdin=io.BytesIO(content)).paths == expected
+
+
+def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for endless in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
+            listed(f"@{endless}")
+
+
+@pytest.mark.parametrize("claim", [{cv2.CAP_PROP_FRAME_COUNT: 1e9}, {cv2.CAP_PROP_FPS: float("nan")}])
+def test_video_that_claims_what_cannot_be_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, claim: dict[int, float]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    capture = cv2.VideoCapture(str(video))
+    claims = {key: capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS)} | claim
+    damaged = SimpleNamespace(get=claims.get, release=capture.release)
+    monkeypatch.setattr("blur2view.camera.video._opened", lambda path: damaged)
+    (reason,) = listed(video, frames=Frames(first=1.0)).refused.values()
+    assert "convert it to MP4" in reason or "name frames by number" in reason
 
 
 def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:

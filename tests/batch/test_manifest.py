@@ -31,7 +31,7 @@ def path(tmp_path: Path) -> Path:
     (tmp_path / "a.json").write_text("result")
     outputs = {tmp_path / "a.json": file_digest(tmp_path / "a.json")}
     made = Made(kept=ENTRY, summary="two\nlines", row={"x": 1})
-    outcome = Outcome(made=made, digest="12", outputs=outputs, seconds=1.5)
+    outcome = Outcome(made=made, digest="12", outputs=outputs)
     Manifest(tmp_path / "m.jsonl", SETTINGS, resume=False).append(JOB, outcome, tmp_path)
     return tmp_path / "m.jsonl"
 

@@ -223,15 +223,6 @@ def test_manifest_that_was_cut_off_costs_one_line_and_one_photograph(
     assert "its last line was cut off" in line and read == ["004.png"]
 
 
-def test_two_inputs_of_one_result_are_one_line(
-    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(folder, folder / "002.png", "-o", tmp_path / "out") == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "002.png: its results would replace those of" in line
-    assert len(list((tmp_path / "out").glob("*.json"))) == 5
-
-
 def test_interrupt_keeps_what_is_done_and_says_how_to_go_on(
     run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

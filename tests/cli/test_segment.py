@@ -1,6 +1,8 @@
 """``blur2view segment``: what it prints and writes, and how it fails."""
 
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 from tests.support.colour_code import colour_code, forward_motion, write_picture
+from tests.support.many_photographs import environment
 
 HEIGHT, WIDTH = 160, 208
 BOX = slice(40, 100), slice(100, 180)
@@ -146,3 +149,23 @@ def test_same_seed_gives_the_same_bytes(run: Any, walker: Path, tmp_path: Path) 
         run(walker, "-o", tmp_path / name, "--objects")
     for file in FILES[:3]:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="measures memory in Linux's unit")
+def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_path: Path) -> None:
+    width, height = 3000, 2000
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    nearness = 0.012 + 0.004 * np.sin(x / 300) * np.cos(y / 200)
+    smears = np.clip(np.stack([x - 1400, y - 900], axis=-1) * nearness[..., None], -30, 30)
+    large = write_picture(tmp_path / "a.png", colour_code(smears, 1.0))
+    small = write_picture(tmp_path / "b.png", colour_code(smears[:320, :400], 1.0))
+    words = ["-m", "blur2view", "segment", "--model", str(tiny_model), "-o", str(tmp_path / "out")]
+    peaks = []
+    for photograph in (small, large):
+        child = os.posix_spawn(sys.executable, [sys.executable, *words, str(photograph)], environment())
+        _, status, usage = os.wait4(child, 0)
+        assert status == 0
+        peaks.append(usage.ru_maxrss * 1024)
+    # 24 megapixels within 2 GiB, of which the program itself takes 0.25
+    assert (peaks[1] - peaks[0]) / (width * height - 320 * 400) < 78

@@ -69,10 +69,12 @@ def test_table_and_list_of_a_folder(
     assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.02)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
     assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
-    assert "1 sharp, 1 blurred but of use, 1 unusable" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
+    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
     # not again unless asked
     assert call("triage", tiny_model, *words) == 1
-    assert "exists; name another" in capsys.readouterr().err
+    assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
     assert call("triage", tiny_model, *words, "--overwrite", "--blurred") == 0
     assert keep.read_text() == "left/moving.png\nstill.png\n"
     assert call("triage", tiny_model, *words, "--overwrite", "--max-smear", 100) == 0
@@ -303,8 +305,13 @@ def test_table_that_cannot_be_written_costs_no_other_result(
 
 
 @pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
-def test_table_is_written_of_what_was_done_before_the_run_could_not_go_on(
-    frames: Path, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+def test_what_was_done_before_the_run_could_not_go_on_is_written(
+    frames: Path,
+    tiny_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
 ) -> None:
     append = Manifest.append
 
@@ -314,8 +321,16 @@ def test_table_is_written_of_what_was_done_before_the_run_could_not_go_on(
         append(manifest, job, *rest)
 
     monkeypatch.setattr(Manifest, "append", fail)
-    assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv") == 1
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv", "--keep", tmp_path / "k.txt") == 1
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
+    assert (tmp_path / "k.txt").read_text() == ""
+    assert capsys.readouterr().err == f"blur2view: {error}\n"
+    for command, option, target in (("report", "-o", "a.html"), ("to-colmap", "--db", "a.db")):
+        assert call(command, tiny_model, frames, option, tmp_path / target) == 1
+        assert (tmp_path / target).exists()  # with what is done, as after Ctrl-C
+    capsys.readouterr()
+    assert call("estimate", tiny_model, frames, "-o", tmp_path / "out", "--json") == 1
+    assert len(json.loads(capsys.readouterr().out)["estimates"]) == 1
 
 
 def test_table_and_page_of_any_name_are_replaced_if_asked(

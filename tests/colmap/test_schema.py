@@ -24,6 +24,7 @@ from blur2view.colmap.schema import (
     pair_id,
     quaternion,
 )
+from blur2view.geometry.rotation import rotation_matrix
 
 
 def shape_of(path: Path) -> dict[str, object]:
@@ -119,3 +120,12 @@ def test_pairs_of_images_have_one_key() -> None:
 def test_refuses_keypoints_that_contradict_themselves(row: tuple[object, object, object]) -> None:
     with pytest.raises(ValueError, match="keypoints"):
         keypoints_from_blob(*row)
+
+
+def test_quaternions_have_no_negative_real_part() -> None:
+    axes = np.random.default_rng(0).normal(size=(40, 3))
+    for axis, angle in zip(axes, np.linspace(0.1, 6.2, 40), strict=True):
+        R = rotation_matrix(angle * axis / np.linalg.norm(axis))
+        q = quaternion(R)
+        assert q[0] >= 0
+        assert np.allclose(pycolmap.Rotation3d(q[[1, 2, 3, 0]]).matrix(), R)

@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -75,6 +77,30 @@ def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
     assert together.displacement.tobytes() == alone.displacement.tobytes()
     assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
     assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
+
+
+def test_interrupt_waits_for_the_tiles_in_hand_alone(
+    tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network, begun = SmearNetwork(tiny_model), list[float]()
+    read = network._reader.read
+
+    def slowly(*arguments: Any) -> Any:
+        begun.append(0.05 if begun else 0)  # so that no tile but one more begins meanwhile
+        time.sleep(begun[-1])
+        return read(*arguments)
+
+    def interrupted(done: int, count: int) -> None:
+        assert count >= 20
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(network._reader, "read", slowly)
+    network.on_tile = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        network.predict(
+            colour_code(turning_field(300, 300), 1.0), TileOptions(max_pixels=1000, tile_px=64, overlap_px=16)
+        )
+    assert len(begun) < 10
 
 
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:

@@ -35,6 +35,21 @@ def test_three_smears_and_the_true_direction_give_nearly_the_true_F() -> None:
         assert np.median(rho(F, normalised), axis=1).min() < 0.02
 
 
+@pytest.mark.parametrize("swapped", [[], [1], [2], [1, 2]])
+def test_every_order_of_three_smears_is_tried(swapped: list[int]) -> None:
+    scene = make_scene(np.random.default_rng(3), count=60, length_px=8, rotation_share=0.8)
+    inverse = np.asarray(np.linalg.inv(scene.K), float)
+    ends = apply_similarity(inverse, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    ends[scene.swapped] = ends[scene.swapped][:, ::-1]  # all in the order of time
+    direction = scene.t[None] / np.linalg.norm(scene.t)
+    best = []
+    for sample in ends.reshape(20, 1, 3, 2, 2).copy():
+        sample[:, swapped] = sample[:, swapped, ::-1]
+        F = small_rotation_hypotheses(sample, direction, np.full(3, 0.2))
+        best += [np.median(rho(F, ends), axis=1).min()] if len(F) else []
+    assert len(best) > 15 and np.median(best) < 0.01
+
+
 def test_rotations_beyond_the_limit_are_dropped() -> None:
     scene = make_scene(np.random.default_rng(0), count=30)
     samples = apply_similarity(np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)).reshape(

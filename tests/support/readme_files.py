@@ -14,7 +14,7 @@ from blur2view.geometry.rotation import rotation_matrix
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "models/sample.jpg"
 PHOTOGRAPHS = ("models/sample.jpg", "a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
-FRAMES = ("f_000.jpg", "f_001.jpg", "f_002.jpg")
+FRAMES = ("f_000.jpg", "f_010.jpg", "f_020.jpg")  # every tenth of a video
 POINTS, FOCAL = 200, 800.0
 TURN, MOVE = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame
 

@@ -1,10 +1,17 @@
 """Tools that are given what is not there say so in one line."""
 
+import ast
+import subprocess
 import sys
+import tomllib
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+from tools import EXTRA_OF
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(
@@ -35,11 +42,34 @@ def test_what_is_not_there_is_wrong_usage(
     assert ended.value.code == 2 and "nowhere" in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_screenshot_says_that_it_needs_playwright(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
-    monkeypatch.setattr(sys, "argv", ["report_screenshot", __file__])
-    with pytest.raises(SystemExit):
-        import_module("tools.reports.report_screenshot").main()
-    assert "pip install playwright" in capsys.readouterr().err.splitlines()[-1]
+@pytest.mark.parametrize(
+    ("words", "module"),
+    [
+        (["evaluation.benchmark"], "skimage"),
+        (["reports.report_screenshot", __file__], "playwright"),
+        (["training.export_reader"], "torch"),
+    ],
+)
+def test_missing_extra_is_one_line(words: list[str], module: str) -> None:
+    hidden = f"import runpy, sys; sys.modules[{module!r}] = None; "
+    run = f"runpy.run_module('tools.{words[0]}', run_name='__main__')"
+    call = [sys.executable, "-c", hidden + run, *words[1:]]
+    done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr == f"this needs {module}; install it with: pip install '.[{EXTRA_OF[module]}]'\n"
+
+
+def test_every_module_of_an_extra_is_known_with_it() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = {"skimage": "scikit-image"}
+    for module, extra in EXTRA_OF.items():
+        assert any(line.startswith(named.get(module, module)) for line in extras[extra])
+    imported = set()
+    for path in (ROOT / "tools").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported.add((node.module or "").partition(".")[0])
+    required = {"blur2view", "cv2", "numpy", "onnxruntime", "PIL", "pycolmap", "scipy", "tools", "tqdm"}
+    assert imported - sys.stdlib_module_names - required == set(EXTRA_OF)

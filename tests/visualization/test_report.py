@@ -310,6 +310,18 @@ def test_every_configuration_has_words() -> None:
         assert f">{config.name}</span>" in page
 
 
+def test_card_and_page_say_the_same() -> None:
+    for config in VERDICTS:
+        entry = Entry.of(made_up(config=config))
+        shown = json.loads(entry.content)
+        assert shown["meaning"] == entry.text != ""
+        reason = json.loads(shown["document"])["reason"]
+        told = shown["kind"] != "none"
+        assert told or entry.text.lower() == reason.lower()  # of a still scene: why
+        # of the smears that were used, where triage has that of all
+        assert f"used: median {entry.median_px:.1f} px" in report([entry], "1.0").decode()
+
+
 def test_open_parallax_is_said_first() -> None:
     proven = made_up(F=turning_F())
     beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)

@@ -68,10 +68,8 @@ def main() -> None:
     parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
     parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        parser.error("this needs playwright; install it with: pip install playwright")
+    from playwright.sync_api import sync_playwright
+
     chromium = find_chromium()
     if chromium is None:
         parser.error("no Chromium here; apt-get install chromium")

@@ -3,8 +3,8 @@
     python -m tools.robustness.hostile_inputs --count 1000 --seed 0
 
 Each input is drawn from one seed. Photographs come in batches, with a good one among them, through every
-command; an argument, a network or a full disk comes alone, through every command. Each call is a process of
-its own: a fork of this one, which has the libraries loaded, or a fresh interpreter for one in twenty.
+command; a list, video, argument, network or full disk comes alone with the good one. Each call is a process
+of its own: a fork of this one, which has the libraries loaded, or a fresh interpreter for one in twenty.
 
 A call is polite if it ends by itself within 30 seconds and 2 GiB with exit code 0, 1 or 2; prints nothing but
 its own lines, one for each failure; leaves nothing but whole results; and does all that it does not refuse.
@@ -35,7 +35,9 @@ from pathlib import Path
 import numpy as np
 
 from tools.arguments import target
-from tools.robustness.hostile_files import Rng, blurred, hostile_model, hostile_photograph
+from tools.robustness.hostile_arguments import hostile_arguments
+from tools.robustness.hostile_files import blurred, hostile_model, hostile_photograph
+from tools.robustness.hostile_lists import hostile_list, hostile_video
 from tools.robustness.politeness import Call, complaints
 
 LIMIT_S, LIMIT_GIB = 30.0, 2.0
@@ -52,79 +54,29 @@ COMMANDS = (
     ("to-transforms", "-o", "transforms.json"),
 )
 GOOD = "good.jpg"
-NUMBERS = (
-    "0", "-1", "1e300", "1e-300", "nan", "inf", "-inf", "", "x", "1e", "0x10", "9" * 400, "٣", "1_0", "\0",
-    "2147483648", "5e-324", "0.5", " 3 ", "1", "40", "1e-3", "500", "1e9",
-)  # fmt: skip
-TEXTS = (
-    "", "\0", "\n", "\x1b[2J", "ü", "/", ".", "..", "/dev/null", "/proc/x", "a" * 5000, "a/b/c", "good.jpg",
-    "good.jpg/x", "--", "-", "~", "%s", "{}", "*", "\udcff", "default", "nowhere.db:1", "good.jpg:1", "exif",
-    "out", "matches", "hloc", "database",
-)  # fmt: skip
-MODELS = (
-    "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
-    "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE",
-    "EQUIRECTANGULAR", "", "pinhole", "NONE",
-)  # fmt: skip
-NUMERIC = (
-    "--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure", "--jobs", "--every", "--from",
-    "--to", "--max-failures", "--max-smear",
-)  # fmt: skip
-TEXTUAL = ("--model", "-o", "--output", "--camera", "--db", "--format", "--sequence", "--csv", "--keep")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is hostile in one call: options, photographs beside the good one, a limit on file sizes."""
+    """What is hostile in one call: options, photographs beside the good one, a limit on file sizes.
+
+    ``named`` are words for photographs, of which nobody knows how many they are.
+    """
 
     kind: str
     words: list[str] = field(default_factory=list)
     photographs: list[Path] = field(default_factory=list)
+    named: list[str] = field(default_factory=list)
     largest_file: int | None = None
 
 
-def argument_case(rng: Rng) -> Case:
-    """Return one to three options with values that few would give."""
-    words: list[str] = []
-    for _ in range(int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))):
-        if rng.random() < 0.4:
-            words += [str(rng.choice(NUMERIC)), NUMBERS[int(rng.integers(len(NUMBERS)))]]
-        elif rng.random() < 0.5:
-            words += ["--camera", camera_text(rng)]
-        else:
-            words += [str(rng.choice(TEXTUAL)), TEXTS[int(rng.integers(len(TEXTS)))]]
-    flags = [
-        "--overwrite",
-        "--json",
-        "-v",
-        "-q",
-        "--link",
-        "--replace",
-        "--dry-run",
-        "--corrected",
-        "--objects",
-        "--resume",
-        "--recursive",
-    ]
-    words += [flag for flag in flags if rng.random() < 0.04]
-    return Case(kind="arguments", words=words)
-
-
-def camera_text(rng: Rng) -> str:
-    """Return a camera as COLMAP writes it, with numbers that are none of a camera."""
-    count = int(rng.integers(0, 14))
-    values = [NUMBERS[int(rng.integers(len(NUMBERS)))] if rng.random() < 0.4 else f"{rng.normal(100, 99):.3g}"
-              for _ in range(count)]  # fmt: skip
-    if rng.random() < 0.6:
-        values[:2] = ["120", "90"]
-    return " ".join([str(rng.choice(MODELS)), *values])
-
-
 def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
-    """Return cases of ``count`` hostile inputs, six tenths of them photographs."""
+    """Return cases of ``count`` hostile inputs, half of them photographs."""
     shares = {
-        "photographs": round(0.6 * count),
-        "networks": round(0.12 * count),
+        "photographs": round(0.5 * count),
+        "lists": round(0.08 * count),
+        "videos": round(0.06 * count),
+        "networks": round(0.1 * count),
         "disks": round(0.05 * count),
     }
     cases: list[Case] = []
@@ -135,6 +87,13 @@ def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
         if len(made) == BATCH or number == shares["photographs"] - 1:
             cases.append(Case(kind="photographs", photographs=made))
             made = []
+    hostile = [path for case in cases for path in case.photographs]
+    for number in range(shares["lists"]):
+        rng = np.random.default_rng([seed, 4, number])
+        cases.append(Case(kind="lists", named=["--", *hostile_list(folder, rng, number, hostile)]))
+    for number in range(shares["videos"]):
+        rng = np.random.default_rng([seed, 5, number])
+        cases.append(Case(kind="videos", named=hostile_video(folder, rng, number)))
     for number in range(shares["networks"]):
         kind, path = hostile_model(folder, np.random.default_rng([seed, 1, number]), number)
         cases.append(Case(kind="networks", words=["--model", str(path)]))
@@ -142,7 +101,8 @@ def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
         rng = np.random.default_rng([seed, 2, number])
         cases.append(Case(kind="full disks", largest_file=int(10 ** rng.uniform(3.6, 5.7))))
     for number in range(count - sum(shares.values())):
-        cases.append(argument_case(np.random.default_rng([seed, 3, number])))
+        words = hostile_arguments(np.random.default_rng([seed, 3, number]))
+        cases.append(Case(kind="arguments", words=words))
     return cases
 
 
@@ -167,6 +127,7 @@ def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> 
         words=list(words),
         folder=folder,
         photographs=[folder / GOOD, *case.photographs],
+        counted=not case.named,
         code=code,
         printed=(folder / ".stdout").read_bytes(),
         said=(folder / ".stderr").read_bytes(),
@@ -259,7 +220,9 @@ def _through_all_commands(place: Path, number: int, case: Case) -> list[tuple[Ca
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
-        every = [*words, *case.words, "--", GOOD, *map(str, case.photographs)]
+        named = case.named or ["--", *map(str, case.photographs)]
+        first = named.index("--") + 1
+        every = [*words, *case.words, *named[:first], GOOD, *named[first:]]
         # no shell can pass a null character
         fresh = fresh_call(number, index) and "\0" not in "".join(every)
         call = run_call(every, folder, case, fresh=fresh)

@@ -17,13 +17,15 @@ MOST_GIB = 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
+UNREAD = ("the list cannot be read", "names no photograph")  # of a list
 
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
     """A call of the command line and what came of it; ``code`` None if it had to be ended.
 
-    ``photographs`` are the inputs, the first of which is good; ``folder`` is where it ran.
+    ``photographs`` are the inputs, the first of which is good, and all of them if they are ``counted``;
+    ``folder`` is where it ran.
     """
 
     words: list[str]
@@ -34,6 +36,7 @@ class Call:
     said: bytes
     seconds: float
     peak_gib: float
+    counted: bool = True
 
     @property
     def lines(self) -> list[str]:
@@ -51,8 +54,11 @@ def complaints(call: Call, *, full_disk: bool = False) -> list[str]:
         Whether results could not be written, so that none need be there.
     """
     found = [*_ending(call), *_streams(call), *_files(call)]
-    if call.code in (0, 1) and len(call.photographs) > 1 and not full_disk:
-        found += _undone(call)
+    if call.code in (0, 1) and not (full_disk or call.counted and len(call.photographs) == 1):
+        try:
+            found += _undone(call)
+        except (OSError, ValueError, KeyError, sqlite3.Error) as error:
+            found.append(f"its results cannot be counted: {error}")
     return found
 
 
@@ -85,7 +91,7 @@ def _streams(call: Call) -> Iterator[str]:
         yield f"foreign line: {foreign[0]}"
     if bool(call.lines) != (call.code == 1):
         yield f"exit code {call.code} with {len(call.lines)} lines on stderr"
-    if len(call.lines) > len(call.photographs):
+    if call.counted and len(call.lines) > len(call.photographs):
         yield f"{len(call.lines)} lines about {len(call.photographs)} photographs"
 
 
@@ -130,6 +136,8 @@ def _damage(path: Path) -> str:
 
 def _undone(call: Call) -> Iterator[str]:
     """Complain where photographs without a line on stderr have no result."""
+    if not call.counted and any(told in line for told in UNREAD for line in call.lines):
+        return  # a call whose list cannot be read does nothing
     expected = len({path.as_posix() for path in call.photographs}) - len(call.lines)
     command, out = call.words[0], call.folder / "out"
     if "--json" in call.words:
@@ -143,7 +151,7 @@ def _undone(call: Call) -> Iterator[str]:
         page = call.folder / "page.html"
         done = page.read_bytes().count(b'id="photo-data-') if page.exists() else 0
     elif command == "triage":
-        with (call.folder / "table.csv").open(newline="") as table:
+        with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
             done = sum(not row["error"] for row in csv.DictReader(table))
     elif "--db" in call.words:
         with sqlite3.connect(call.folder / "new.db") as database:
@@ -152,5 +160,5 @@ def _undone(call: Call) -> Iterator[str]:
         done = len((out / "pairs.txt").read_text().splitlines())
     else:
         done = (out / "matches.txt").read_text().count("#open ")
-    if done != expected or not done:
+    if not done or call.counted and done != expected:
         yield f"{done} photographs done, {expected} expected"

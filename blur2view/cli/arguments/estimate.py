@@ -24,8 +24,8 @@ ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
 DESCRIPTION = """
 Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
 matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
-essential matrix and the pose. Where no F can be trusted the configuration and its reason say why. Prints a
-summary of two lines for each photograph; with -o writes files beside each other.
+essential matrix and the pose. Where no F can be trusted the configuration and its reason say why. Prints two
+lines about one photograph, one line about each of several; with -o writes files beside each other.
 """
 CONFIGURATIONS = (
     ("UNCALIBRATED", "parallax is proven: F"),

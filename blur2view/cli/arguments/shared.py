@@ -111,8 +111,9 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
         "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
-        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line; - for such a list "
-        "from standard input",
+        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line (those that are "
+        "blank or begin with # are passed over); - for such a list from standard input. What is named twice "
+        "is done once",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
     add(
@@ -286,7 +287,8 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         default=MAX_MEMORY_GIB,
         metavar="GIB",
         help="refuse photographs whose estimate takes more memory of its process, of which --jobs starts "
-        "many; masks take up to three times as much (default: %(default)s, enough for 32 megapixels)",
+        "many; masks take up to half as much again (default: %(default)s, enough for 32 megapixels, with "
+        "masks for 24)",
     )
     add(
         "--model",

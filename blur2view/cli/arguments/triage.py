@@ -31,7 +31,7 @@ structure from motion. Smears, unlike the variance of the Laplacian, do not conf
 blur.
 """
 USES = (
-    ("sharp", "the median smear is at most --max-smear; on the list"),
+    ("sharp", "the median of all smears of the picture is at most --max-smear; on the list"),
     (
         "blurred",
         "it is longer, but F or H explains the smears, so that the views of the exposure are of use "
@@ -71,7 +71,7 @@ def describe(parser: CommandParser) -> None:
         type=float,
         default=MAX_SMEAR_PX,
         metavar="PX",
-        help="the longest median smear of a sharp photograph (default: %(default)g, up to which half of its "
+        help="the longest median of a sharp photograph (default: %(default)g, up to which half of its "
         "SIFT features are still matched)",
     )
     add("--blurred", action="store_true", help="list the blurred ones, too, that geometry can use")

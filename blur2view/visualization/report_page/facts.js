@@ -39,10 +39,9 @@ function inliersOf({ F, H, num_inliers: inliers, support }) {
 function countsOf({ facts, medianPx, lens }) {
   const pairs = [
     ["photograph", `${facts.width} x ${facts.height}`],
-    ["smears used", String(facts.num_matches)],
+    ["smears used", facts.num_matches + (medianPx === null ? "" : `, of median length ${medianPx.toFixed(1)} px`)],
     ["parallax", facts.parallax],
     ["inliers", inliersOf(facts)],
-    ["median length", medianPx === null ? "-" : `${medianPx.toFixed(1)} px`],
     ["network", facts.model_id],
     ["seed", String(facts.seed)],
   ];

@@ -98,6 +98,9 @@ def test_equal_seeds_give_equal_inputs(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
         cases = make_cases(tmp_path / folder, 20, seed)
         words.append([case.words for case in cases if case.kind == "arguments"])
+        words[-1] += [
+            [word.replace(str(tmp_path / folder), "") for word in case.named] for case in cases if case.named
+        ]
     assert words[0] == words[1] != words[2]
 
 
@@ -118,8 +121,31 @@ def test_a_row_with_an_error_is_no_photograph_done(call: Call) -> None:
     triage = replace(call, words=["triage", "--csv", "table.csv"])
     (call.folder / "table.csv").write_text("name,error\ngood.jpg,\nbad.jpg,damaged\n")
     assert complaints(triage) == []
+    (call.folder / "table.csv").write_bytes(b"name,error\n\xff.jpg,\nbad.jpg,damaged\n")
+    assert complaints(triage) == []
+    (call.folder / "table.csv").unlink()
+    assert "its results cannot be counted" in complaints(triage)[0]
     (call.folder / "table.csv").write_text("name,error\nbad.jpg,damaged\n")
     assert complaints(triage) == ["0 photographs done, 1 expected"]
+
+
+def test_of_inputs_that_nobody_counts_the_good_one_must_be_done(call: Call) -> None:
+    lines = b"blur2view: a.jpg: is damaged; x\n" * 5
+    document = {"estimates": [{"image": "good.jpg"}], "failures": [{"image": "x", "error": "y"}] * 5}
+    many = replace(
+        call,
+        counted=False,
+        said=lines,
+        printed=json.dumps(document).encode(),
+        photographs=call.photographs[:1],
+    )
+    assert complaints(many) == []
+    document["estimates"] = []
+    assert complaints(replace(many, printed=json.dumps(document).encode())) == [
+        "0 photographs done, -4 expected"
+    ]
+    unread = replace(many, said=b"blur2view: x: the list cannot be read (y); z\n", printed=b"")
+    assert complaints(unread) == []
 
 
 @pytest.mark.slow

@@ -1,0 +1,154 @@
+"""What a stranger names by mistake, and from another folder: one line each that names the remedy."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from blur2view.cli import commands as cli
+from tests.support.many_photographs import contents, write_photographs
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of three small photographs."""
+    return write_photographs(tmp_path / "in", 3)[0].parent
+
+
+@pytest.fixture
+def call(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return the program with the tiny network, in this process: the code, stdout and stderr."""
+
+    def finish(command: str, *words: object) -> tuple[int, str, list[str]]:
+        code = cli.main([command, "--model", str(tiny_model), "--jobs", "1", *map(str, words)])
+        said = capsys.readouterr()
+        return code, said.out, said.err.splitlines()
+
+    return finish
+
+
+def test_result_that_is_there_names_both_remedies(call: Any, folder: Path, tmp_path: Path) -> None:
+    words = (folder / "000.png", "-o", tmp_path / "out")
+    assert call("estimate", *words)[0] == 0
+    code, _, (line,) = call("estimate", *words)
+    assert code == 1
+    assert "exists; add --resume to go on or --overwrite to replace it, or use another -o" in line
+
+
+def test_table_beside_a_database_is_replaced_by_resume_alone(call: Any, folder: Path, tmp_path: Path) -> None:
+    words = ("to-colmap", folder, "--format", "matches", "-o", tmp_path / "out", "--csv", tmp_path / "t.csv")
+    assert call(*words)[0] == 0
+    code, _, (line,) = call(*words)
+    assert code == 1 and "exists; add --resume to go on, or name" in line and "--overwrite" not in line
+    assert call(*words, "--resume")[0] == 0
+
+
+def test_list_without_its_mark_is_told(call: Any, folder: Path) -> None:
+    (folder / "list.txt").write_text("000.png\n001.png\n")
+    code, _, (line,) = call("estimate", folder / "list.txt")
+    assert code == 1 and line.endswith(f"if it lists photographs, write @{folder / 'list.txt'}")
+    (folder / "bytes.bin").write_bytes(b"\xff\0\xfe")
+    assert "write @" not in call("estimate", folder / "bytes.bin")[2][0]
+
+
+@pytest.mark.parametrize(
+    "command", ["triage --keep keep.txt", "estimate -o out", "report --no-mask -o a.html"]
+)
+def test_folder_without_photographs_is_one_line_and_no_photograph(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    name, *words = command.split()
+    code, printed, (line,) = call(name, "empty", *words, "--csv", "new/t.csv")
+    assert (code, printed) == (1, "") and "empty: holds no photograph" in line
+    assert {path.name for path in tmp_path.iterdir()} == {"in", "empty"}
+    code, _, (line,) = call(name, folder, "empty", *words, "--csv", "t.csv")
+    assert code == 1 and "empty: holds no photograph" in line
+    with (tmp_path / "t.csv").open(newline="") as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["000.png", "001.png", "002.png"]
+    if name == "report":
+        assert (tmp_path / "a.html").read_text().count('<li class="card') == 3
+
+
+def test_missing_and_empty_change_no_name_below_the_folder(call: Any, folder: Path, tmp_path: Path) -> None:
+    write_photographs(tmp_path / "all/sub", 2)
+    (tmp_path / "empty").mkdir()
+    named = []
+    for more in ([], [tmp_path / "empty", tmp_path / "absent.png"]):
+        call("triage", tmp_path / "all", *more, "--recursive", "--csv", tmp_path / "t.csv", "--resume")
+        with (tmp_path / "t.csv").open(newline="") as file:
+            named.append([row["name"] for row in csv.DictReader(file) if not row["error"]])
+    assert named == [["sub/000.png", "sub/001.png"]] * 2
+
+
+def test_run_goes_on_from_another_folder(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert call("estimate", "in", "-o", "out")[0] == 0
+    before = contents(tmp_path / "out")
+    for place, words in (
+        (folder, [".", "-o", "../out"]),
+        (tmp_path.parent, [folder, "-o", tmp_path / "out"]),
+    ):
+        monkeypatch.chdir(place)
+        code, printed, complaints = call("estimate", *words, "--resume")
+        assert (code, complaints) == (0, []) and "3 photographs: 3 done before" in printed
+    assert contents(tmp_path / "out") == before
+
+
+def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    shutil.copy(folder / "002.png", other / "000.png")
+    monkeypatch.chdir(folder)
+    assert call("estimate", "000.png", "001.png", "-o", tmp_path / "out")[0] == 0
+    before = contents(tmp_path / "out")
+    monkeypatch.chdir(other)
+    code, _, complaints = call("estimate", "000.png", "001.png", "-o", tmp_path / "out", "--resume")
+    assert code == 1 and contents(tmp_path / "out") == before
+    assert (
+        len(complaints) == 2 and "000.png: its results would replace those of ../in/000.png" in complaints[0]
+    )
+    words = ("000.png", "001.png", "-o", tmp_path / "out", "--resume", "--overwrite")
+    assert call("estimate", *words)[0] == 0 and contents(tmp_path / "out") != before
+
+
+@pytest.mark.parametrize(
+    "words", ["estimate -o out", "segment -o out", "report -o out/a.html", "triage --csv t.csv"]
+)
+def test_manifests_of_equal_calls_without_timings_are_equal(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    found = []
+    for place in ("first", "second"):
+        shutil.copytree(folder, tmp_path / place / "in")
+        monkeypatch.chdir(tmp_path / place)
+        assert call(*words.split(), "in", "--no-timings")[0] == 0
+        (manifest,) = Path().rglob("*.manifest.jsonl")
+        found.append(manifest.read_bytes())
+    assert found[0] == found[1] and len(found[0].splitlines()) >= 4
+    assert not any("seconds" in json.loads(line) for line in found[0].splitlines())
+
+
+@pytest.mark.parametrize("words", [
+    "--format hloc -o out --csv out/features.h5",
+    "--format matches -o out --csv out/matches.txt",
+    "--format matches -o out --csv out/to-colmap.manifest.jsonl",
+    "--db new.db --csv new.db-journal",
+    "--db new.db --csv new.db-wal",
+    "--db new.db --csv new.db.manifest.jsonl",
+])  # fmt: skip
+def test_table_is_no_other_file_of_the_call(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, (line,) = call("to-colmap", "in", *words.split())
+    assert code == 1 and "two results would be one file; name another with --csv" in line
+    assert {path.name for path in tmp_path.iterdir()} == {"in"}
