@@ -24,6 +24,7 @@ def make_files(folder: Path) -> None:
     for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
         (folder / name).parent.mkdir(exist_ok=True)
         shutil.copy(SAMPLE, folder / name)
+    shutil.copy(ROOT / "models/sample_mover.jpg", folder / "models")
     make_project(folder / "project.db", folder / "model" / "0")
 
 
