@@ -23,7 +23,8 @@ from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.sure_smears import LEAST, PROVEN_SHARE, SureSmears, judge_sure
 from blur2view.two_view.verdict import Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
-from tools.datasets.degenerate_scenes import Kind, draw_scene
+from tools.datasets.degenerate_scenes import Kind, draw_scene, tilted_plane
+from tools.datasets.synthetic_matches import camera, project_smears, scaled_motion
 
 
 def erring(ends: Array, seed: int) -> Array:
@@ -87,6 +88,20 @@ def test_what_F_does_not_explain_is_no_parallax() -> None:
     assert not replace(one, epipolar=1.9 * PROVEN_SHARE).proven
     assert not replace(one, plane=0.9 * PROVEN_SHARE).proven
     assert replace(one, plane=0.01, rotation=None).structure is Structure.OPEN
+
+
+@pytest.mark.parametrize("relief", [0.0, 0.1])
+def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float) -> None:
+    """Far less than what a network's errors must be exceeded by; and a slope without relief has none."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        K, points = camera(rng), rng.uniform(0, 1, (1500, 2)) * np.array(IMAGE_SIZE)
+        depth = tilted_plane(rng, points) * (1 + relief * (np.sin(points / 40).sum(axis=1) > 0))
+        R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), 0.5, 20.0)
+        ends = project_smears(K, R, t, points, depth)
+        matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.5), image_size=IMAGE_SIZE)
+        geometry = estimate_two_view(replace(matches, sure_ends=ends), rng=rng)
+        assert (geometry.parallax is Parallax.PROVEN) == (relief > 0)
 
 
 def test_sure_smears_decide_where_the_surest_see_only_the_wall() -> None:
