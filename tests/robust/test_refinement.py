@@ -17,7 +17,14 @@ from blur2view.robust.parametrization import (
 )
 from blur2view.robust.problem import assumed_camera
 from blur2view.robust.refinement import refine, refining
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, component_log_odds
+from blur2view.robust.residuals import (
+    OrderedResiduals,
+    RefineOptions,
+    WeightedEnds,
+    component_log_odds,
+    robust_cost,
+    robust_weight,
+)
 from blur2view.smears.sign_components import SignComponents
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
@@ -150,6 +157,12 @@ def test_weighing_both_orders_invents_less_rotation() -> None:
             F = refine(start, matches, RefineOptions(decided=decided))[0].matrix()
             invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 80
     assert invented[False] < 0.8 * invented[True]
+
+
+def test_the_robust_weight_is_the_derivative_of_the_robust_cost() -> None:
+    squared, step = np.array([0.0, 1.0, 9.0, 100.0]), 1e-5
+    numeric = (robust_cost(squared + step, 3.0) - robust_cost(squared - step, 3.0)) / (2 * step)
+    np.testing.assert_allclose(robust_weight(squared, 3.0), numeric, rtol=1e-6)
 
 
 def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
