@@ -115,5 +115,5 @@ def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOp
     F = order.geometry.F
     if F is None:
         return np.ones(len(ends), bool)
-    tolerance_px = np.maximum(options.cutoff * sigma_px, options.max_error_px)
+    tolerance_px = options.tolerance_px(sigma_px)
     return np.asarray(serrmin(F, order.camera.undistorted(ends)) < tolerance_px**2)

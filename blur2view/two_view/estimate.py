@@ -141,7 +141,7 @@ def with_essential(
     fit = fit_calibrated(problem, start, simple, refinement)
     oriented = fit.oriented()
     F = problem.pixels(oriented.pose.essential)
-    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    tolerance_px = options.tolerance_px(problem.sigma_px)
     proven = geometry.parallax is Parallax.PROVEN
     return replace(
         geometry,
@@ -173,7 +173,7 @@ def judge(
     costs[verdict.fit.model] = verdict.fit.score
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
-    tolerance_px = np.maximum(options.cutoff * problem.sigma_px, options.max_error_px)
+    tolerance_px = options.tolerance_px(problem.sigma_px)
     if F is not None:
         F = problem.pixels(F)
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)

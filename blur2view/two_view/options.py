@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from blur2view.arrays import Array
 from blur2view.robust.ransac import RansacOptions
 
 MOST = 1e6  # pixels, or standard deviations: beyond any photograph, and its square is a number
@@ -65,6 +66,10 @@ class EstimatorOptions:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         self.search()
+
+    def tolerance_px(self, sigma_px: Array) -> Array:
+        """Return the Sampson distances (N,), pixels, below which smears of these sigma are inliers."""
+        return np.maximum(self.cutoff * sigma_px, self.max_error_px)
 
     def search(self) -> RansacOptions:
         """Return the options of the robust loop."""

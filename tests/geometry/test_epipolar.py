@@ -120,6 +120,13 @@ def test_costs_are_cut_and_weighed_sums_however_many_models_there_are() -> None:
         assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-5)
 
 
+def test_costs_of_more_smears_than_a_chunk_holds() -> None:
+    rng = np.random.default_rng(9)
+    F, ends = random_matrices(9, 2), rng.uniform(-0.5, 0.5, (sampson.CHUNK + 1, 2, 2))
+    batch, weight = BatchSampson(ends, 500.0), np.ones(len(ends), np.float32)
+    assert np.allclose(batch.costs(F, weight, 900.0), np.minimum(batch(F), 900.0).sum(axis=1), rtol=1e-5)
+
+
 def test_epipoles_are_the_null_vectors() -> None:
     F = epipolar.cross_matrix(np.array([[1.0, 2, 3]])) @ random_matrices(10, 3)  # of rank 2
     e1, e2 = epipolar.epipoles(F)

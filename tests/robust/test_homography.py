@@ -1,6 +1,6 @@
 """Homographies without orders: exact oracles, numerical Jacobians, swapped ends, bad samples."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -18,7 +18,13 @@ from blur2view.robust.homography import (
     transfer_residuals,
     velocity_basis,
 )
-from blur2view.robust.homography_search import ROTATIONS, find_plane, four_smears, two_smears
+from blur2view.robust.homography_search import (
+    ROTATIONS,
+    HomographyEstimator,
+    find_plane,
+    four_smears,
+    two_smears,
+)
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import assumed_camera
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
@@ -187,6 +193,19 @@ def test_samples_of_identical_smears_break_nothing() -> None:
     d = np.full((1, 4, 2), 0.01)
     assert np.isfinite(four_smears(basis, d)).all()
     assert np.isfinite(two_smears(basis[:, :2], d[:, :2])).all()
+
+
+def test_score_is_the_cut_sum_of_squared_differences_in_standard_deviations() -> None:
+    matches, cutoff, rng = plane(9, outliers=0.5).matches, 3.0, np.random.default_rng(9)
+    matches = replace(matches, sigma=rng.uniform(1e-3, 1e-2, 200))
+    estimator = HomographyEstimator(matches=matches, quality=np.ones(200), cutoff=cutoff, has_camera=True)
+    models, some = 0.03 * rng.normal(size=(5, 8)), rng.permutation(200)[:150]
+    v = np.einsum("nij,mj->mni", velocity_basis(matches.ends.mean(axis=1)), models)
+    d = matches.ends[:, 1] - matches.ends[:, 0]
+    squared = np.minimum(((v - d) ** 2).sum(axis=2), ((v + d) ** 2).sum(axis=2)) / (2 * matches.sigma**2)
+    assert 0.1 < (squared < cutoff**2).mean() < 0.9
+    expected = np.minimum(squared, cutoff**2)[:, some].sum(axis=1)
+    np.testing.assert_allclose(estimator.score(models, some), expected, rtol=1e-3)
 
 
 def test_search_survives_outliers_and_noise() -> None:

@@ -15,9 +15,16 @@ from blur2view.robust.parametrization import (
     TranslationF,
     camera_from_matrix,
 )
-from blur2view.robust.problem import assumed_camera
+from blur2view.robust.problem import assumed_camera, build_problem
 from blur2view.robust.refinement import refine, refining
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds, component_log_odds
+from blur2view.robust.residuals import (
+    OrderedResiduals,
+    RefineOptions,
+    WeightedEnds,
+    component_log_odds,
+    robust_cost,
+    robust_weight,
+)
 from blur2view.smears.sign_components import SignComponents
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
@@ -150,6 +157,22 @@ def test_weighing_both_orders_invents_less_rotation() -> None:
             F = refine(start, matches, RefineOptions(decided=decided))[0].matrix()
             invented[decided] += float(np.linalg.norm(symmetric_skew(unit_norm(F))[0])) / 80
     assert invented[False] < 0.8 * invented[True]
+
+
+def test_the_robust_weight_is_the_derivative_of_the_robust_cost() -> None:
+    squared, step = np.array([0.0, 1.0, 9.0, 100.0]), 1e-5
+    numeric = (robust_cost(squared + step, 3.0) - robust_cost(squared - step, 3.0)) / (2 * step)
+    np.testing.assert_allclose(robust_weight(squared, 3.0), numeric, rtol=1e-6)
+
+
+def test_errors_along_the_line_are_those_of_the_difference_of_two_ends() -> None:
+    ends_px = np.random.default_rng(5).normal(0, 2.0, (20_000, 2, 2))
+    sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # epipolar lines are rows
+    problem = build_problem(ends_px, np.full(20_000, 2.0), IMAGE_SIZE)
+    across = signed_sampson(sideways, problem.ends[:, 0], problem.ends[:, 1]).std()
+    assert np.isclose(across, problem.weighted.sigma[0], rtol=0.02)
+    along, assumed = np.diff(problem.ends[..., 0]).std(), problem.weighted.along
+    assert assumed is not None and np.isclose(along, np.median(assumed), rtol=0.03)
 
 
 def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:

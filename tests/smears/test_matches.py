@@ -109,6 +109,12 @@ def test_few_matches_are_spread_over_the_image() -> None:
     assert (quarters == 16).all()
 
 
+def test_one_match_may_be_asked_for() -> None:
+    every = select_matches(field(), SelectOptions(beta=1.0))
+    one = select_matches(field(), SelectOptions(beta=1.0, max_matches=1, cells=1))
+    np.testing.assert_array_equal(one.ends, every.ends[:1])
+
+
 def test_a_still_image_gives_no_matches_and_says_so() -> None:
     matches = select_matches(field(length_px=0.2, sigma_px=0.3))
     assert len(matches) == 0

@@ -45,6 +45,13 @@ def test_gradient_is_that_of_half_the_cost() -> None:
     np.testing.assert_allclose(numeric * spans, gradient * spans, rtol=1e-3, atol=1e-5)
 
 
+def test_the_curvature_is_positive_definite_wherever_it_is_asked_for() -> None:
+    fit = fit_of(0, noise_px=1.0)
+    sigma = 1 / np.sqrt(np.diag(fit.normal_equations()[0]))
+    for away in np.diag(50 * sigma):  # the cost bends down along some of these
+        assert np.linalg.eigvalsh(fit.moved(away).reordered().curvature())[0] > 0
+
+
 def test_the_pose_rests() -> None:
     fit = fit_of(1, noise_px=1.0)
     normal, gradient = fit.normal_equations()

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
-from blur2view.geometry.sampson import swapped_order
+from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.metrics import epipole_angle_deg, rho
 from blur2view.smears.matches import SmearMatches
@@ -143,6 +143,24 @@ def test_a_moving_object_does_not_pull_F() -> None:
         scene = with_second_motion(scene, (200, 150, 400, 350), np.array([-15.0, 18.0]))
         assert scene.outlier.mean() > 0.08
         assert median_rho(solve(matches_of(scene, 0.6)).F, scene) < 0.02
+
+
+@pytest.mark.parametrize("noise_px", [0.1, 4.0])
+def test_inliers_are_within_the_cutoff_of_their_standard_deviations(noise_px: float) -> None:
+    rng = np.random.default_rng(6)
+    scene = with_outliers(disturb(make_scene(rng, length_px=40), rng, noise_px=noise_px), rng, 0.2)
+    geometry = solve(matches_of(scene, 2 * noise_px), max_error_px=0.01, relative_sigma=0.0)
+    assert geometry.F is not None
+    squared = serrmin(geometry.F, scene.ends)
+    measured = np.quantile(squared[~scene.outlier], 0.683)  # a variance
+    assert geometry.inlier_mask[squared < 2.3**2 * measured].all()
+    assert not geometry.inlier_mask[squared > 3.0**2 * measured].any()
+
+
+def test_the_baseline_recovers_the_F_of_a_pure_translation() -> None:
+    scene = make_scene(np.random.default_rng(4), count=300, rotation_share=0.0)
+    F = two_parameter_fundamental(matches_of(scene, 0.2))
+    assert median_rho(F, scene) < 1e-3
 
 
 def test_matches_from_elsewhere_need_no_image_size() -> None:

@@ -10,7 +10,7 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.robust.problem import SmearProblem, build_problem
+from blur2view.robust.problem import LENGTH_ERROR, SmearProblem, build_problem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.rotation_only import RotationFit, rotation_alone
@@ -41,6 +41,14 @@ def test_its_time_is_that_of_the_orders() -> None:
     forward, backward = fit.ordered_by(scene.swapped), fit.ordered_by(~scene.swapped)
     assert np.linalg.norm(forward - true) < 0.01 * np.linalg.norm(true)
     np.testing.assert_array_equal(forward, -backward)
+
+
+def test_a_smear_has_its_length_along_itself_and_nothing_across() -> None:
+    problem = problem_of(turning(np.random.default_rng(2)))
+    along, across = RotationFit(problem=problem).measured
+    sigma_px = np.hypot(2**0.5 * problem.sigma_px, LENGTH_ERROR * problem.length_px)
+    np.testing.assert_allclose(along, problem.length_px / sigma_px)
+    np.testing.assert_allclose(across, 0, atol=1e-12)
 
 
 def test_errors_that_neighbours_share_are_in_the_covariance() -> None:
