@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def test_what_F_does_not_explain_is_no_parallax() -> None:
 
 @pytest.mark.parametrize("relief", [0.0, 0.1])
 def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float) -> None:
-    """Far less than what a network's errors must be exceeded by; and a slope without relief has none."""
+    """Less than what a network's errors must be exceeded by; and a slope without relief has none."""
     for seed in range(4):
         rng = np.random.default_rng(seed)
         K, points = camera(rng), rng.uniform(0, 1, (1500, 2)) * np.array(IMAGE_SIZE)
@@ -102,6 +103,27 @@ def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float) -> No
         matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.5), image_size=IMAGE_SIZE)
         geometry = estimate_two_view(replace(matches, sure_ends=ends), rng=rng)
         assert (geometry.parallax is Parallax.PROVEN) == (relief > 0)
+
+
+def test_a_lens_is_no_parallax() -> None:
+    """Exact smears of a rotation and of a slope through a lens that is not told: F takes some of it up."""
+    for seed, turns in product(range(4), (True, False)):
+        rng = np.random.default_rng(seed)
+        K, points = camera(rng), rng.uniform(0, 1, (1500, 2)) * np.array(IMAGE_SIZE)
+        depth, share = tilted_plane(rng, points), np.inf if turns else 0.5
+        R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, 20.0)
+        x = project_smears(K, R, t, points, depth) - np.array(IMAGE_SIZE) / 2
+        ends = x * (1 - 0.25 * ((x / max(IMAGE_SIZE)) ** 2).sum(-1, keepdims=True)) + np.array(IMAGE_SIZE) / 2
+        matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.5), image_size=IMAGE_SIZE)
+        assert estimate_two_view(replace(matches, sure_ends=ends), rng=rng).parallax is Parallax.OPEN
+
+
+def test_the_sentence_names_both_limits() -> None:
+    fit = Fit(model=MotionModel.GENERAL, point=GeneralF.from_matrix(np.diag([1.0, 1.0, 0.0])), score=0.0)
+    kept = SureSmears(plane=0.078, rotation=None, epipolar=0.058, A=np.eye(3)).verdict(fit)
+    assert "by 7.8% of their length (6.6% needed), F by 5.8% (at most 5.2%)" in kept.sentence
+    exact = SureSmears(plane=0.03, rotation=None, epipolar=0.004, A=np.eye(3)).verdict(fit)
+    assert exact.structure is Structure.OPEN and "(3.5% needed)" in exact.sentence
 
 
 def test_sure_smears_decide_where_the_surest_see_only_the_wall() -> None:
