@@ -165,16 +165,32 @@ def _refusal(
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     other = None if overwrite or not taken else _image_of(paths[-1])
-    if other is not None and not _may_be(other, image):
+    if other is not None and not _may_be(other, image, paths[-1]):
         return f"{paths[-1]} is the result of {other}; use another -o or add --overwrite"
     return None
 
 
-def _may_be(named: str, image: Path) -> bool:
-    """Return whether a call, from whatever folder, may have named a photograph so."""
+def _may_be(named: str, image: Path, document: Path) -> bool:
+    """Return whether a call, from whatever folder, may have named a photograph so in a document.
+
+    Only a manifest tells apart photographs of one name that were named from different folders.
+    """
     below = "/".join(part for part in Path(named).parts if part != "..")
     there = Path(os.path.abspath(image)).as_posix()
-    return os.path.realpath(named) == os.path.realpath(image) or there.endswith(f"/{below}")
+    if os.path.realpath(named) == os.path.realpath(image):
+        return True
+    return there.endswith(f"/{below}") and _in_manifest(document)
+
+
+def _in_manifest(document: Path) -> bool:
+    """Return whether the manifest of a command names a document below its folder."""
+    for folder in document.absolute().parents:
+        name = json.dumps(document.absolute().relative_to(folder).as_posix()).encode()
+        with suppress(OSError):
+            manifests = [path for path in folder.glob("*.manifest.jsonl") if path.name.count(".") == 2]
+            if any(name in manifest.read_bytes() for manifest in manifests):
+                return True
+    return False
 
 
 def _image_of(document: Path) -> str | None:

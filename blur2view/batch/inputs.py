@@ -126,7 +126,7 @@ def list_photographs(
             found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
     once: dict[str, Path] = {}
     for path in found.paths:
-        once.setdefault(os.path.abspath(path), path)
+        once.setdefault(os.path.join(os.path.realpath(path.parent), path.name), path)
     found.paths[:] = once.values()
     return found
 
@@ -154,12 +154,18 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         reason = getattr(error, "strerror", None) or str(error)
         raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
     if "\0" in text:
-        names = [name for name in text.split("\0") if name]
+        names = [name for name in text.split("\0") if name.strip()]
     else:
-        names = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(COMMENT)]
+        lines = [line for line in text.splitlines() if line.strip() and not _is_comment(line)]
+        names = [line if os.path.lexists(line) else line.strip() for line in lines]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
+
+
+def _is_comment(line: str) -> bool:
+    """Return whether a line of a list begins with #, and is no name of a file that does."""
+    return line.lstrip().startswith(COMMENT) and not os.path.lexists(line)
 
 
 _NAME_LIST = "name a file that holds one name on each line, or pipe them to -"

@@ -8,6 +8,7 @@ each, done or failed, or of a file of all photographs.
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import io
 import json
@@ -92,7 +93,7 @@ class Manifest:
         self._begun = False
         self.cut_off = False
         self._done: dict[str, dict[str, Any]] = {}
-        self._owners: dict[str, str] = {}
+        self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
         for line in self._read():
             self._look_up(line, resume=resume)
@@ -102,9 +103,19 @@ class Manifest:
         return self._name(job.path) in self._done
 
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
-        """Return the other photograph of which one of these files is a result, from the manifest's folder."""
-        owners = [self._owners.get(self._name(output)) for output in outputs if os.path.lexists(output)]
-        return next((owner for owner in owners if owner not in (None, self._name(path))), None)
+        """Return the other photograph of which one of these files is a result, from the manifest's folder.
+
+        The same photograph by another name, as after the manifest's folder was moved, is no other.
+        """
+        for output in outputs:
+            owner, digest = self._owners.get(self._name(output), ("", ""))
+            if owner in ("", self._name(path)) or not os.path.lexists(output):
+                continue
+            with contextlib.suppress(OSError):
+                if file_digest(path) == digest:
+                    continue
+            return owner
+        return None
 
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
@@ -199,7 +210,8 @@ class Manifest:
         if "target" in line:
             self._targets[line["target"]] = line["sha256"]
             return
-        self._owners |= dict.fromkeys(line.get("outputs", ()), line.get("image", ""))
+        owner = line.get("image", ""), line.get("sha256", "")
+        self._owners |= dict.fromkeys(line.get("outputs", ()), owner)
         if resume and "outputs" in line and line.get("settings") == self.settings.digest:
             self._done[line["image"]] = line
         else:

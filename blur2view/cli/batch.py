@@ -57,7 +57,8 @@ class CommandRun(Generic[Target, Kept]):
     Attributes
     ----------
     interrupted, broken : bool
-        Whether it ended early: by Ctrl-C, or as no photograph could be done any more.
+        Whether it ended early: by Ctrl-C, or as no photograph could be done any more; of the latter, files of
+        all photographs stay as an earlier call left them, but for the table.
     rows : list of Row
         Of the table, as far as the run has come; written at its end, however it ends, if --csv asks for it.
     has_table : bool

@@ -84,7 +84,7 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
         for result in run.results(options.images, names, names)
         if not options.inputs.is_folder(result.path)
     ]
-    if all(entry.kind == "failed" for entry in entries):
+    if run.broken or all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
         if run.interrupted or run.broken or not entries:
             return run.exit_code

@@ -68,7 +68,7 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
         made, failed = make_views(batch, wanted)
         failures += failed
-    if (batch.interrupted or batch.broken) and (options.link or not made):
+    if batch.broken or (batch.interrupted and (options.link or not made)):
         remove_empty(created)
         return batch.exit_code
     made = with_time(options, made)

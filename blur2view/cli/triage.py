@@ -56,7 +56,7 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
     created = [] if options.keep is None else prepare_folder(options.keep.parent)
     for _ in run.results(options.images, [None] * len(options.images)):
         pass  # a row is all that is left of a photograph
-    if not run.rows:
+    if run.broken or not run.rows:
         remove_empty(created)
         return run.exit_code
     if options.keep is not None:

@@ -124,16 +124,20 @@ class SmearMatches:
     @cached_property
     def midpoint(self) -> Array:
         """Mid-exposure pixels, (N, 2)."""
-        middle: Array = self.ends.mean(axis=1)
-        return middle
+        return _read_only(self.ends.mean(axis=1))
 
     @cached_property
     def displacement(self) -> Array:
         """Displacements d, (N, 2), pixels, sign arbitrary."""
-        return self.ends[:, 1] - self.ends[:, 0]
+        return _read_only(self.ends[:, 1] - self.ends[:, 0])
 
     @cached_property
     def length_px(self) -> Array:
         """Lengths |d|, (N,), pixels."""
-        length: Array = np.hypot(*self.displacement.T)
-        return length
+        return _read_only(np.hypot(*self.displacement.T))
+
+
+def _read_only(array: Array) -> Array:
+    """Keep an array, which is shared, from being written to."""
+    array.flags.writeable = False
+    return array

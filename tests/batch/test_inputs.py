@@ -90,6 +90,37 @@ def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.Mon
     assert len(listed("empty", "empty").paths) == 1
 
 
+def test_name_through_a_link_is_another_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "real/sub").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "real/sub")
+    monkeypatch.chdir(tmp_path)
+    assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is real/x.jpg
+    assert len(listed("x.jpg", "./x.jpg").paths) == 1
+
+
+def test_file_whose_name_begins_as_a_comment_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("#1.jpg").touch()
+    Path("list").write_text("#1.jpg\n# 2.jpg\n")
+    assert [path.name for path in listed("@list").paths] == ["#1.jpg"]
+
+
+def test_spaces_about_a_name_are_none_of_it_unless_a_file_has_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a .jpg ").touch()
+    Path("list").write_text("  b.jpg \na .jpg \n")
+    assert [path.name for path in listed("@list").paths] == ["b.jpg", "a .jpg "]
+
+
+def test_line_break_after_the_last_null_character_is_no_name(tmp_path: Path) -> None:
+    (tmp_path / "list").write_bytes(b"a.jpg\0b.jpg\0\n")
+    assert [path.name for path in listed(f"@{tmp_path / 'list'}").paths] == ["a.jpg", "b.jpg"]
+
+
 def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
     content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
     (tmp_path / "list.txt").write_bytes(content)

@@ -106,7 +106,8 @@ def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
 ) -> None:
     other = tmp_path / "other"
     shutil.copytree(folder, other)
-    shutil.copy(folder / "002.png", other / "000.png")
+    for name in ("000.png", "001.png"):
+        shutil.copy(folder / "002.png", other / name)
     monkeypatch.chdir(folder)
     assert call("estimate", "000.png", "001.png", "-o", tmp_path / "out")[0] == 0
     before = contents(tmp_path / "out")
@@ -118,6 +119,27 @@ def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
     )
     words = ("000.png", "001.png", "-o", tmp_path / "out", "--resume", "--overwrite")
     assert call("estimate", *words)[0] == 0 and contents(tmp_path / "out") != before
+
+
+def test_one_photograph_of_the_same_name_replaces_no_results_either(
+    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A call of one photograph leaves no manifest that could tell whose they are."""
+    (tmp_path / "other").mkdir()
+    shutil.copy(folder / "002.png", tmp_path / "other/000.png")
+    monkeypatch.chdir(folder)
+    assert call("estimate", "000.png", "-o", tmp_path / "out")[0] == 0
+    before = contents(tmp_path / "out")
+    monkeypatch.chdir(tmp_path)
+    code, _, (line,) = call("estimate", "other/000.png", "-o", tmp_path / "out", "--resume")
+    assert code == 1 and "is the result of 000.png" in line and contents(tmp_path / "out") == before
+
+
+def test_results_that_were_moved_are_gone_on_with(call: Any, folder: Path, tmp_path: Path) -> None:
+    assert call("estimate", folder, "-o", tmp_path / "out")[0] == 0
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "out").rename(tmp_path / "deep/out")
+    assert call("estimate", folder, "-o", tmp_path / "deep/out", "--resume")[0] == 0
 
 
 @pytest.mark.parametrize(

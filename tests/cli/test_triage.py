@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -305,7 +306,7 @@ def test_table_that_cannot_be_written_costs_no_other_result(
 
 
 @pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
-def test_what_was_done_before_the_run_could_not_go_on_is_written(
+def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     frames: Path,
     tiny_model: Path,
     tmp_path: Path,
@@ -313,21 +314,50 @@ def test_what_was_done_before_the_run_could_not_go_on_is_written(
     capsys: pytest.CaptureFixture[str],
     error: Exception,
 ) -> None:
+    sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
+    made = {"triage": keep, "report": tmp_path / "a.html", "to-colmap": tmp_path / "a.db"}
+    words = {
+        "triage": ("--csv", sheet, "--keep", keep),
+        "report": ("-o", made["report"]),
+        "to-colmap": ("--db", made["to-colmap"]),
+    }
+    for command, target in made.items():
+        assert call(command, tiny_model, frames, *words[command]) == 0 and target.exists()
+    before = {command: target.read_bytes() for command, target in made.items()}
+    shutil.copy(frames / "still.png", frames / "another.png")
+    capsys.readouterr()
+
+    def fail(manifest: Manifest, line: Any) -> None:
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Manifest, "_write", fail)
+        for command, target in made.items():
+            assert call(command, tiny_model, frames, *words[command], "--resume") == 1
+            assert target.read_bytes() == before[command]
+            assert capsys.readouterr().err == f"blur2view: {error}\n"
+    for command, target in made.items():
+        assert call(command, tiny_model, frames, *words[command], "--resume") == 0
+        assert target.read_bytes() != before[command]
+
+
+def test_what_was_done_before_the_run_could_not_go_on_is_printed(
+    frames: Path,
+    tiny_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     append = Manifest.append
 
     def fail(manifest: Manifest, job: Any, *rest: Any) -> None:
         if job.index == 1:
-            raise error
+            raise RunError("the cluster is gone")
         append(manifest, job, *rest)
 
     monkeypatch.setattr(Manifest, "append", fail)
-    assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv", "--keep", tmp_path / "k.txt") == 1
+    assert call("triage", tiny_model, frames, "--csv", tmp_path / "t.csv") == 1
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
-    assert (tmp_path / "k.txt").read_text() == ""
-    assert capsys.readouterr().err == f"blur2view: {error}\n"
-    for command, option, target in (("report", "-o", "a.html"), ("to-colmap", "--db", "a.db")):
-        assert call(command, tiny_model, frames, option, tmp_path / target) == 1
-        assert (tmp_path / target).exists()  # with what is done, as after Ctrl-C
     capsys.readouterr()
     assert call("estimate", tiny_model, frames, "-o", tmp_path / "out", "--json") == 1
     assert len(json.loads(capsys.readouterr().out)["estimates"]) == 1
