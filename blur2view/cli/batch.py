@@ -285,7 +285,8 @@ def write_text(target: Path, text: str) -> None:
 
 def manifest_beside(target: Path) -> Path:
     """Return the manifest of a file of all photographs."""
-    return target.with_name(f"{target.name}.manifest.jsonl")
+    named = target if target.name else Path(os.path.abspath(target))  # . has no name
+    return named.with_name(f"{named.name}.manifest.jsonl")
 
 
 def plan_files(options: argparse.Namespace, kind: ResultKind[Files]) -> Sequence[Files | OutputError | None]:

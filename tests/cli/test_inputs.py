@@ -46,6 +46,14 @@ def test_table_beside_a_database_is_replaced_by_resume_alone(call: Any, folder: 
     assert call(*words, "--resume")[0] == 0
 
 
+def test_database_that_is_the_current_folder_is_one_line(
+    call: Any, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    code, _, (line,) = call("to-colmap", "--db", ".", "000.png", "001.png")
+    assert code == 1 and "exists" in line and not list(folder.parent.glob("*.jsonl"))
+
+
 def test_list_without_its_mark_is_told(call: Any, folder: Path) -> None:
     (folder / "list.txt").write_text("000.png\n001.png\n")
     code, _, (line,) = call("estimate", folder / "list.txt")
