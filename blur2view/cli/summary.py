@@ -78,7 +78,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     parts = [
         f"{fit} F, but H explains them, too"
         if geometry.F is not None and geometry.H is not None
-        else f"{fit} ({math.floor(100 * document.support)}%)"
+        else f"{fit} ({_share(document)})"
     ]
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _untold(document))
@@ -91,18 +91,24 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     return "; ".join(parts)
 
 
+def _share(document: EstimateDocument) -> str:
+    """Return the share of the smears that fit, rounded down: not all are 100%."""
+    return f"{math.floor(100 * document.support)}%"
+
+
 def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
-    """Return everything: the reason, the smears, F, epipoles, pose, costs of the models, timings."""
+    """Return everything: the reason, the smears, F, H, E, epipoles, pose, costs of the models, timings."""
     geometry, matches = estimate.geometry, estimate.matches
     used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
         used += f", of median length {length:.1f} px and sigma {sigma:.1f} px"
     if geometry.F is not None or geometry.H is not None:
-        used += f"; {document.num_inliers} ({document.support:.0%}) fit"
+        used += f"; {document.num_inliers} ({_share(document)}) fit"
     lines = [geometry.reason, used]
-    if geometry.F is not None:
-        lines += _matrix_lines(geometry.F)
+    for name, matrix in (("F", geometry.F), ("H", geometry.H), ("E", geometry.E)):
+        lines += [] if matrix is None else _matrix_lines(name, matrix)
+    if geometry.F is not None and geometry.H is None:  # beside H they would read as certain
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
     lines += _pose_lines(document)
     if document.camera is not None:
@@ -174,10 +180,10 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     return [f"{rotation}; {translation}"]
 
 
-def _matrix_lines(F: Array) -> list[str]:
-    """Return F as three aligned rows."""
-    rows = ["  ".join(f"{value: .6e}" for value in row) for row in F]
-    return [f"{'F = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
+def _matrix_lines(name: str, matrix: Array) -> list[str]:
+    """Return a matrix (3, 3), by name, as three aligned rows."""
+    rows = ["  ".join(f"{value: .6e}" for value in row) for row in matrix]
+    return [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
 
 
 def _point(epipole: Array) -> str:
