@@ -31,8 +31,9 @@ PROVEN_SHARE = 0.066
 EXPLAINED = 0.67  # most of it that F may leave
 # F leaves more than this of any network's smears (of 39 development photographs at least 0.0058); of better
 # ones a smaller deviation from a homography is parallax, if it is many times what F leaves and more than a
-# lens makes of a rotation (0.021 with -0.25 r^2, r over the longer side).
+# lens makes of a rotation (0.021 with -0.25 r^2, r over the longer side), if the lens is not known.
 EXACT, EXACT_SHARE, EXACT_RATIO = 0.004, 0.035, 6.0
+KNOWN_LENS_SHARE = 0.01
 # A rotation is named where its deviations are at most this times those of any homography: of 16 development
 # rotations 12 had 1.31 and less, of 13 planes all had 1.37 and more.
 ROTATION_RATIO = 1.36
@@ -44,13 +45,15 @@ class SureSmears:
     """Mean deviations of sure smears from models, over their mean length, and the homography's generator.
 
     ``plane``, ``rotation`` (None without a camera) and ``epipolar`` are those from the best homography, the
-    best rotation, and the epipolar lines of F; ``A`` (3, 3) is of the homography that is named.
+    best rotation, and the epipolar lines of F; ``A`` (3, 3) is of the homography that is named;
+    ``lens_known`` whether the camera's intrinsics are.
     """
 
     plane: float
     rotation: float | None
     epipolar: float
     A: Array
+    lens_known: bool = False
 
     @property
     def proven(self) -> bool:
@@ -62,7 +65,8 @@ class SureSmears:
     def limits(self) -> tuple[float, float]:
         """The least deviation from a homography that proves parallax, and the greatest from F."""
         if self.epipolar <= EXACT:
-            return max(EXACT_SHARE, EXACT_RATIO * self.epipolar), EXACT
+            share = KNOWN_LENS_SHARE if self.lens_known else EXACT_SHARE
+            return max(share, EXACT_RATIO * self.epipolar), EXACT
         return PROVEN_SHARE, EXPLAINED * self.plane
 
     @property
@@ -140,4 +144,10 @@ def judge_sure(
     start = RotationH.from_generator(plane.generator(), prior)
     rotation, _ = refine_homography(start, every, options)
     named = rotation if turns(off(rotation), off(plane)) else plane
-    return SureSmears(plane=off(plane), rotation=off(rotation), epipolar=epipolar, A=named.generator())
+    return SureSmears(
+        plane=off(plane),
+        rotation=off(rotation),
+        epipolar=epipolar,
+        A=named.generator(),
+        lens_known=problem.intrinsics_known,
+    )

@@ -91,8 +91,8 @@ def test_what_F_does_not_explain_is_no_parallax() -> None:
     assert replace(one, plane=0.01, rotation=None).structure is Structure.OPEN
 
 
-@pytest.mark.parametrize("relief", [0.0, 0.13])
-def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float) -> None:
+@pytest.mark.parametrize(("relief", "known"), [(0.0, False), (0.13, False), (0.0, True), (0.06, True)])
+def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float, known: bool) -> None:
     """Less than what a network's errors must be exceeded by; and a slope without relief has none."""
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -101,7 +101,8 @@ def test_exact_smears_prove_the_little_parallax_of_a_relief(relief: float) -> No
         R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), 0.5, 20.0)
         ends = project_smears(K, R, t, points, depth)
         matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.5), image_size=IMAGE_SIZE)
-        geometry = estimate_two_view(replace(matches, sure_ends=ends), rng=rng)
+        told = Camera(K=K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1]) if known else None
+        geometry = estimate_two_view(replace(matches, sure_ends=ends), rng=rng, camera=told)
         assert (geometry.parallax is Parallax.PROVEN) == (relief > 0)
 
 
