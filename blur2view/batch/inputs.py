@@ -100,7 +100,7 @@ def list_photographs(
     words : sequence of str
         Files; folders, which stand for the photographs in them by their suffixes, without results of
         blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-        Blank lines of a list and those that begin with # are passed over.
+        Blank lines of a list are passed over, and those that begin with # and name no file.
     recursive : bool
         Whether folders stand for all below them, too.
     frames : Frames, optional
@@ -146,7 +146,7 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
 
     They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name. A line that
-    begins with # is a comment.
+    begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
     """
     try:
         text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))

@@ -126,7 +126,7 @@ class EstimateDocument(Document):
     scores : object
         The penalised cost of every family that was fitted; the lowest explains the smears best.
     support : float
-        Share of the smears that agree with F, without F with H.
+        Share of the smears that are inliers of F, without F of H: num_inliers over num_matches.
     K : 3x3 or null
         Calibration matrix of the intrinsics that were used, in pixels with (0, 0) at the centre of the
         top-left one.

@@ -114,7 +114,7 @@ class TwoViewGeometry:
 
     @property
     def support(self) -> float:
-        """Share of the smears that agree with F, or without F with H."""
+        """Share of the smears that are inliers of F, or without F of H."""
         return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
 
     @property

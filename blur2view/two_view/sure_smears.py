@@ -81,10 +81,9 @@ class SureSmears:
     def verdict(self, fit: Fit) -> Verdict:
         """Return the verdict, with the F of a fit."""
         needed, allowed = self.limits
-        missed = (
-            f"sure smears miss one homography by {self.plane:.1%} of their length ({needed:.1%} needed), "
-            f"F by {self.epipolar:.1%} (at most {allowed:.1%})"
-        )
+        missed = f"sure smears miss one homography by {self.plane:.1%} of their length ({needed:.1%} needed)"
+        if self.plane >= needed:
+            missed += f", F by {self.epipolar:.1%} (at most {allowed:.1%})"
         if self.proven:
             sentence = f"parallax is proven: {missed}"
             return Verdict(structure=Structure.PARALLAX, sentence=sentence, fit=fit)

@@ -125,6 +125,7 @@ def test_the_sentence_names_both_limits() -> None:
     assert "by 7.8% of their length (6.6% needed), F by 5.8% (at most 5.2%)" in kept.sentence
     exact = SureSmears(plane=0.03, rotation=None, epipolar=0.004, A=np.eye(3)).verdict(fit)
     assert exact.structure is Structure.OPEN and "(3.5% needed)" in exact.sentence
+    assert "F by" not in exact.sentence  # what it may leave matters only where the homography does not do
 
 
 def test_sure_smears_decide_where_the_surest_see_only_the_wall() -> None:
