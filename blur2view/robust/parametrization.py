@@ -145,15 +145,14 @@ class GeneralF:
 class CameraPrior:
     """Standard deviations that hold `CameraF` near what photographs are like.
 
-    ``rotation`` in radians about x, y, z, around the rotation vector ``centre``; ``log_focal`` natural log of
-    the focal length over the assumed one; ``principal`` the principal point's offset in units of the assumed
-    focal length. Zero fixes a parameter of the camera.
+    ``rotation`` in radians about x, y, z; ``log_focal`` natural log of the focal length over the assumed
+    one; ``principal`` the principal point's offset in units of the assumed focal length. Zero fixes a
+    parameter of the camera.
     """
 
     rotation: tuple[float, float, float]
     log_focal: float = 0.3
     principal: float = 0.03
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse what is no standard deviation."""
@@ -234,7 +233,7 @@ class CameraF:
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
         value = np.empty(6)
-        value[:3] = self.rotation - self.spread.centre
+        value[:3] = self.rotation
         value[3], value[4:] = self.log_focal, self.principal
         return value * self.spread.weight, self.spread.jacobian
 

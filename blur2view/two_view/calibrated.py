@@ -14,14 +14,14 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, oriented_pose, pose_covariance
-from blur2view.geometry.rotation import plane_basis, rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import plane_basis, rotation_matrix
 from blur2view.robust.independence import ALIKE, block_scatter, slow_errors
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import Linearised, WeightedPoint
 from blur2view.robust.residuals import RefineOptions
-from blur2view.two_view.calibrated_start import rotation_prior, translation_search
+from blur2view.two_view.calibrated_start import translation_search
 from blur2view.two_view.rotation_only import ROUGH_COUNT
 
 POSE = 5  # of a camera's parameters, the first: two of t, three of R
@@ -203,23 +203,18 @@ def fit_calibrated(
     options : RefineOptions
         ``cutoff`` and ``data_weight``.
     """
-    spread = rotation_prior(problem)
-    centre = np.array(spread.centre)
-    R, t = camera.R, camera.t
-    if rotation_vector(R) @ centre < 0:  # the other flip of time
-        R, t = R.T, -R.T @ t
     rotation, heading = translation_search(problem.ends)
-    searched = rotation_matrix(rotation if rotation @ centre >= 0 else -rotation), heading
     part = problem.subset(slice(None, None, max(1, len(problem.ends) // ROUGH_COUNT)))
 
     def start(R: Array, t: Array, sign: float) -> CalibratedFit:
-        point = CameraF(t=t, R=R, spread=spread)
+        point = CameraF(t=t, R=R, spread=problem.prior)
         return CalibratedFit.at(part, point, sign, Noise(), options)
 
     def cheapest(*poses: tuple[Array, Array]) -> list[CalibratedFit]:
         return sorted((start(R, t, sign) for R, t in poses for sign in (1.0, -1.0)), key=lambda fit: fit.cost)
 
-    near = cheapest((R, t), (rotation_matrix(centre), simple.epipole))[:STARTS]
-    starts = [*near, cheapest(searched)[0]]  # its own cost is high at first: it is always tried
+    near = cheapest((camera.R, camera.t), (np.eye(3), simple.epipole))[:STARTS]
+    far = cheapest((rotation_matrix(rotation), heading))[0]  # always tried: its own cost is high at first
+    starts = [*near, far]
     best = min((converged(start, ROUGH_STEPS) for start in starts), key=lambda fit: fit.cost)
     return converged(CalibratedFit.at(problem, best.point, best.state.sign, best.noise, options), STEPS)

@@ -12,36 +12,14 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
-from blur2view.robust.parametrization import CameraPrior
-from blur2view.robust.problem import SmearProblem
 from blur2view.robust.reweighted import reweighted_motion
-from blur2view.two_view.rotation_only import rotation_alone
 
-# Where errors are correlated and far below what is stated, as a network's, the noise is not known, and smears
-# separate a rotation from a sideways translation badly. Then a hand-held camera is assumed: its rotation is
-# this share of the one that explains the smears alone, to within a share of the smears' length over the
-# focal length. On RedKitchen the rotation's error fell from 0.66 to 0.34 and the median rho from 0.066 to
-# 0.045; on rendered photographs, most of which translate rather than rotate, rho rose from 0.040 to 0.045.
-CORRELATED, STATED = 0.25, 0.3
-EXACT = 0.022  # errors below this share of the length are not those of a network (the tenth percentile there)
-ROTATION_SHARE, ROTATION_SPREAD = 0.75, 0.05
 DIRECTIONS = 80  # half a sphere in steps of about 9 degrees; basins of exact scenes reach as far
 SMEARS = 250  # of which the rotations are found, if there are more: every n-th, so up to twice as many
 RINGS_DEG = (5.0, 2.5, 1.2, 0.6)  # about the best of the grid, and then of each ring
 RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 STEPS = 3  # of reweighting
 LEAST = 1e-3  # share of its length to which a smear is believed at best
-
-
-def rotation_prior(problem: SmearProblem) -> CameraPrior:
-    """Return the prior of the rotation: small, or a hand-held camera's where the noise is not known."""
-    exact = float(np.median(problem.sigma_px / np.maximum(problem.length_px, TINY))) < EXACT
-    if problem.data_weight >= CORRELATED or problem.scale >= STATED or exact:
-        return problem.prior
-    length = float(np.median(problem.length_px)) / problem.unit_px
-    x, y, z = (ROTATION_SHARE * rotation_alone(problem)).tolist()
-    spread = ROTATION_SPREAD * length
-    return CameraPrior(rotation=(spread, spread, 3 * spread), log_focal=0.0, principal=0.0, centre=(x, y, z))
 
 
 def translation_search(ends: Array) -> tuple[Array, Array]:

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from blur2view.camera.camera import Camera
 from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import build_problem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.calibrated import POSE, CalibratedFit, fit_calibrated
-from blur2view.two_view.calibrated_start import ROTATION_SHARE, STATED, rotation_prior
-from blur2view.two_view.rotation_only import rotation_alone
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 
@@ -65,15 +62,6 @@ def test_noise_is_found_whatever_was_told() -> None:
     wrong = replace(fit.problem, sigma_px=2 * fit.problem.sigma_px)
     again = fit_calibrated(wrong, fit.point, TranslationF(epipole=fit.point.t), fit.options)
     assert np.isclose(2 * again.noise.scale, fit.noise.scale, rtol=0.05)
-
-
-@pytest.mark.parametrize(("independent", "scale"), [(1.0, 0.5 * STATED), (0.03, 1.0)])
-def test_a_hand_is_assumed_only_where_the_noise_is_not_known(independent: float, scale: float) -> None:
-    problem = fit_of(3, noise_px=1.0).problem
-    known = replace(problem, independent=independent * len(problem.ends), scale=scale)
-    assert rotation_prior(known).centre == (0.0, 0.0, 0.0)
-    unknown = replace(problem, independent=0.03 * len(problem.ends), scale=0.5 * STATED)
-    np.testing.assert_allclose(rotation_prior(unknown).centre, ROTATION_SHARE * rotation_alone(unknown))
 
 
 def test_smears_that_err_alike_widen_the_covariance() -> None:
