@@ -53,6 +53,7 @@ if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
     from blur2view.exposure.views import views_of as views_of
     from blur2view.geometry.pose import PoseCovariance as PoseCovariance
     from blur2view.geometry.pose import RigidTransform as RigidTransform
+    from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
     from blur2view.geometry.two_view_geometry import Configuration as Configuration
     from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
     from blur2view.geometry.two_view_geometry import Parallax as Parallax
@@ -92,6 +93,7 @@ _PUBLIC = {
     "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
     "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
     "geometry.pose": ("PoseCovariance", "RigidTransform"),
+    "geometry.rolling_shutter": ("RollingShutter",),
     "geometry.two_view_geometry": ("Configuration", "MotionModel", "Parallax", "TwoViewGeometry"),
     "networks.model_file": ("ModelInfo",),
     "networks.octaves": ("PyramidOptions",),

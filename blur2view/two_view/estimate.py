@@ -8,6 +8,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rolling_shutter import LEAST, RollingShutter
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
@@ -16,7 +18,7 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, still, untold
-from blur2view.two_view.calibrated import fit_calibrated
+from blur2view.two_view.calibrated import CalibratedFit, fit_calibrated
 from blur2view.two_view.degeneracy import assess
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
@@ -44,6 +46,7 @@ def estimate_two_view(
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
+    shutter: RollingShutter | None = None,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
@@ -55,6 +58,9 @@ def estimate_two_view(
         Default: seed 0. The same state gives the same answer.
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
+    shutter : RollingShutter, optional
+        Of that camera, whose intrinsics must be known. The pose is then that of an exposure of all rows at
+        once, another one for each order in time (``reversed()``); all else remains that of the smears.
 
     Returns
     -------
@@ -64,19 +70,35 @@ def estimate_two_view(
         parallax is open; MULTIPLE with the F
         that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
+
+    Raises
+    ------
+    ValueError
+        If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    if shutter is not None and (camera is None or not camera.known):
+        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
     held = still(matches, options)
     refusal = held or untold(matches, options)
     if refusal is not None:
         return replace(without_F(matches, Configuration.DEGENERATE, refusal), untold=held is None)
+    recorded = matches.displacement
     if camera is not None:
         matches = undistorted(matches, camera)
     matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
+    if not problem.intrinsics_known:
+        return geometry
+    geometry = with_pose(geometry, matches, problem, fits, options)
+    if shutter is None or camera is None or geometry.cam2_from_cam1 is None:
+        return geometry
+    exposures = shutter.exposures(
+        np.where(geometry.swapped, -1.0, 1.0)[:, None] * recorded, (camera.width, camera.height)
+    )
+    return at_once(geometry, exposures, problem, fits, options)
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
@@ -115,14 +137,56 @@ def with_pose(
         geometry = with_essential(geometry, matches, problem, fits, options)
     if geometry.parallax is Parallax.PROVEN:
         return geometry
-    translates = geometry.config is not Configuration.PANORAMIC
-    pose, covariance = RotationFit(problem=problem).pose(geometry.swapped, translates)
+    pose, covariance = rotation_only_pose(geometry, problem)
     return replace(
         geometry,
         cam2_from_cam1=pose,
         covariance=covariance,
         reason=f"{geometry.reason}; the pose is the rotation that explains the smears without translation",
     )
+
+
+def rotation_only_pose(
+    geometry: TwoViewGeometry, problem: SmearProblem
+) -> tuple[RigidTransform, PoseCovariance]:
+    """Return the pose without translation of a geometry without proven parallax, and its covariance."""
+    translates = geometry.config is not Configuration.PANORAMIC
+    return RotationFit(problem=problem).pose(geometry.swapped, translates)
+
+
+def at_once(
+    geometry: TwoViewGeometry,
+    exposures: Array,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Return a geometry with the poses, in both orders in time, of an exposure of all rows at once.
+
+    Parameters
+    ----------
+    exposures : ndarray of shape (N,)
+        For how long the smears were seen in the order of ``geometry`` (`RollingShutter.exposures`).
+    """
+
+    def posed(flip: TwoViewGeometry, seen: Array) -> TwoViewGeometry:
+        smears = problem.shortened(np.maximum(seen, LEAST))
+        if flip.parallax is not Parallax.PROVEN:
+            pose, covariance = rotation_only_pose(flip, smears)
+        else:
+            fit = calibrated_fit(smears, fits, options)
+            oriented = fit.oriented()
+            pose, covariance = oriented.pose, fit.covariance()
+            if (oriented.swapped != flip.swapped).mean() > 0.5:
+                pose, covariance = pose.inverse(), covariance.inverse(pose)
+        return replace(flip, cam2_from_cam1=pose, covariance=covariance)
+
+    flips = [(geometry, exposures), (geometry.reversed(), 2 - exposures)]
+    possible = [posed(flip, seen) for flip, seen in flips if np.median(seen) > LEAST]
+    if len(possible) == 2:
+        return replace(possible[0], backward=possible[1])
+    reason = f"{geometry.reason}; in the other order in time the rows leave no such smears"
+    return replace(possible[0], reason=reason)
 
 
 def with_essential(
@@ -133,12 +197,7 @@ def with_essential(
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
     """Return a geometry with F refitted to known intrinsics, E and, of proven parallax, its pose."""
-    points = {fit.model: fit.point for fit in fits}
-    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
-    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
-    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
-    fit = fit_calibrated(problem, start, simple, refinement)
+    fit = calibrated_fit(problem, fits, options)
     oriented = fit.oriented()
     F = problem.pixels(oriented.pose.essential)
     tolerance_px = options.tolerance_px(problem.sigma_px)
@@ -155,6 +214,16 @@ def with_essential(
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
         swapped=oriented.swapped,
     )
+
+
+def calibrated_fit(problem: SmearProblem, fits: list[Fit], options: EstimatorOptions) -> CalibratedFit:
+    """Return the pose of known intrinsics, from the fits of the search."""
+    points = {fit.model: fit.point for fit in fits}
+    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
+    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
+    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
+    return fit_calibrated(problem, start, simple, refinement)
 
 
 def judge(
