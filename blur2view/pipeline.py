@@ -113,8 +113,8 @@ def estimate(
     camera : Camera, optional
         Intrinsics of this photograph, for its size.
     shutter : RollingShutter, optional
-        Of a camera with known intrinsics: the pose is then that of an exposure of all rows at once, another
-        one for each order in time (``geometry.reversed()``).
+        Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
+        another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
 
     Returns
     -------

@@ -101,6 +101,8 @@ class BackwardDocument(Document):
 
     Parameters
     ----------
+    config : str
+        The configuration.
     cam2_from_cam1 : object
         Rotation and translation.
     rotation_deg : float
@@ -111,6 +113,7 @@ class BackwardDocument(Document):
         Covariance of the pose.
     """
 
+    config: str
     cam2_from_cam1: PoseDocument
     rotation_deg: float
     angular_velocity_rad_s: list[float] | None
@@ -123,6 +126,7 @@ class BackwardDocument(Document):
         if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
             return None
         return cls(
+            config=geometry.config.name,
             cam2_from_cam1=PoseDocument.of(geometry.cam2_from_cam1),
             rotation_deg=geometry.cam2_from_cam1.angle_deg,
             angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
@@ -182,11 +186,11 @@ class EstimateDocument(Document):
     exposure_s : float or null
         Exposure time in seconds, from --exposure or EXIF.
     readout_s : float or null
-        From --readout: pose, rotation and rate are then those of an exposure of all rows at once.
+        From --readout: all is then that of an exposure of all rows at once.
     backward : object or null
         With --readout the same of the other order in time, which is another motion than the inverse:
-        cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows leave no
-        such smears in that order.
+        config, cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows
+        leave no such smears in that order.
     num_matches : int
         Smears that were used.
     num_inliers : int

@@ -18,6 +18,13 @@ LONGEST_S = 1.0  # no electronic shutter is as slow
 LEAST = 0.1  # of an exposure; points that keep up with the rows would be seen for less
 
 
+def shortened(ends: Array, factor: Array) -> Array:
+    """Return smears (N, 2, 2), each shorter by its factor (N,) about its middle."""
+    middle = ends.mean(axis=1, keepdims=True)
+    short: Array = middle + (ends - middle) / factor[:, None, None]
+    return short
+
+
 @dataclass(frozen=True, kw_only=True)
 class RollingShutter:
     """How long a sensor takes to expose its rows.

@@ -97,7 +97,7 @@ class TwoViewGeometry:
     untold : bool
         Whether too little is seen to tell anything, parallax neither.
     backward : TwoViewGeometry or None
-        The same with time reversed, where a rolling shutter makes its pose another one than the inverse.
+        The other order in time, where a rolling shutter makes it another motion than the inverse.
     """
 
     F: Array | None

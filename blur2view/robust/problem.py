@@ -98,12 +98,6 @@ class SmearProblem:
         """Return the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
 
-    def shortened(self, factor: Array) -> SmearProblem:
-        """Return the problem with every smear shortened by its factor (N,) about its middle, sigmas too."""
-        middle = self.ends.mean(axis=1, keepdims=True)
-        ends = middle + (self.ends - middle) / factor[:, None, None]
-        return replace(self, ends=ends, sigma_px=self.sigma_px / factor)
-
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
         """Return the problem of some smears; the share of independent ones stays."""
         ends = self.ends[index]

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.pose import PoseCovariance, RigidTransform
-from blur2view.geometry.rolling_shutter import LEAST, RollingShutter
+from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
@@ -18,7 +19,7 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, still, untold
-from blur2view.two_view.calibrated import CalibratedFit, fit_calibrated
+from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.options import EstimatorOptions
@@ -40,6 +41,9 @@ CONFIGURATIONS = {
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
 
+AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
+LIKELY = (Parallax.ABSENT, Parallax.OPEN, Parallax.PROVEN)  # of two orders in time, that which needs less
+
 
 def estimate_two_view(
     matches: SmearMatches,
@@ -59,8 +63,9 @@ def estimate_two_view(
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
     shutter : RollingShutter, optional
-        Of that camera, whose intrinsics must be known. The pose is then that of an exposure of all rows at
-        once, another one for each order in time (``reversed()``); all else remains that of the smears.
+        Of that camera, whose intrinsics must be known. A geometry with a pose is then that of an exposure of
+        all rows at once, another one for each order in time (``reversed()``): of both that which has less
+        parallax is given.
 
     Returns
     -------
@@ -76,29 +81,71 @@ def estimate_two_view(
     ValueError
         If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
-    if shutter is not None and (camera is None or not camera.known):
-        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
+    geometry = as_recorded(matches, options, rng, camera)
+    if shutter is None:
+        return geometry
+    if camera is None or not camera.known:
+        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
+    if not shutter.readout_s or geometry.cam2_from_cam1 is None:
+        return geometry
+    flips = []
+    for flip in (geometry, geometry.reversed()):
+        there = at_once(matches, flip.swapped, shutter, (camera.width, camera.height))
+        if there is not None:
+            other = as_recorded(there, options, rng, camera)
+            flips.append(other if (other.swapped == flip.swapped).mean() >= 0.5 else other.reversed())
+    if len(flips) == 1:
+        reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
+        return replace(flips[0], reason=reason)
+    first, second = sorted(flips, key=lambda f: (f.cam2_from_cam1 is None, LIKELY.index(f.parallax)))
+    return replace(first, backward=second)
+
+
+def at_once(
+    matches: SmearMatches, swapped: NDArray[np.bool_], shutter: RollingShutter, image_size: tuple[int, int]
+) -> SmearMatches | None:
+    """Return the matches as an exposure of all rows at once leaves them, if ends[:, 1] is open where swapped.
+
+    None where no motion leaves them in this order in time. Every smear is ordered as those around it.
+    """
+    ordered, tree = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement, cKDTree(matches.midpoint)
+
+    def exposures_of(ends: Array) -> Array:
+        d, around = ends[:, 1] - ends[:, 0], tree.query(ends.mean(axis=1), min(AROUND, len(matches)))[1]
+        backward = (d * ordered[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
+        return shutter.exposures(np.where(backward, -d, d), image_size)
+
+    exposures = exposures_of(matches.ends)
+    if np.median(exposures) <= LEAST:
+        return None
+    exposures, sure = np.maximum(exposures, LEAST), matches.sure_ends
+    if sure is not None:
+        sure = shortened(sure, np.maximum(exposures_of(sure), LEAST))
+    return replace(
+        matches,
+        ends=shortened(matches.ends, exposures),
+        sigma_px=matches.sigma_px / exposures,
+        across_px=None if matches.across_px is None else matches.across_px / exposures,
+        sure_ends=sure,
+    )
+
+
+def as_recorded(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator, camera: Camera | None
+) -> TwoViewGeometry:
+    """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter."""
     held = still(matches, options)
     refusal = held or untold(matches, options)
     if refusal is not None:
         return replace(without_F(matches, Configuration.DEGENERATE, refusal), untold=held is None)
-    recorded = matches.displacement
     if camera is not None:
         matches = undistorted(matches, camera)
     matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    if not problem.intrinsics_known:
-        return geometry
-    geometry = with_pose(geometry, matches, problem, fits, options)
-    if shutter is None or camera is None or geometry.cam2_from_cam1 is None:
-        return geometry
-    exposures = shutter.exposures(
-        np.where(geometry.swapped, -1.0, 1.0)[:, None] * recorded, (camera.width, camera.height)
-    )
-    return at_once(geometry, exposures, problem, fits, options)
+    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
@@ -137,56 +184,14 @@ def with_pose(
         geometry = with_essential(geometry, matches, problem, fits, options)
     if geometry.parallax is Parallax.PROVEN:
         return geometry
-    pose, covariance = rotation_only_pose(geometry, problem)
+    translates = geometry.config is not Configuration.PANORAMIC
+    pose, covariance = RotationFit(problem=problem).pose(geometry.swapped, translates)
     return replace(
         geometry,
         cam2_from_cam1=pose,
         covariance=covariance,
         reason=f"{geometry.reason}; the pose is the rotation that explains the smears without translation",
     )
-
-
-def rotation_only_pose(
-    geometry: TwoViewGeometry, problem: SmearProblem
-) -> tuple[RigidTransform, PoseCovariance]:
-    """Return the pose without translation of a geometry without proven parallax, and its covariance."""
-    translates = geometry.config is not Configuration.PANORAMIC
-    return RotationFit(problem=problem).pose(geometry.swapped, translates)
-
-
-def at_once(
-    geometry: TwoViewGeometry,
-    exposures: Array,
-    problem: SmearProblem,
-    fits: list[Fit],
-    options: EstimatorOptions,
-) -> TwoViewGeometry:
-    """Return a geometry with the poses, in both orders in time, of an exposure of all rows at once.
-
-    Parameters
-    ----------
-    exposures : ndarray of shape (N,)
-        For how long the smears were seen in the order of ``geometry`` (`RollingShutter.exposures`).
-    """
-
-    def posed(flip: TwoViewGeometry, seen: Array) -> TwoViewGeometry:
-        smears = problem.shortened(np.maximum(seen, LEAST))
-        if flip.parallax is not Parallax.PROVEN:
-            pose, covariance = rotation_only_pose(flip, smears)
-        else:
-            fit = calibrated_fit(smears, fits, options)
-            oriented = fit.oriented()
-            pose, covariance = oriented.pose, fit.covariance()
-            if (oriented.swapped != flip.swapped).mean() > 0.5:
-                pose, covariance = pose.inverse(), covariance.inverse(pose)
-        return replace(flip, cam2_from_cam1=pose, covariance=covariance)
-
-    flips = [(geometry, exposures), (geometry.reversed(), 2 - exposures)]
-    possible = [posed(flip, seen) for flip, seen in flips if np.median(seen) > LEAST]
-    if len(possible) == 2:
-        return replace(possible[0], backward=possible[1])
-    reason = f"{geometry.reason}; in the other order in time the rows leave no such smears"
-    return replace(possible[0], reason=reason)
 
 
 def with_essential(
@@ -197,7 +202,12 @@ def with_essential(
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
     """Return a geometry with F refitted to known intrinsics, E and, of proven parallax, its pose."""
-    fit = calibrated_fit(problem, fits, options)
+    points = {fit.model: fit.point for fit in fits}
+    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
+    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
+        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
+    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
+    fit = fit_calibrated(problem, start, simple, refinement)
     oriented = fit.oriented()
     F = problem.pixels(oriented.pose.essential)
     tolerance_px = options.tolerance_px(problem.sigma_px)
@@ -214,16 +224,6 @@ def with_essential(
         inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
         swapped=oriented.swapped,
     )
-
-
-def calibrated_fit(problem: SmearProblem, fits: list[Fit], options: EstimatorOptions) -> CalibratedFit:
-    """Return the pose of known intrinsics, from the fits of the search."""
-    points = {fit.model: fit.point for fit in fits}
-    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
-    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
-    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
-    return fit_calibrated(problem, start, simple, refinement)
 
 
 def judge(

@@ -101,12 +101,9 @@ def test_a_rolling_shutter_makes_two_motions(run: Any, photo: Path) -> None:
     words = (photo, "--focal", 300, "--exposure", 0.02, "--no-timings")
     _, (plain,) = run(*words)
     _, (shut,) = run(*words, "--readout", 0.03)
-    other, changed = shut.pop("backward"), {"cam2_from_cam1", "rotation_deg", "angular_velocity_rad_s"}
-    assert plain.pop("backward") is None and plain.pop("readout_s") is None and shut.pop("readout_s") == 0.03
-    changed |= {"pose_covariance"}
-    assert {key: shut[key] for key in shut.keys() - changed} == {
-        key: plain[key] for key in plain.keys() - changed
-    }
+    other = shut["backward"]
+    assert plain["backward"] is None and plain["readout_s"] is None and shut["readout_s"] == 0.03
+    assert shut["config"] == plain["config"] == other["config"]
     angles = sorted([shut["rotation_deg"], plain["rotation_deg"], other["rotation_deg"]])
     assert angles[1] == plain["rotation_deg"] and angles[0] < 0.99 * angles[2]
     rate = np.linalg.norm(other["angular_velocity_rad_s"])
@@ -126,7 +123,7 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         _, (facts,) = run(path, "--focal", 300, "--readout", 0.03)
         angles[orientation] = facts["rotation_deg"], facts["backward"]["rotation_deg"]
     assert angles[2] == angles[1] != angles[6]
-    np.testing.assert_allclose(angles[3], angles[1][::-1])
+    np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.01)
 
 
 def test_a_readout_needs_the_exposure_time(

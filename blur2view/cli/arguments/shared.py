@@ -244,8 +244,8 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
             metavar="S",
             help="of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the "
             "first row to that of the last one; rows are those of the file as stored. A point that moves "
-            "with the rows is seen for longer, so pose and rate differ with the order in time: one is given, "
-            "the other is backward in the JSON document. F, H and E stay those of the smears",
+            "with the rows is seen for longer, so the motion differs with the order in time: one is given, "
+            "of both that which has less parallax, the other is backward in the JSON document",
         )
 
 
