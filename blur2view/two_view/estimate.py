@@ -81,14 +81,12 @@ def estimate_two_view(
     ValueError
         If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    if shutter is not None and (camera is None or not camera.known):
+        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
     geometry = as_recorded(matches, options, rng, camera)
-    if shutter is None:
-        return geometry
-    if camera is None or not camera.known:
-        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
-    if not shutter.readout_s or geometry.cam2_from_cam1 is None:
+    if shutter is None or camera is None or not shutter.readout_s or geometry.cam2_from_cam1 is None:
         return geometry
     flips = []
     for flip in (geometry, geometry.reversed()):
