@@ -11,7 +11,7 @@ Conventions, used everywhere
 - F: ``points2^T F points1 = 0`` with 1 = shutter open, 2 = shutter close, ||F|| = 1. Which end of time
   is which stays open for the whole image: F and its transpose are one answer.
 - Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length or, where parallax is not
-  proven, zero; a pose and its inverse are one answer.
+  proven, zero; a pose and its inverse are one answer (with a rolling shutter: the two of ``reversed()``).
 - Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
 - Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].
 
@@ -53,6 +53,7 @@ if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
     from blur2view.exposure.views import views_of as views_of
     from blur2view.geometry.pose import PoseCovariance as PoseCovariance
     from blur2view.geometry.pose import RigidTransform as RigidTransform
+    from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
     from blur2view.geometry.two_view_geometry import Configuration as Configuration
     from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
     from blur2view.geometry.two_view_geometry import Parallax as Parallax
@@ -92,6 +93,7 @@ _PUBLIC = {
     "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
     "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
     "geometry.pose": ("PoseCovariance", "RigidTransform"),
+    "geometry.rolling_shutter": ("RollingShutter",),
     "geometry.two_view_geometry": ("Configuration", "MotionModel", "Parallax", "TwoViewGeometry"),
     "networks.model_file": ("ModelInfo",),
     "networks.octaves": ("PyramidOptions",),

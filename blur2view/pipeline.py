@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import read_exif
+from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
+from blur2view.errors import CameraError
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
@@ -37,6 +39,7 @@ class Run:
     seed: int
     intrinsics: Intrinsics = field(default_factory=Intrinsics)
     exposure_s: float | None = None
+    readout_s: float | None = None
     max_memory_gib: float = MAX_MEMORY_GIB
 
     def __post_init__(self) -> None:
@@ -93,6 +96,7 @@ def estimate(
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
+    shutter: RollingShutter | None = None,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -108,6 +112,9 @@ def estimate(
         Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
     camera : Camera, optional
         Intrinsics of this photograph, for its size.
+    shutter : RollingShutter, optional
+        Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
+        another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
 
     Returns
     -------
@@ -117,7 +124,8 @@ def estimate(
     Raises
     ------
     ValueError, ModelError
-        If the image is not float32 of shape (H, W, 3) in [0, 1]; if the network cannot be used.
+        If the image is not float32 of shape (H, W, 3) in [0, 1] or a shutter comes without a camera; if the
+        network cannot be used.
     """
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
@@ -127,7 +135,7 @@ def estimate(
     clock.append(time.perf_counter())
     matches = select_matches(field, select)
     clock.append(time.perf_counter())
-    geometry = estimate_two_view(matches, options, rng, camera)
+    geometry = estimate_two_view(matches, options, rng, camera, shutter)
     clock.append(time.perf_counter())
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
@@ -189,7 +197,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
     Raises
     ------
     ImageError, CameraError, ModelError
-        If the file cannot be read, its camera cannot be determined or the network cannot be run.
+        If the file cannot be read, its camera or shutter cannot be determined or the network cannot be run.
     """
     start = time.perf_counter()
     image = read_image(path, max_memory_gib=run.max_memory_gib, content=content)
@@ -203,6 +211,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
         options=run.options,
         rng=np.random.default_rng(run.seed),
         camera=camera,
+        shutter=_shutter(path, run, exif),
     )
     return FileEstimate(
         path=path,
@@ -212,3 +221,13 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,
     )
+
+
+def _shutter(path: Path, run: Run, exif: ExifFacts) -> RollingShutter | None:
+    """Return the rolling shutter of a photograph, None where the options name none."""
+    exposure_s = run.exposure_s or exif.exposure_s
+    if not run.readout_s:
+        return None
+    if exposure_s is None:
+        raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
+    return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=exif.rows_towards)

@@ -1,4 +1,4 @@
-"""Focal length and exposure time of a photograph by its EXIF."""
+"""Focal length, exposure time and orientation of a photograph by its EXIF."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from blur2view.camera.colmap_camera import possible_focal
 
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
+ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 
 
@@ -30,15 +31,18 @@ class ExifFacts:
         The tags it is from.
     exposure_s : float or None
         Exposure time in seconds.
+    rows_towards : (int, int)
+        Direction in the upright picture in which the sensor's rows follow each other, by its orientation.
     """
 
     focal_px: float | None = None
     focal_tags: str = ""
     exposure_s: float | None = None
+    rows_towards: tuple[int, int] = (0, 1)
 
 
 def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifFacts:
-    """Return focal length and exposure time; None of a photograph without EXIF or a damaged one.
+    """Return focal length, exposure time and orientation; None of a photograph without EXIF or a damaged one.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
     FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
@@ -52,13 +56,21 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
         with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
             size = photo.size
-            tags = dict(photo.getexif().get_ifd(ExifTags.IFD.Exif))
+            exif = photo.getexif()
+            tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
+            # pillow_heif turns pictures upright and keeps what the tag said
+            orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
         return ExifFacts()
     focal_px, focal_tags = _focal(tags, size)
     if focal_px is not None and not possible_focal(focal_px):
         focal_px, focal_tags = None, ""
-    return ExifFacts(focal_px=focal_px, focal_tags=focal_tags, exposure_s=_positive(tags, "ExposureTime"))
+    return ExifFacts(
+        focal_px=focal_px,
+        focal_tags=focal_tags,
+        exposure_s=_positive(tags, "ExposureTime"),
+        rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
+    )
 
 
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, str]:

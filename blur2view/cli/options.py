@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.errors import CameraError
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.pipeline import Run
 from blur2view.smears.sampling import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
@@ -15,7 +16,7 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
     """Return the options as dataclasses; a wrong value is a usage error."""
-    exposure_s = getattr(options, "exposure", None)
+    exposure_s, readout_s = getattr(options, "exposure", None), getattr(options, "readout", None)
     if options.resume and options.command in ("estimate", "segment") and options.output is None:
         usage_error("--resume goes on with results in a folder; name it with -o")
     try:
@@ -23,8 +24,12 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             raise ValueError(f"seed must not be negative, got {options.seed}")
         if exposure_s is not None and not SHORTEST_S < exposure_s < math.inf:
             raise ValueError(f"exposure must be above {SHORTEST_S:g} s and finite, got {exposure_s}")
+        if readout_s is not None and options.focal is None and options.camera is None:
+            raise ValueError("--readout corrects the pose of --focal or --camera only; add one")
         if exposure_s is not None and options.focal is None and options.camera is None:
             raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
+        if readout_s is not None:
+            RollingShutter(readout_s=readout_s, exposure_s=exposure_s or 1.0)  # which checks it
         intrinsics = Intrinsics(focal_px=options.focal, camera=options.camera)
         if options.dask is not None and intrinsics.in_database:
             raise ValueError(
@@ -36,6 +41,7 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             seed=options.seed,
             intrinsics=intrinsics,
             exposure_s=exposure_s,
+            readout_s=readout_s,
             max_memory_gib=options.max_memory,
         )
     except (ValueError, CameraError) as error:

@@ -83,7 +83,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _untold(document))
         if document.angular_velocity_rad_s is not None:
-            parts.append(rate(document))
+            parts.append(rate(document) + _backward(document))
     elif geometry.F is not None and geometry.H is None:
         parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
     if document.camera is not None and "scaled" in document.camera.source:
@@ -154,6 +154,14 @@ def rate(document: EstimateDocument) -> str:
     return f"{known:.3g} rad/s (sigma {sigma:.2g}{', not told from none' if known < sigma else ''})"
 
 
+def _backward(document: EstimateDocument) -> str:
+    """Return the rate of the other order in time, where a rolling shutter makes it another one."""
+    if document.backward is None or document.backward.angular_velocity_rad_s is None:
+        return ""
+    other = float(np.linalg.norm(document.backward.angular_velocity_rad_s))
+    return f" or, in the other order in time, {other:.3g} rad/s"
+
+
 def _untold(document: EstimateDocument) -> str:
     """Return why a pose's translation is zero; nothing if it is not."""
     if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
@@ -171,6 +179,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     if document.angular_velocity_rad_s is not None:
         rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
+        rotation += _backward(document)
     if not any(pose.translation):
         return [rotation + _untold(document)]
     direction = ", ".join(f"{value:.3f}" for value in pose.translation)

@@ -96,6 +96,45 @@ class CovarianceDocument(Document):
 
 
 @dataclass(frozen=True, kw_only=True)
+class BackwardDocument(Document):
+    """The pose of the other order in time, as that of the first.
+
+    Parameters
+    ----------
+    config : str
+        The configuration.
+    cam2_from_cam1 : object
+        Rotation and translation.
+    rotation_deg : float
+        Angle of the rotation, degrees.
+    angular_velocity_rad_s : list of 3 float, or null
+        Its rotation vector over the exposure time.
+    pose_covariance : object
+        Covariance of the pose.
+    """
+
+    config: str
+    cam2_from_cam1: PoseDocument
+    rotation_deg: float
+    angular_velocity_rad_s: list[float] | None
+    pose_covariance: CovarianceDocument
+
+    @classmethod
+    def of(cls, one: FileEstimate) -> BackwardDocument | None:
+        """Return the document of a photograph, None where the pose of the other order is the inverse."""
+        geometry = one.estimate.geometry.backward
+        if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
+            return None
+        return cls(
+            config=geometry.config.name,
+            cam2_from_cam1=PoseDocument.of(geometry.cam2_from_cam1),
+            rotation_deg=geometry.cam2_from_cam1.angle_deg,
+            angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
+            pose_covariance=CovarianceDocument.of(geometry.covariance),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateDocument(Document):
     """The document of one photograph of ``blur2view estimate``; null where there is no such value.
 
@@ -146,6 +185,12 @@ class EstimateDocument(Document):
         tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown).
     exposure_s : float or null
         Exposure time in seconds, from --exposure or EXIF.
+    readout_s : float or null
+        From --readout: all is then that of an exposure of all rows at once.
+    backward : object or null
+        With --readout the same of the other order in time, which is another motion than the inverse:
+        config, cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows
+        leave no such smears in that order.
     num_matches : int
         Smears that were used.
     num_inliers : int
@@ -179,6 +224,8 @@ class EstimateDocument(Document):
     angular_velocity_rad_s: list[float] | None
     pose_covariance: CovarianceDocument | None
     exposure_s: float | None
+    readout_s: float | None
+    backward: BackwardDocument | None
     num_matches: int
     num_inliers: int
     iterations: int
@@ -213,6 +260,8 @@ class EstimateDocument(Document):
             angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
             pose_covariance=None if pose is None or covariance is None else CovarianceDocument.of(covariance),
             exposure_s=one.exposure_s,
+            readout_s=one.run.readout_s,
+            backward=BackwardDocument.of(one),
             num_matches=len(estimate.matches),
             num_inliers=int(geometry.inlier_mask.sum()),
             iterations=geometry.iterations,

@@ -38,7 +38,8 @@ class Row(Document):
     sharpness : float
         1 / (1 + smear_px): higher is sharper, whatever the texture.
     rotation_deg : float
-        Angle of the rotation during the exposure, degrees, with known intrinsics.
+        Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
+        of both orders in time.
     angular_velocity_rad_s : float
         That over the exposure time, radians per second.
     inliers : int

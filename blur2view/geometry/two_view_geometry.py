@@ -96,6 +96,8 @@ class TwoViewGeometry:
         explains the smears as well as any homography.
     untold : bool
         Whether too little is seen to tell anything, parallax neither.
+    backward : TwoViewGeometry or None
+        The other order in time, where a rolling shutter makes it another motion than the inverse.
     """
 
     F: Array | None
@@ -111,6 +113,7 @@ class TwoViewGeometry:
     cam2_from_cam1: RigidTransform | None = None
     covariance: PoseCovariance | None = None
     untold: bool = False
+    backward: TwoViewGeometry | None = None
 
     @property
     def support(self) -> float:
@@ -137,6 +140,8 @@ class TwoViewGeometry:
 
     def reversed(self) -> TwoViewGeometry:
         """Return the same motion with time reversed: the other of two equal answers."""
+        if self.backward is not None:
+            return replace(self.backward, backward=replace(self, backward=None))
         pose, covariance = self.cam2_from_cam1, self.covariance
         H = None if self.H is None else np.linalg.inv(self.H)
         return replace(

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
+from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
@@ -38,12 +41,16 @@ CONFIGURATIONS = {
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
 
+AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
+LIKELY = (Parallax.ABSENT, Parallax.OPEN, Parallax.PROVEN)  # of two orders in time, that which needs less
+
 
 def estimate_two_view(
     matches: SmearMatches,
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
+    shutter: RollingShutter | None = None,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
@@ -55,6 +62,10 @@ def estimate_two_view(
         Default: seed 0. The same state gives the same answer.
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
+    shutter : RollingShutter, optional
+        Of that camera, whose intrinsics must be known. A geometry with a pose is then that of an exposure of
+        all rows at once, another one for each order in time (``reversed()``): of both that which has less
+        parallax is given.
 
     Returns
     -------
@@ -64,9 +75,65 @@ def estimate_two_view(
         parallax is open; MULTIPLE with the F
         that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
         constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
+
+    Raises
+    ------
+    ValueError
+        If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    if shutter is not None and (camera is None or not camera.known):
+        raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
+    geometry = as_recorded(matches, options, rng, camera)
+    if shutter is None or camera is None or not shutter.readout_s or geometry.cam2_from_cam1 is None:
+        return geometry
+    flips = []
+    for flip in (geometry, geometry.reversed()):
+        there = at_once(matches, flip.swapped, shutter, (camera.width, camera.height))
+        if there is not None:
+            other = as_recorded(there, options, rng, camera)
+            flips.append(other if (other.swapped == flip.swapped).mean() >= 0.5 else other.reversed())
+    if len(flips) == 1:
+        reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
+        return replace(flips[0], reason=reason)
+    first, second = sorted(flips, key=lambda f: (f.cam2_from_cam1 is None, LIKELY.index(f.parallax)))
+    return replace(first, backward=second)
+
+
+def at_once(
+    matches: SmearMatches, swapped: NDArray[np.bool_], shutter: RollingShutter, image_size: tuple[int, int]
+) -> SmearMatches | None:
+    """Return the matches as an exposure of all rows at once leaves them, if ends[:, 1] is open where swapped.
+
+    None where no motion leaves them in this order in time. Every smear is ordered as those around it.
+    """
+    ordered, tree = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement, cKDTree(matches.midpoint)
+
+    def exposures_of(ends: Array) -> Array:
+        d, around = ends[:, 1] - ends[:, 0], tree.query(ends.mean(axis=1), min(AROUND, len(matches)))[1]
+        backward = (d * ordered[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
+        return shutter.exposures(np.where(backward, -d, d), image_size)
+
+    exposures = exposures_of(matches.ends)
+    if np.median(exposures) <= LEAST:
+        return None
+    exposures, sure = np.maximum(exposures, LEAST), matches.sure_ends
+    if sure is not None:
+        sure = shortened(sure, np.maximum(exposures_of(sure), LEAST))
+    return replace(
+        matches,
+        ends=shortened(matches.ends, exposures),
+        sigma_px=matches.sigma_px / exposures,
+        across_px=None if matches.across_px is None else matches.across_px / exposures,
+        sure_ends=sure,
+    )
+
+
+def as_recorded(
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator, camera: Camera | None
+) -> TwoViewGeometry:
+    """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter."""
     held = still(matches, options)
     refusal = held or untold(matches, options)
     if refusal is not None:

@@ -97,6 +97,53 @@ def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path)
     assert hinted["E"] is None and hinted["camera"]["known"] is False
 
 
+def test_a_rolling_shutter_makes_two_motions(run: Any, photo: Path) -> None:
+    words = (photo, "--focal", 300, "--exposure", 0.02, "--no-timings")
+    _, (plain,) = run(*words)
+    _, (shut,) = run(*words, "--readout", 0.03)
+    other = shut["backward"]
+    assert plain["backward"] is None and plain["readout_s"] is None and shut["readout_s"] == 0.03
+    assert shut["config"] == plain["config"] == other["config"]
+    angles = sorted([shut["rotation_deg"], plain["rotation_deg"], other["rotation_deg"]])
+    assert angles[1] == plain["rotation_deg"] and angles[0] < 0.99 * angles[2]
+    rate = np.linalg.norm(other["angular_velocity_rad_s"])
+    assert np.isclose(rate, np.radians(other["rotation_deg"]) / 0.02)
+
+
+def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: Path) -> None:
+    pixels = (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
+    angles = {}
+    as_stored = {1: pixels, 3: pixels[::-1, ::-1], 6: np.rot90(pixels), 2: pixels[:, ::-1]}
+    for orientation, stored in as_stored.items():
+        exif = Image.Exif()
+        exif[ExifTags.Base.Orientation] = orientation
+        exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
+        path = tmp_path / f"{orientation}.png"
+        Image.fromarray(np.ascontiguousarray(stored)).save(path, exif=exif)
+        _, (facts,) = run(path, "--focal", 300, "--readout", 0.03)
+        angles[orientation] = facts["rotation_deg"], facts["backward"]["rotation_deg"]
+    assert angles[2] == angles[1] != angles[6]
+    np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.01)
+
+
+def test_a_readout_needs_the_exposure_time(
+    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--readout", "0.03"]
+    assert cli.main(arguments) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "add --exposure S" in line
+
+
+def test_summaries_have_both_orders_of_a_rolling_shutter(
+    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure", "0.02"]
+    for verbosity in ([], ["-v"]):
+        assert cli.main([*words, "--readout", "0.03", *verbosity]) == 0
+        assert " or, in the other order in time, " in capsys.readouterr().out
+
+
 def test_verbose_summary_has_the_pose(
     photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,6 +192,10 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
         ["--exposure", "0"],
         ["--exposure", "inf"],
         ["--exposure", "0.05"],  # without intrinsics there is no rotation
+        ["--readout", "0.02"],
+        ["--focal", "300", "--readout", "-0.01"],
+        ["--focal", "300", "--readout", "nan"],
+        ["--focal", "300", "--readout", "25"],
         ["--camera", "nonsense"],
         ["--camera", "SIMPLE_RADIAL 320 240 300 160 120"],
     ],

@@ -19,8 +19,8 @@ MODELS = (
     "EQUIRECTANGULAR", "", "pinhole", "NONE",
 )  # fmt: skip
 NUMERIC = (
-    "--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure", "--jobs", "--every", "--from",
-    "--to", "--max-failures", "--max-smear",
+    "--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure", "--readout", "--jobs",
+    "--every", "--from", "--to", "--max-failures", "--max-smear",
 )  # fmt: skip
 TEXTUAL = ("--model", "-o", "--output", "--camera", "--db", "--format", "--sequence", "--csv", "--keep")
 

@@ -238,6 +238,15 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
             help="exposure time in seconds, with --focal or --camera: the angular velocity is the rotation "
             "over it (default: that of EXIF)",
         )
+        group.add_argument(
+            "--readout",
+            type=float,
+            metavar="S",
+            help="of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the "
+            "first row to that of the last one; rows are those of the file as stored. A point that moves "
+            "with the rows is seen for longer, so the motion differs with the order in time: one is given, "
+            "of both that which has less parallax, the other is backward in the JSON document",
+        )
 
 
 def add_estimation(parser: argparse.ArgumentParser) -> None:

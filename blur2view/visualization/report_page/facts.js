@@ -46,6 +46,7 @@ function countsOf({ facts, medianPx, lens }) {
     ["seed", String(facts.seed)],
   ];
   if (facts.rotation_deg !== null) pairs.push(["rotation", `${facts.rotation_deg.toFixed(3)}\u00b0`]);
+  if (facts.backward) pairs.push(["in the other order in time", `${facts.backward.rotation_deg.toFixed(3)}\u00b0`]);
   if (facts.camera) pairs.push(["camera", `${facts.camera.model}, ${facts.camera.source}`]);
   if (lens) pairs.push(["lens", "distorts: epipolar lines are curves"]);
   return pairs;

@@ -1,0 +1,67 @@
+"""Rolling shutters: all rows of a photograph are exposed for as long, one begins after the other.
+
+A point is seen while the row that it is on is open. Its smear D leads from the row that it is on when that
+opens to the row that it is on when that closes, which opened r D_y later (r the time from row to row): it is
+seen for e + r D_y, e the exposure time. So D / (1 + r D_y / e) is its smear in e, exactly at a constant
+velocity, and -D / (1 - r D_y / e) if the photograph was taken in the other order in time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.arrays import Array
+
+LONGEST_S = 1.0  # no electronic shutter is as slow
+LEAST = 0.1  # of an exposure; points that keep up with the rows would be seen for less
+
+
+def shortened(ends: Array, factor: Array) -> Array:
+    """Return smears (N, 2, 2), each shorter by its factor (N,) about its middle."""
+    middle = ends.mean(axis=1, keepdims=True)
+    short: Array = middle + (ends - middle) / factor[:, None, None]
+    return short
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollingShutter:
+    """How long a sensor takes to expose its rows.
+
+    Parameters
+    ----------
+    readout_s : float
+        Seconds from the start of exposure of the first row to that of the last one; 0 is a global shutter.
+    exposure_s : float
+        Exposure time of every row, seconds.
+    towards : (int, int)
+        Direction in which the rows begin: (0, 1) from top to bottom, (1, 0) from left to right, or against.
+
+    Raises
+    ------
+    ValueError
+        If a time is out of range or the direction none of these four.
+    """
+
+    readout_s: float
+    exposure_s: float
+    towards: tuple[int, int] = (0, 1)
+
+    def __post_init__(self) -> None:
+        """Refuse values out of range."""
+        if not 0 <= self.readout_s <= LONGEST_S:
+            raise ValueError(f"readout must be between 0 and {LONGEST_S:g} s, got {self.readout_s}")
+        if not 0 < self.exposure_s < np.inf:
+            raise ValueError(f"exposure must be positive and finite, got {self.exposure_s}")
+        if self.towards not in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            raise ValueError(f"rows begin along x or y, got {self.towards}")
+
+    def exposures(self, displacement: Array, image_size: tuple[int, int]) -> Array:
+        """Return for how many exposure times (N,) the points of smears (N, 2), open to close end, were seen.
+
+        Not positive where no motion in this order in time leaves such a smear.
+        """
+        rows = int(np.abs(self.towards) @ image_size)
+        share: Array = displacement @ np.array(self.towards) / max(rows - 1, 1)
+        return 1 + self.readout_s / self.exposure_s * share
