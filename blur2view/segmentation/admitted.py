@@ -20,6 +20,11 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 
+# A motion's errors over those of the motion that explains most smears best. With 1.2, 1.5, 2 and any, masks
+# of true smears have an IoU of 0.80, 0.77, 0.75 and 0.66 over all pixels of 48 development scenes; with 1.2
+# one of 34 frames of RedKitchen has more than 1 % that moves.
+MOST_SCALE = 1.5
+
 
 def admitted_motions(
     found: Estimate, splits: int, options: EstimatorOptions, rng: np.random.Generator
@@ -57,21 +62,24 @@ def _part(matches: SmearMatches, chosen: NDArray[np.bool_]) -> SmearMatches:
 
 
 def least_score(found: Estimate, motions: list[TwoViewGeometry]) -> MotionScore:
-    """Return the least score and reach (`motion_score`) of every cell against several motions.
+    """Return the least and the greatest score and the least reach of every cell against several motions.
 
-    Errors are believed to be as large as stated, or as the first motion shows: another that explains less
-    explains no mover either. Both are zero if one of the motions is neither an F nor a homography.
+    Motions that explain most smears much worse than the best one does are none that the camera may have had.
+    Errors are as large as stated, or as the best motion shows. All is zero if one of the motions is neither
+    an F nor a homography.
     """
-    first, *others = motions
-    own = motion_score(replace(found, geometry=first))
-    believed = max(own.error_scale, 1.0)
-    scored = [own, *(motion_score(replace(found, geometry=one), believed) for one in others)]
-    known = all(motion.F is not None or motion.H is not None for motion in motions)
+    scored = [motion_score(replace(found, geometry=one)) for one in motions]
+    if any(motion.F is None and motion.H is None for motion in motions):
+        none = np.zeros_like(scored[0].score)
+        reason = "nothing to measure against: half of the picture knows no motion of the camera"
+        return replace(scored[0], score=none, reach=none, greatest=none, reason=reason)
+    scale = min(one.error_scale for one in scored)
+    scored = [one for one in scored if one.error_scale <= MOST_SCALE * scale]
+    variance = max(scale, 1.0) ** 2
     return replace(
-        own,
-        score=known * np.min([one.score for one in scored], axis=0),
-        reach=known * np.min([one.reach for one in scored], axis=0),
-        reason=own.reason
-        if known
-        else "nothing to measure against: half of the picture knows no motion of the camera",
+        scored[0],
+        score=np.min([one.score for one in scored], axis=0) / variance,
+        reach=np.min([one.reach for one in scored], axis=0) / variance,
+        greatest=np.max([one.score for one in scored], axis=0) / variance,
+        error_scale=scale,
     )

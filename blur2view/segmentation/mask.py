@@ -14,7 +14,7 @@ from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.object_motion import object_motion
-from blur2view.segmentation.regions import decide, to_pixels, without_small
+from blur2view.segmentation.regions import decide, to_pixels
 from blur2view.segmentation.score import MotionScore, motion_score
 from blur2view.two_view.options import EstimatorOptions
 
@@ -123,8 +123,9 @@ def segment(
 ) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
-    A part moves if its smears contradict the estimate's F or homography, and those of halves of the picture;
-    before a camera that stands still, if they are long.
+    A part moves if its smears contradict the estimate's F or homography, and those of halves of the picture
+    that explain as much; before a camera that stands still, if they are long. What only some of these motions
+    explain is unobservable.
 
     Parameters
     ----------
@@ -144,7 +145,6 @@ def segment(
     scored = _scored(found, options, rng)
     cells = decide(scored)
     moving, seen = (to_pixels(mask, shape) >= 0.5 for mask in (cells.moving, cells.observable))
-    moving = without_small(moving)
     labels = np.full(shape, MotionLabel.UNOBSERVABLE, np.uint8)
     labels[seen] = MotionLabel.STATIC
     labels[moving] = MotionLabel.MOVING

@@ -1,4 +1,4 @@
-"""From scores of smears to moving parts: two thresholds, no small parts.
+"""From scores of smears to moving parts: two thresholds.
 
 Smears are read in windows of 96 pixels, so the smear of an object bleeds beyond it, and that of a small one
 is lost in what surrounds it. Outlines are not fitted to the photograph: along its edges (a guided filter)
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +21,7 @@ Mask = NDArray[np.bool_]
 # Exceeded by chance in 5 % and 0.3 % (chi-square, one degree of freedom), before a still camera, whose smears
 # err along both axes, in 15 % and 1.1 % (two).
 LOW, HIGH = 3.84, 9.0
-LEAST_SHARE = 0.003  # of the photograph that a moving part covers, and a hole in one
+CORE = 2  # cells: a single one exceeds by chance
 ODDS_SLOPE = 0.61  # of the log-odds of moving over the log score (76 rendered scenes); they are 0 at HIGH
 
 
@@ -50,34 +49,19 @@ def decide(scored: MotionScore) -> MotionCells:
     scored : MotionScore
     """
     score = scored.score
-    moving = moving_parts(score, LOW, HIGH)
-    seen = moving | (scored.reach >= HIGH)
+    moving = moving_parts(score)
+    agreed = scored.greatest <= HIGH  # what only some of the motions explain may be either
+    seen = moving | ((scored.reach >= HIGH) & agreed)
     odds = (np.maximum(score, 1e-3) / HIGH) ** ODDS_SLOPE
     return MotionCells(probability=np.where(seen, odds / (1 + odds), 0.0), moving=moving, observable=seen)
 
 
-def moving_parts(score: Array, low: float, high: float) -> Mask:
-    """Mark the connected parts (h, w) that pass low everywhere and high somewhere, without small ones."""
-    part = connected(score > low)
-    sure = np.zeros(part.max() + 1, bool)
-    sure[part[score > high]] = True
-    sure[0] = False
-    return without_small(~without_small(~without_small(sure[part])))
+def moving_parts(score: Array) -> Mask:
+    """Mark the connected parts (h, w) that pass LOW everywhere and HIGH in CORE x CORE cells somewhere."""
+    from scipy.ndimage import binary_opening, binary_propagation
 
-
-def connected(mask: Mask) -> NDArray[np.int32]:
-    """Return the number of the connected part, from 1 on, of every cell of a mask (h, w); 0 outside."""
-    _, part = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
-    return np.asarray(part, np.int32)
-
-
-def without_small(mask: Mask) -> Mask:
-    """Clear connected parts of a mask (h, w) that cover less than LEAST_SHARE of it."""
-    part = connected(mask)
-    count = np.bincount(part.ravel())
-    large = count >= LEAST_SHARE * mask.size
-    large[0] = False
-    return np.asarray(large[part])
+    core = binary_opening(score > HIGH, np.ones((CORE, CORE)))
+    return np.asarray(binary_propagation(core, mask=score > LOW))
 
 
 def to_pixels(grid: Array | Mask, shape: tuple[int, int]) -> NDArray[np.float32]:

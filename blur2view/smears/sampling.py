@@ -51,6 +51,8 @@ class SelectOptions:
 def select_matches(field: SmearField, options: SelectOptions | None = None) -> SmearMatches:
     """Return the most certain smears of a field as matches, spread over the image; deterministic.
 
+    Equally certain ones are taken from everywhere, not from the top of the image first.
+
     Parameters
     ----------
     field : SmearField
@@ -65,7 +67,7 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     smears = GridSmears.of(field)
     length, sigma, sure_rad = smears.length_px, smears.sigma_px, smears.sigma_rad
     long = length >= options.min_length_px
-    candidates = np.flatnonzero(long)
+    candidates = np.random.default_rng(0).permutation(np.flatnonzero(long))
     order = np.argsort(smears.quality(options.rank)[candidates], kind="stable")
     sure = candidates[order][: int(np.ceil(options.beta * len(length)))]
     chosen = sure[spread(smears.points[sure], field.shape, options)]

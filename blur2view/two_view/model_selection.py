@@ -27,6 +27,7 @@ PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
 GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
 WITHIN_REACH = 50.0  # the two-parameter F, fitted before, gains less from what it is then refined on
 SCALE_STEPS = 8  # of expectation-maximisation
+LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for the two-parameter F's start
 PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GENERAL: 7}
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
@@ -151,11 +152,11 @@ def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
     squared = residual[residual < cutoff] ** 2
     if not len(squared):
         return 1.0
-    variance, inliers = 1.4826**2 * float(np.median(squared)), 0.5
+    variance, inliers = max(1.4826**2 * float(np.median(squared)), LEAST_VARIANCE), 0.5
     for _ in range(SCALE_STEPS):
         normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
         share = normal / (normal + (1 - inliers) / cutoff)
         total = float(share.sum())
         inliers = min(total / len(squared), 0.999)
-        variance = max(float(share @ squared) / max(total, 1e-9), 1e-6)
+        variance = max(float(share @ squared) / max(total, 1e-9), LEAST_VARIANCE)
     return float(np.clip(variance**0.5, 0.1, 4.0))

@@ -13,11 +13,21 @@ from blur2view.robust.independence import BLOCKS, cells
 from blur2view.segmentation import admitted
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
+from blur2view.segmentation.regions import decide
 from blur2view.segmentation.score import motion_score
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.colour_code import EPIPOLE, forward_motion
-from tests.support.motion_scenes import BOX, MOVER, SHIFT, SIDEWAYS, estimate_of
+from tests.support.motion_scenes import (
+    BOX,
+    MOVER,
+    SHIFT,
+    SIDEWAYS,
+    STATIC_PX,
+    estimate_of,
+    sideways,
+    with_mover,
+)
 
 RADIAL = cross_matrix(np.array([*EPIPOLE, 1.0]))  # the F of `forward_motion`
 
@@ -85,24 +95,36 @@ def test_each_sure_smear_is_in_the_half_of_its_block(monkeypatch: pytest.MonkeyP
         np.testing.assert_array_equal(half.sure_ends, half.ends)
 
 
-def test_what_the_homography_explains_is_no_mover_where_parallax_is_open() -> None:
-    displacement = forward(moving=True)
-    shift = np.array([[1, 0, MOVER[0]], [0, 1, MOVER[1]], [0, 0, 1.0]])
-    alone = segment(estimate_of(displacement, F=RADIAL), options=SegmentOptions(splits=0))
-    both = segment(estimate_of(displacement, F=RADIAL, H=shift), options=SegmentOptions(splits=0))
-    assert (alone.labels == MotionLabel.MOVING).mean() > 0.05
-    assert (both.labels != MotionLabel.MOVING).all()
+def two_motions() -> tuple[Estimate, list[TwoViewGeometry]]:
+    """Return unsure smears, which two F explain alike, and a box of sure ones, which only the second does."""
+    rng = np.random.default_rng(0)
+    displacement = sideways()
+    displacement[..., 1] = rng.normal(0, STATIC_PX, displacement.shape[:2])
+    displacement[BOX] = MOVER
+    sigma_rad = np.ones(displacement.shape[:2], np.float32)
+    sigma_rad[BOX] = 0.05
+    found = estimate_of(displacement, F=SIDEWAYS, sigma_rad=sigma_rad)
+    along_the_box = cross_matrix(np.array([*MOVER, 0.0])) / np.hypot(*MOVER)
+    return found, [found.geometry, replace(found.geometry, F=along_the_box)]
 
 
-def test_scores_are_the_least_and_none_without_any_motion() -> None:
-    found = estimate_of(forward(moving=True), F=RADIAL)
-    radial, sideways = found.geometry, replace(found.geometry, F=SIDEWAYS)
-    own = motion_score(found)
-    each = own, motion_score(replace(found, geometry=sideways), max(own.error_scale, 1.0))
-    least = least_score(found, [radial, sideways])
-    np.testing.assert_array_equal(least.score, np.minimum(each[0].score, each[1].score))
-    np.testing.assert_array_equal(least.reach, np.minimum(each[0].reach, each[1].reach))
-    unknown = least_score(found, [radial, replace(radial, F=None)])
+def test_what_one_of_two_motions_explains_is_unobservable() -> None:
+    found, motions = two_motions()
+    inside = tuple(slice(side.start // 4, side.stop // 4) for side in BOX)
+    alone, both = (decide(least_score(found, some)) for some in (motions[:1], motions))
+    assert alone.moving[inside].mean() > 0.9
+    assert not both.moving[inside].any() and not both.observable[inside].any()
+
+
+def test_scores_are_the_least_and_the_greatest_and_none_without_any_motion() -> None:
+    found, motions = two_motions()
+    each = [motion_score(replace(found, geometry=one)) for one in motions]
+    scale = max(1.0, min(one.error_scale for one in each))
+    both = least_score(found, motions)
+    np.testing.assert_allclose(both.score * scale**2, np.minimum(each[0].score, each[1].score))
+    np.testing.assert_allclose(both.greatest * scale**2, np.maximum(each[0].score, each[1].score))
+    np.testing.assert_allclose(both.reach * scale**2, np.minimum(each[0].reach, each[1].reach))
+    unknown = least_score(found, [motions[0], replace(motions[0], F=None)])
     assert not unknown.score.any() and not unknown.reach.any() and "half of the picture" in unknown.reason
 
 
@@ -118,6 +140,18 @@ def test_same_generator_same_mask_and_splits_are_not_negative() -> None:
 def test_a_motion_that_explains_little_explains_no_mover() -> None:
     found = estimate_of(forward(moving=True), F=RADIAL)
     elsewhere = replace(found.geometry, F=SIDEWAYS)
-    believed = motion_score(replace(found, geometry=elsewhere))
-    assert believed.error_scale > 2 and believed.score[30, 55] < 9  # its own errors would hide the mover
+    alone = least_score(found, [elsewhere])
+    assert alone.error_scale > 2 and alone.score[30, 55] < 9  # its own errors hide the mover
     assert least_score(found, [found.geometry, elsewhere]).score[30, 55] > 9
+
+
+def test_a_half_that_fits_the_mover_at_the_cost_of_the_rest_is_not_admitted() -> None:
+    noise = np.random.default_rng(0).normal(0, 0.1, (240, 320, 2)).astype(np.float32)
+    found = estimate_of(with_mover() + noise, F=SIDEWAYS)
+    tilted = cross_matrix(
+        np.array([1.0, 0.1, 0.0])
+    )  # off by 0.8 px in the whole picture, twice the stated error
+    motions = [found.geometry, replace(found.geometry, F=tilted)]
+    alone, both = (least_score(found, some) for some in (motions[:1], motions))
+    np.testing.assert_array_equal(both.score, alone.score)
+    np.testing.assert_array_equal(both.greatest, alone.greatest)

@@ -12,6 +12,7 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.segmentation import regions as motion_regions
 from blur2view.segmentation import score as motion_score
+from blur2view.segmentation.admitted import least_score
 from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions, moving_regions
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.sampling import GridSmears, grid_pixels
@@ -48,7 +49,7 @@ def test_score_of_a_smear_across_the_epipolar_lines_is_its_length_over_sigma() -
     scored = score_at(with_mover(), F=SIDEWAYS)
     length = np.hypot(*MOVER)
     # the Sampson distance of both ends from one horizontal line between them is dy / sqrt 2
-    sigma = np.hypot(motion_score.LEAST_SCALE * length * SURE_RAD / 2**0.5, motion_score.FLOOR_PX)
+    sigma = np.hypot(length * SURE_RAD / 2**0.5, motion_score.FLOOR_PX)
     np.testing.assert_allclose(scored.score[30, 50], (MOVER[1] / 2**0.5 / sigma) ** 2, rtol=1e-6)
     np.testing.assert_allclose(scored.score[5, 5], 0, atol=1e-9)
 
@@ -68,7 +69,8 @@ def test_noise_scale_is_that_of_the_photograph() -> None:
     rng = np.random.default_rng(2)
     turned = sideways()
     turned[..., 1] = rng.normal(0, 4 * SURE_RAD * STATIC_PX, (HEIGHT, WIDTH))  # four times the stated error
-    scored = score_at(turned, F=SIDEWAYS)
+    found = estimate_of(turned, F=SIDEWAYS)
+    scored = least_score(found, [found.geometry])
     plain = score_at(turned, F=SIDEWAYS, sigma_rad=4 * SURE_RAD)  # the same errors, stated
     assert np.mean(scored.score > motion_regions.HIGH) < 0.04
     np.testing.assert_allclose(np.median(scored.score), np.median(plain.score), rtol=0.2)
@@ -188,18 +190,10 @@ def test_weak_parts_move_only_with_strong_ones() -> None:
     score[10:40, 10:30] = 5.0  # weak alone
     score[60:90, 10:30] = 5.0
     score[60:70, 30:60] = 12.0  # strong, beside a weak one
-    score[5:7, 100:102] = 30.0  # strong, but tiny
-    moving = motion_regions.moving_parts(score, motion_regions.LOW, motion_regions.HIGH)
+    score[5, 100:110] = 30.0  # strong, but one cell wide
+    moving = motion_regions.moving_parts(score)
     assert not moving[10:40, 10:30].any() and not moving[:10].any()
     assert moving[60:90, 10:30].all() and moving[60:70, 30:60].all()
-
-
-def test_small_holes_are_filled_and_large_ones_stay() -> None:
-    score = np.zeros((100, 120))
-    score[20:80, 20:80] = 12.0
-    score[30:33, 30:33] = score[50:70, 50:70] = 0.0
-    moving = motion_regions.moving_parts(score, motion_regions.LOW, motion_regions.HIGH)
-    assert moving[31, 31] and not moving[60, 60]
 
 
 def test_distorted_cameras_are_judged_by_undistorted_smears() -> None:

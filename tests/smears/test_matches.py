@@ -109,6 +109,13 @@ def test_few_matches_are_spread_over_the_image() -> None:
     assert (quarters == 16).all()
 
 
+def test_equally_sure_smears_are_taken_from_everywhere() -> None:
+    middle = select_matches(field()).midpoint  # 0.35 of them; once all from the top of the image
+    rows = np.bincount((middle[:, 1] // 24).astype(int), minlength=4)
+    assert len(middle) == np.ceil(0.35 * 24 * 32)
+    assert (rows > 0.2 * len(middle)).all()
+
+
 def test_one_match_may_be_asked_for() -> None:
     every = select_matches(field(), SelectOptions(beta=1.0))
     one = select_matches(field(), SelectOptions(beta=1.0, max_matches=1, cells=1))

@@ -25,15 +25,16 @@ DESCRIPTION = """
 Segment what moves by itself from what the camera's motion explains. Each smear is scored by its squared
 distance from the epipolar lines of the camera's F (without F: by its error under the homography; before a
 still camera: by its length), over its variance. What moves must contradict the motion of the whole picture
-and those of two halves of it; where one of these has none, all is unobservable. Smears are read in windows of
-96 pixels: what is small, or moves much faster than the camera, mostly has no smear of its own, and is not
-seen, nor is an object that moves along the camera's epipolar lines, which looks like one at another depth.
+and those of two halves of it that explain as much; where these disagree it is unobservable, and all is where
+one has none. Smears are read in windows of 96 pixels: what is small, or moves much faster than the camera,
+mostly has no smear of its own, and is not seen, nor is an object that moves along the camera's epipolar
+lines, which looks like one at another depth.
 """
 FILES = (
     (
         "<stem>.mask.png",
         "indexed: 0 static, 1 moving, 2 unobservable (the smear is too short or uncertain, or so near the "
-        "epipole that any motion would fit, or the camera's motion is not sure)",
+        "epipole that any motion would fit, or the camera's motion is not sure there)",
     ),
     ("<stem>.moving.png", "probability of moving, times 255; above one half where the mask says moving"),
     (

@@ -86,7 +86,9 @@ def test_true_smears_take_the_place_of_the_networks() -> None:
     one = replace(scene(), valid=holes, displacement=broken)
     truly = true_estimate(one, estimate_of(sideways(), F=SIDEWAYS))
     np.testing.assert_array_equal(truly.field.displacement[1::4, 1::4], scene().displacement)
-    assert len(truly.matches) > 100 and truly.geometry.reason.startswith("constant field")
+    F = truly.geometry.F  # where most residuals are exactly zero
+    assert F is not None
+    np.testing.assert_allclose(np.abs(F), np.abs(SIDEWAYS), atol=1e-6)
     np.testing.assert_allclose(squared_residual(replace(truly, geometry=one_motion()))[:60], 0, atol=1e-9)
 
 
