@@ -301,10 +301,11 @@ def _load_libraries() -> None:
 def table(tries: Sequence[Tried], seed: int) -> str:
     """Return what came of the cases as Markdown."""
     lines = [
-        f"Seed {seed}. Rude is a call with a traceback, a foreign line, a line too many or too few, a partial",
-        f"or strange file, a good photograph left undone, or one that takes more than {MOST_GIB:.0f} GiB, "
-        f"{MOST_S:.0f} s of",
-        f"processor time or {PATIENCE_S:.0f} s of any. Mended are complaints of inputs that were polite when",
+        f"Seed {seed}. Rude is a call with a traceback, a foreign line, a line too many or too few, a",
+        "partial or strange file, a good photograph left undone, or one that takes more than "
+        f"{MOST_GIB:.0f} GiB,",
+        f"{MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are complaints of inputs that "
+        "were polite when",
         "tried again.",
         "",
         "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB "
