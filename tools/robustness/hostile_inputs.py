@@ -304,8 +304,8 @@ def table(tries: Sequence[Tried], seed: int) -> str:
         f"Seed {seed}. Rude is a call with a traceback, a foreign line, a line too many or too few, a",
         "partial or strange file, a good photograph left undone, or one that takes more than "
         f"{MOST_GIB:.0f} GiB,",
-        f"{MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are complaints of inputs that",
-        "were polite when tried again.",
+        f"{MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are complaints of inputs",
+        "that were polite when tried again.",
         "",
         "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB "
         "| mended | rude |",

@@ -180,6 +180,15 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def exposure_s(text: str) -> float:
+    """Return an exposure time in seconds, of a number or a fraction as 1/25."""
+    above, slash, below = text.partition("/")
+    try:
+        return float(above) / float(below) if slash else float(text)
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
+
+
 def frame_or_seconds(text: str) -> int | float:
     """Return a frame's number, or a time in seconds as a float."""
     try:
@@ -233,10 +242,10 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
     if exposure:
         group.add_argument(
             "--exposure",
-            type=float,
+            type=exposure_s,
             metavar="S",
-            help="exposure time in seconds, with --focal or --camera: the angular velocity is the rotation "
-            "over it (default: that of EXIF)",
+            help="exposure time in seconds, as 0.04 or 1/25, with --focal or --camera: the angular velocity "
+            "is the rotation over it (default: that of EXIF)",
         )
 
 
