@@ -111,9 +111,9 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
         "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
-        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line (blank lines are "
-        "passed over, and those that begin with # and name no file); - for such a list from standard input. "
-        "What is named twice is done once",
+        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line, as seen from here "
+        "or else from the list's folder (blank lines are passed over, and those that begin with # and name "
+        "no file); - for such a list from standard input. What is named twice is done once",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
     add(
