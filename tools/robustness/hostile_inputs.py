@@ -4,7 +4,7 @@
 
 Each input is drawn from one seed. Photographs come in batches, with a good one among them, through every
 command; a list, video, argument, network or full disk comes alone with the good one. Each call is a process
-of its own: a fork of this one, which has libraries and network loaded, with --jobs 1; or, for one in fifty, a
+of its own: a fork of this one, which has libraries and network loaded, with --jobs 1; or, for one in 100, a
 fresh interpreter that starts as many processes as it likes.
 
 A call is polite if it ends by itself within 30 seconds of processor time and 2 GiB with exit code 0, 1 or 2;
@@ -47,7 +47,7 @@ from tools.robustness.hostile_lists import hostile_list, hostile_video
 from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
-BATCH, FRESH_EVERY = 8, 50
+BATCH, FRESH_EVERY = 8, 100
 COMMANDS = (
     ("estimate", "-o", "out"),
     ("estimate", "--json"),
