@@ -204,6 +204,18 @@ def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_pat
     assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
 
 
+@pytest.mark.parametrize("kind", ["matches", "hloc"])
+def test_a_blank_in_one_name_leaves_the_others_done(
+    run: Any, photos: list[Path], tmp_path: Path, kind: str
+) -> None:
+    if kind == "hloc":
+        pytest.importorskip("h5py")
+    blank = photos[1].rename(photos[1].with_name("a b.png"))
+    code, out, err = run("--format", kind, "-o", tmp_path / kind, *CAMERA, photos[0], blank)
+    assert code == 1 and f"{tmp_path / kind}: wrote 2 images and 1 pair of 1 photograph" in out
+    assert err == f"blur2view: {blank}: --format {kind} has no names with a blank; rename it\n"
+
+
 def test_missing_photograph_changes_no_name(run: Any, photos: list[Path], tmp_path: Path) -> None:
     code, out, err = run("--db", tmp_path / "new.db", photos[0], tmp_path / "absent" / "a.png")
     assert code == 1 and out.startswith("moving.png: add") and err.count("\n") == 1
