@@ -88,7 +88,7 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     ]
     if run.broken or all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
-        if run.interrupted or run.broken or not entries:
+        if run.interrupted or run.broken or len(entries) < 2:  # its own line says all
             return run.exit_code
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)
