@@ -298,14 +298,15 @@ def _load_libraries() -> None:
     gc.freeze()
 
 
-def table(tries: Sequence[Tried], seed: int) -> str:
+def table(tries: Sequence[Tried], count: int, seed: int) -> str:
     """Return what came of the cases as Markdown."""
+    done = sum(tried.inputs for tried in tries)
     lines = [
-        f"Seed {seed}. Rude is a call with a traceback, a foreign line, a line too many or too few, a",
-        "partial or strange file, a good photograph left undone, or one that takes more than "
-        f"{MOST_GIB:.0f} GiB,",
-        f"{MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are complaints of inputs",
-        "that were polite when tried again.",
+        f"Seed {seed}, {done} of {count} inputs. Rude is a call with a traceback, a foreign line, a line too",
+        "many or too few, a partial or strange file, a good photograph left undone, or one that takes more",
+        f"than {MOST_GIB:.0f} GiB, {MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are "
+        "complaints of inputs that were",
+        "polite when tried again.",
         "",
         "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB "
         "| mended | rude |",
@@ -336,7 +337,7 @@ def main() -> None:
     parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
     tries = try_all(options.count, options.seed, partial(print, flush=True), options.jobs, options.log)
-    found = table(tries, options.seed)
+    found = table(tries, options.count, options.seed)
     print(found)
     if options.out:
         options.out.write_text(found)

@@ -183,8 +183,9 @@ def test_the_table_counts_what_was_mended() -> None:
         number=0, kind="disks", inputs=8, codes=[0, 1, None], longest_s=2.0, most_gib=0.5, rude=["hangs"]
     )
     other = replace(one, number=1, kind="lists", inputs=1, codes=[2], rude=[], mended=2)
-    rows = hostile_inputs.table([one, other], 5).splitlines()[-3:]
-    assert rows == [
+    lines = hostile_inputs.table([one, other], 20, 5).splitlines()
+    assert lines[0].startswith("Seed 5, 9 of 20 inputs. ")
+    assert lines[-3:] == [
         "| disks | 8 | 3 | 1, 1, 0 | 2.0 | 0.50 | 0 | 1 |",
         "| lists | 1 | 1 | 0, 0, 1 | 2.0 | 0.50 | 2 | 0 |",
         "| all | 9 | 4 | 1, 1, 1 | 2.0 | 0.50 | 2 | 1 |",
