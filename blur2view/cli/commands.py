@@ -72,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the options; wrong usage ends the program, an option of another command with a word about it."""
     parser = build_parser()
+    options: argparse.Namespace
     options, unknown = parser.parse_known_args(arguments)
     for name in (word.partition("=")[0] for word in unknown if word.startswith("-")):
         if owners := [f"blur2view {command}" for command in COMMANDS if name in option_names(command)]:

@@ -97,6 +97,7 @@ def test_a_database_that_COLMAP_worked_in_has_one_way_on(
     with pycolmap.Database.open(path) as database:  # pictures as smooth have none
         features = np.random.default_rng(0).uniform((20, 20), (300, 220), (400, 2))
         image = database.read_image_with_name("moving.png")
+        assert image is not None
         database.update_keypoints(image.image_id, features.astype(np.float32))
     code, _, err = run("--db", path, "--link", *CAMERA, photos[0])
     assert code == 1 and "add --replace" in err
