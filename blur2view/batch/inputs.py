@@ -100,7 +100,8 @@ def list_photographs(
     words : sequence of str
         Files; folders, which stand for the photographs in them by their suffixes, without results of
         blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-        Blank lines of a list are passed over, and those that begin with # and name no file.
+        Blank lines of a list are passed over, and those that begin with # and name no file. What a list names
+        and is not there is looked for in the list's folder.
     recursive : bool
         Whether folders stand for all below them, too.
     frames : Frames, optional
@@ -137,7 +138,10 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
         if word == STANDARD_INPUT:
             yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
         elif word.startswith(LIST):
-            yield from _lines(word[1:], partial(read_regular, Path(word[1:])))
+            path = Path(word[1:])
+            for name in _lines(word[1:], partial(read_regular, path)):
+                beside = path.parent / name
+                yield str(beside) if os.path.lexists(beside) and not os.path.lexists(name) else name
         else:
             yield word
 

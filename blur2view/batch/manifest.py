@@ -152,6 +152,10 @@ class Manifest:
         """Return whether a file is as an earlier call left it."""
         return _is_whole(target, self._targets.get(target.name, ""))
 
+    def has_target(self, target: Path) -> bool:
+        """Return whether an earlier call wrote a file of this name."""
+        return target.name in self._targets
+
     def append(self, job: Job[Any], outcome: Outcome[Any], folder: Path) -> None:
         """Append the line of a photograph that is done or failed.
 

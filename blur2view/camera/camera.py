@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -96,12 +97,14 @@ class Camera:
         return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
 
     @classmethod
-    def from_database(cls, path: Path, camera_id: int | None = None, image_name: str = "") -> Camera:
+    def from_database(
+        cls, path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
+    ) -> Camera:
         """Return a camera of a COLMAP database: by id, else the image's, else the only one.
 
         CameraError if the database or the camera cannot be used; see `colmap_database.choose_camera`.
         """
-        chosen, camera = choose_camera(path, camera_id, image_name)
+        chosen, camera = choose_camera(Path(path), camera_id, image_name)
         return cls.from_colmap(camera, f"database, camera {chosen}")
 
     @classmethod

@@ -101,6 +101,8 @@ def connect(path: Path, query: str) -> sqlite3.Connection:
 
 def _has_log_format(path: Path) -> bool:
     """Return whether the header says that the database is used with a write-ahead log."""
+    if not path.stat().st_size:
+        return False
     with path.open("rb") as file:
         return file.read(20)[19:] == bytes([WAL_FORMAT])
 

@@ -153,10 +153,11 @@ class CommandRun(Generic[Target, Kept]):
         try:
             with closing(batch.results(self._jobs(paths, targets, sources))) as results:
                 for result in results:
-                    self._tell(result, bar)
                     said = None if result.made is None else result.made.row
+                    judged = self.judge(row(self.names[result.path], said, result.error))
+                    self._tell(result, bar, judged.use)
                     if not self.options.inputs.is_folder(result.path):
-                        self.rows.append(self.judge(row(self.names[result.path], said, result.error)))
+                        self.rows.append(judged)
                     yield result
                     if result.stop or (most is not None and self.failed >= most):
                         stopped = "stopped"
@@ -219,7 +220,7 @@ class CommandRun(Generic[Target, Kept]):
             return None
         return self.manifest.other_owner(path, target.paths) if isinstance(target, ResultFiles) else None
 
-    def _tell(self, result: Result[Kept], bar: Progress) -> None:
+    def _tell(self, result: Result[Kept], bar: Progress, use: str) -> None:
         """Count a photograph and print its line: of many the first of its summary, unless all is wanted."""
         self.skipped += result.skipped
         self.done += result.made is not None and not result.skipped
@@ -229,7 +230,8 @@ class CommandRun(Generic[Target, Kept]):
             complain(Blur2ViewError(result.error), bar.say)
         elif self.prints:
             short = self.count > 1 and self.options.verbosity == SHORT
-            bar.say(result.made.summary.partition("\n")[0] if short else result.made.summary)
+            summary = result.made.summary.partition("\n")[0] if short else result.made.summary
+            bar.say(f"{summary}; {use}" if use else summary)
 
     def _how_to_go_on(self) -> str:
         """Return what is said of a run that ended early."""

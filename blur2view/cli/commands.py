@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        options = build_parser().parse_args(arguments)
+        options = parse(arguments)
         take_inputs(options)
         code = int(options.run(options))
         if sys.stdout is not None:  # None if the process was started without one
@@ -67,6 +67,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
         return FAILED
     return code
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options; wrong usage ends the program, an option of another command with a word about it."""
+    parser = build_parser()
+    options: argparse.Namespace
+    options, unknown = parser.parse_known_args(arguments)
+    for name in (word.partition("=")[0] for word in unknown if word.startswith("-")):
+        if owners := [f"blur2view {command}" for command in COMMANDS if name in option_names(command)]:
+            parser.error(f"{name} is an option of {', '.join(owners)}, not of {options.command}")
+    if unknown:
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+    return options
+
+
+def option_names(command: str) -> set[str]:
+    """Return the names of a command's options."""
+    parser = CommandParser()
+    COMMANDS[command].describe(parser)
+    return {name for action in parser._actions for name in action.option_strings}
 
 
 def take_inputs(options: argparse.Namespace) -> None:

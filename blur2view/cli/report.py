@@ -4,7 +4,7 @@ import argparse
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportWork:
-    """The work on one photograph, which the page calls as a job's target says."""
+    """The work on one photograph."""
 
     run: Run
     network: CommandNetwork
@@ -43,8 +43,8 @@ class ReportWork:
     timings: bool
     verbosity: int
 
-    def __call__(self, job: Job[str]) -> Made[Entry]:
-        """Return the entry of one photograph."""
+    def __call__(self, job: Job[None]) -> Made[Entry]:
+        """Return the entry of one photograph, by its path as it was named."""
         one = estimate_file(job.path, self.network.loaded, self.run, job.content)
         start = time.perf_counter()
         mask = None
@@ -56,7 +56,7 @@ class ReportWork:
         line = verdict_line(str(job.path), geometry)
         summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        entry = Entry.of(replace(one, path=Path(job.target)), mask, mask_s, timings=self.timings)
+        entry = Entry.of(one, mask, mask_s, timings=self.timings)
         return Made(kept=entry, summary=summary, row=said)
 
 
@@ -75,18 +75,20 @@ def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]
     )
     overwrite = options.overwrite or options.resume
     check_file(options.output, "page", options.images, overwrite=overwrite)
-    run: CommandRun[str, Entry] = CommandRun(options, work, manifest_beside(options.output))
+    run: CommandRun[None, Entry] = CommandRun(options, work, manifest_beside(options.output))
     created = prepare_folder(options.output.parent)
     names = shown_names(options.images)
     shown = {path: name for path, name in zip(options.images, names, strict=True)}
     entries = [
-        _failed(result.path, shown[result.path], result.error) if result.made is None else result.made.kept
-        for result in run.results(options.images, names, names)
+        _failed(result.path, shown[result.path], result.error)
+        if result.made is None
+        else result.made.kept.renamed(shown[result.path])
+        for result in run.results(options.images, [None] * len(names))
         if not options.inputs.is_folder(result.path)
     ]
     if run.broken or all(entry.kind == "failed" for entry in entries):
         remove_empty(created)
-        if run.interrupted or run.broken or not entries:
+        if run.interrupted or run.broken or len(entries) < 2:  # its own line says all
             return run.exit_code
         raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
     _write(options, entries)

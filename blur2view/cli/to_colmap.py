@@ -19,7 +19,12 @@ from blur2view.cli.views import (
     with_time,
 )
 from blur2view.colmap import hloc_files, text_formats
-from blur2view.colmap.database import refuse_existing, write_database
+from blur2view.colmap.database import (
+    refuse_changed,
+    refuse_existing,
+    stored_photographs,
+    write_database,
+)
 from blur2view.colmap.link import write_links
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.to_colmap import (
@@ -30,7 +35,8 @@ from blur2view.documents.to_colmap import (
     ToColmapDocument,
     ViewsDocument,
 )
-from blur2view.errors import DatabaseError
+from blur2view.errors import DatabaseError, OutputError
+from blur2view.exposure.views import OPEN
 from blur2view.output_files import prepare_folder, remove_empty
 
 FAILED = 1
@@ -57,20 +63,26 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
         raise DatabaseError(
             f"{options.db}: is of an earlier call; add --resume to go on, or choose another --db"
         )
+    if fresh and not replaces and batch.manifest is not None and batch.manifest.has_target(options.db):
+        refuse_changed(options.db)
     if fresh and not replaces:
         refuse_existing(options.db)
     if options.output is not None:
         (hloc_files if options.format == HLOC else text_formats).refuse_foreign(options.output)
     created = [] if options.output is None or options.dry_run else prepare_folder(options.output)
     photographs, failures = name_photographs(options)
+    before = written_before(options) if options.resume else set()
+    _refuse_loss(options, before - {photograph.name for photograph in photographs})
     batch.names |= {photograph.path: photograph.name for photograph in photographs}
     made: list[PhotographViews] = []
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
         made, failed = make_views(batch, wanted)
         failures += failed
-    if batch.broken or (batch.interrupted and (options.link or not made)):
+    lost = before - {one.photograph.name for one in made}
+    if batch.broken or (batch.interrupted and (options.link or not made or lost)):
         remove_empty(created)
         return batch.exit_code
+    _refuse_loss(options, lost)
     made = with_time(options, made)
     if options.corrected:
         made = [replace(one, views=one.views.corrected()) for one in made]
@@ -138,6 +150,27 @@ def _write_document(
         kept=kept,
         failures=failures,
     )
+
+
+def written_before(options: argparse.Namespace) -> set[str]:
+    """Return the photographs whose views an earlier call has written, which this one would write anew."""
+    if options.link or options.dry_run:
+        return set()
+    if options.format == DATABASE:
+        return stored_photographs(options.db) if options.db.exists() else set()
+    path = options.output / (hloc_files.NAMES[-1] if options.format == HLOC else text_formats.NAMES[0])
+    words = path.read_text("utf-8", "replace").split() if path.exists() else []
+    return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
+
+
+def _refuse_loss(options: argparse.Namespace, lost: set[str]) -> None:
+    """Refuse to write without photographs whose views are there."""
+    if lost:
+        told = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
+        target, option = (options.output, "-o") if options.db is None else (options.db, "--db")
+        raise OutputError(
+            f"{target}: the views of {told} would be lost; name all, or choose another {option}"
+        )
 
 
 def _kept(photograph: NamedPhotograph) -> KeptDocument:

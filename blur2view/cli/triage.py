@@ -59,13 +59,16 @@ def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]
     if run.broken or not run.rows:
         remove_empty(created)
         return run.exit_code
+    wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
+    listed = [row.name for row in run.rows if row.use in wanted]
     if options.keep is not None:
-        wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
-        write_text(options.keep, list_text([row.name for row in run.rows if row.use in wanted]))
+        write_text(options.keep, list_text(listed))
         if run.manifest is not None:
             run.manifest.append_target(options.keep)
     if options.verbosity > QUIET:
         print(summary(run.rows, options, has_table=run.has_table))
+        if options.keep is not None and not listed:
+            print(f"the list is empty: {hint(run.rows, options)}")
     return run.exit_code
 
 
@@ -107,6 +110,16 @@ def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: b
             )
     else:
         check_file(target, "list", options.images, overwrite=False, option="--keep")
+
+
+def hint(rows: Sequence[Row], options: argparse.Namespace) -> str:
+    """Return what would put photographs on an empty list."""
+    if any(row.use == BLURRED for row in rows):
+        return "--blurred lists the blurred ones that are of use"
+    lengths = [row.smear_px for row in rows if row.smear_px is not None]
+    if not lengths:
+        return "no photograph shows texture"
+    return f"the sharpest has a median of {min(lengths):.1f} px, --max-smear is {options.max_smear:g}"
 
 
 def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool) -> str:

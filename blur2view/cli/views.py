@@ -23,10 +23,11 @@ from blur2view.colmap.database import inliers, matched
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
+from blur2view.colmap.text_formats import has_blank
 from blur2view.documents.document import FailureDocument
 from blur2view.documents.table import facts
-from blur2view.documents.to_colmap import ViewsDocument
-from blur2view.errors import CameraError, DatabaseError
+from blur2view.documents.to_colmap import DATABASE, ViewsDocument
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
@@ -92,16 +93,23 @@ def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph]
         plans = plan_links(options.db, options.images, replace=options.replace)
     names = colmap_names(options.inputs)
     for path, plan in zip(options.images, plans, strict=True):
-        name = names[path]
-        if plan is None and not storable(name):
-            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-        if isinstance(plan, DatabaseError):
-            complain(plan)
-            failures.append(FailureDocument(image=str(path), error=str(plan)))
+        found = refusal(path, names[path], options.format) if plan is None else plan
+        if isinstance(found, Blur2ViewError):
+            complain(found)
+            failures.append(FailureDocument(image=str(path), error=str(found)))
         else:
-            name = plan.image.name if plan else name
-            photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
+            name = found.image.name if found else names[path]
+            photographs.append(NamedPhotograph(path=path, name=name, plan=found))
     return photographs, failures
+
+
+def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
+    """Return why what is written cannot name a photograph; None if it can."""
+    if not storable(name):
+        return DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
+    if kind != DATABASE and has_blank(name):
+        return OutputError(f"{path}: --format {kind} has no names with a blank; rename it")
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.camera.colmap_database import open_read_only
 from blur2view.colmap.rows import (
     CameraColumns,
     Pair,
@@ -25,7 +26,9 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 
 
-def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace: bool = False) -> None:
+def write_database(
+    path: str | os.PathLike[str], photographs: Sequence[ExposureViews], *, replace: bool = False
+) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
     Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
@@ -33,7 +36,7 @@ def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace:
 
     Parameters
     ----------
-    path : Path
+    path : path-like
         Must not exist, unless it is replaced.
     photographs : sequence of ExposureViews
         Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
@@ -50,7 +53,7 @@ def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace:
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
-    with new_database(path, replace=replace) as database:
+    with new_database(Path(path), replace=replace) as database:
         cameras: dict[CameraColumns, int] = {}
         for views in photographs:
             columns = camera_columns(views.camera, views.size)
@@ -62,9 +65,21 @@ def write_database(path: Path, photographs: Sequence[ExposureViews], *, replace:
 def refuse_existing(path: Path) -> None:
     """Raise a DatabaseError where something lies at a path, or its folder takes no files."""
     if os.path.lexists(path):
-        raise DatabaseError(f"{path}: exists; add to it with --link, or choose another --db")
+        raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
+
+
+def refuse_changed(path: Path) -> None:
+    """Raise a DatabaseError where a database of an earlier call lies that is not as that left it."""
+    if os.path.lexists(path):
+        raise DatabaseError(f"{path}: has changed since an earlier call wrote it; choose another --db")
+
+
+def stored_photographs(path: Path) -> set[str]:
+    """Return the names of the photographs whose views a database of ours holds."""
+    with open_read_only(path) as database:
+        return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
 
 
 @contextmanager

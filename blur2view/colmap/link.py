@@ -76,13 +76,21 @@ def plan_links(
         for photograph in photographs:
             name = longest_suffix(names, photograph)
             if name is None:
-                plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; leave it out"))
+                plan.append(_without_image(path, names, photograph))
             elif name in first_of:
                 plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
             else:
                 first_of[name] = photograph
                 plan.append(_plan_one(path, database, names, name, replace))
     return plan
+
+
+def _without_image(path: Path, names: dict[str, int], photograph: Path) -> DatabaseError:
+    """Return why a photograph that the project does not hold is not linked."""
+    if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is None:
+        return DatabaseError(f"{photograph}: {path} has no image of that name; leave it out")
+    told = "holds its views without the photograph, so that nothing can be linked; choose another --db"
+    return DatabaseError(f"{photograph}: {path} {told}, without --link")
 
 
 def _plan_one(

@@ -48,6 +48,7 @@ Photographs and views of a linked project, all anew, one by one or at once::
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -192,12 +193,12 @@ def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seco
     return options
 
 
-def triangulate_exposure(database: Path, name: str) -> Any:
+def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     """Return the model of one exposure with the estimated poses, unchanged, and triangulated points.
 
     Parameters
     ----------
-    database : Path
+    database : path-like
         That ``blur2view to-colmap`` wrote with known intrinsics; it is only read.
     name : str
         Of the photograph.
@@ -217,7 +218,7 @@ def triangulate_exposure(database: Path, name: str) -> Any:
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "exposure.db"  # pycolmap writes to what it opens
-        image_ids = _copy_exposure(database, name, copy)
+        image_ids = _copy_exposure(Path(database), name, copy)
         with pycolmap.Database.open(copy) as opened:
             images = [opened.read_image(image_id) for image_id in image_ids]
             camera = opened.read_camera(images[0].camera_id)

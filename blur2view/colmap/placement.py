@@ -7,6 +7,7 @@ hardly harms, are the trajectory, and smears measure what fraction of it an expo
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -74,15 +75,18 @@ class _Linked:
 
 
 def place_views(
-    database: Path, model: Path, names: Sequence[str] | None = None, fraction: float | None = None
+    database: str | os.PathLike[str],
+    model: str | os.PathLike[str],
+    names: Sequence[str] | None = None,
+    fraction: float | None = None,
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
     Parameters
     ----------
-    database : Path
+    database : path-like
         That ``blur2view to-colmap --link`` has written views to.
-    model : Path
+    model : path-like
         Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
     names : sequence of str, optional
         Photographs of one video in order, none left out: those that are not registered or have no views are
@@ -104,8 +108,8 @@ def place_views(
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
-    placed = read_model(model)
-    linked = _read_linked(database, placed, names)
+    placed = read_model(Path(model))
+    linked = _read_linked(Path(database), placed, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
     frames, spreads = _frames(placed, linked, names)

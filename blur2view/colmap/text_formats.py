@@ -91,10 +91,15 @@ def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
     """Raise an OutputError for a name with a blank, where formats cut it, or one that is there twice."""
     names = [views.name for views in sequence]
     for name in names:
-        if any(character.isspace() for character in name):
+        if has_blank(name):
             raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
         if names.count(name) > 1:
             raise OutputError(f"{name}: is there twice; name each photograph once")
+
+
+def has_blank(name: str) -> bool:
+    """Return whether a name would be cut where it is written among others."""
+    return any(character.isspace() for character in name)
 
 
 def refuse_foreign(folder: Path) -> None:

@@ -167,6 +167,10 @@ def predict(
 
 def check_image(image: NDArray[np.float32]) -> None:
     """Raise ValueError unless the image is float32 of shape (H, W, 3) in [0, 1]."""
+    if not isinstance(image, np.ndarray):
+        raise ValueError(
+            f"expected a float32 image of shape (H, W, 3), as from read_image(path), got {image!r:.99}"
+        )
     if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
         raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
     low, high = image.min(), image.max()  # NaN if any value is

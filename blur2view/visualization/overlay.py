@@ -51,8 +51,8 @@ def draw_overlay(
     ValueError
         If the field is not of the image's size or the masks are not of the matches' length.
     """
-    if field.shape != image.shape[:2]:
-        raise ValueError(f"expected a field of shape {image.shape[:2]}, got {field.shape}")
+    if field.shape != np.shape(image)[:2]:
+        raise ValueError(f"expected a field of shape {np.shape(image)[:2]}, got {field.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(image, matches, geometry)

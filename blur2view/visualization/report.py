@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib.resources import files
 from pathlib import PurePath
@@ -74,6 +74,13 @@ class Entry:
             thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
+
+    def renamed(self, name: str) -> "Entry":
+        """Return the entry of an estimated photograph by another name, also in its document."""
+        shown = json.loads(self.content)
+        document = json.loads(shown["document"]) | {"image": name}
+        shown |= {"name": name, "document": json.dumps(document, indent=2, allow_nan=False)}
+        return replace(self, name=name, content=json.dumps(shown, allow_nan=False))
 
     @classmethod
     def failed(cls, name: str, error: str) -> "Entry":

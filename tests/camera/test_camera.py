@@ -135,7 +135,7 @@ def test_what_is_no_calibration_matrix_is_refused(K: np.ndarray) -> None:
 
 def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
     before = database.read_bytes()
-    assert Camera.from_database(database, 1).params[3] == 0.05
+    assert Camera.from_database(str(database), 1).params[3] == 0.05
     assert Camera.from_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
     assert database.read_bytes() == before
 

@@ -174,6 +174,19 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
     assert summary.rate(document) == f"0.5 rad/s {words}"
 
 
+def test_an_exposure_time_is_a_number_or_a_fraction(
+    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure"]
+    assert cli.main([*arguments, "1/20", "-v"]) == 0
+    assert "rad/s in 0.05 s" in capsys.readouterr().out
+    for wrong in ("1/0", "1/x", "/20", "0.05 s", "1/2/3"):
+        with pytest.raises(SystemExit) as caught:
+            cli.main([*arguments, wrong])
+        assert caught.value.code == 2
+        assert f"expected seconds as 0.04 or 1/25, got {wrong}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

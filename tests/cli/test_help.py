@@ -79,6 +79,27 @@ def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document
     assert all(len(text) > 15 for _, text in keys(kind))
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["estimate", "a.jpg", "--db", "x.db"], "--db is an option of blur2view to-colmap, not of estimate"),
+        (["estimate", "a.jpg", "--keep=l.txt"], "--keep is an option of blur2view triage, not of estimate"),
+        (["to-colmap", "a.jpg", "--no-mask"], "--no-mask is an option of blur2view report, not of to-colmap"),
+        (["segment", "a.jpg", "--nonsense"], "unrecognized arguments: --nonsense"),
+        (
+            ["segment", "a.jpg", "--exposure", "1"],
+            "blur2view estimate, blur2view to-transforms, blur2view report, blur2view triage, not",
+        ),
+    ],
+)
+def test_option_of_another_command_is_told(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(words)
+    assert caught.value.code == 2 and told in capsys.readouterr().err
+
+
 def test_wrong_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimat"])

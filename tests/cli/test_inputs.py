@@ -1,6 +1,7 @@
 """What a stranger names by mistake, and from another folder: one line each that names the remedy."""
 
 import csv
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -8,7 +9,9 @@ from typing import Any
 
 import pytest
 
+from blur2view.batch.job import file_digest
 from blur2view.cli import commands as cli
+from blur2view.input_files import read_regular
 from tests.support.many_photographs import contents, write_photographs
 
 
@@ -52,6 +55,15 @@ def test_database_that_is_the_current_folder_is_one_line(
     monkeypatch.chdir(folder)
     code, _, (line,) = call("to-colmap", "--db", ".", "000.png", "001.png")
     assert code == 1 and "exists" in line and not list(folder.parent.glob("*.jsonl"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="Linux alone has such files")
+def test_file_that_says_it_is_empty_is_not_read(call: Any, tmp_path: Path) -> None:
+    odd = Path("/proc/self/comm")  # /proc/kmsg, another one, would wait for ever
+    assert odd.stat().st_size == 0 and odd.read_bytes()
+    assert read_regular(odd) == b"" and file_digest(odd) == hashlib.sha256(b"").hexdigest()
+    code, _, (line,) = call("estimate", odd)
+    assert code == 1 and "is empty (0 bytes)" in line
 
 
 def test_list_without_its_mark_is_told(call: Any, folder: Path) -> None:

@@ -267,6 +267,30 @@ def test_report_of_an_interrupted_run_holds_what_is_done_and_is_gone_on_from(
     assert (tmp_path / "page.html").read_bytes() == (tmp_path / "whole.html").read_bytes()
 
 
+def test_page_goes_on_where_other_photographs_change_the_shown_names(
+    folder: Path, tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, other = tmp_path / "page.html", tmp_path / "other"
+    words = [f"--model={tiny_model}", "--jobs=1", "--no-mask", "--no-timings", f"-o{page}"]
+    given = [str(folder / name) for name in ("000.png", "001.png")]
+    assert cli.main(["report", *words, *given]) == 0
+    other.mkdir()
+    (other / "000.png").write_bytes((folder / "002.png").read_bytes())
+    given.append(str(other / "000.png"))
+    read: list[str] = []
+
+    def noted(path: Path, **options: Any) -> Any:
+        read.append(path.parent.name)
+        return read_image(path, **options)
+
+    monkeypatch.setattr(pipeline, "read_image", noted)
+    assert cli.main(["report", *words, *given, "--resume"]) == 0
+    assert read == ["other"]
+    resumed = page.read_bytes()
+    assert cli.main(["report", *words, *given, "--overwrite"]) == 0
+    assert page.read_bytes() == resumed and f'data-name="{folder.name}/000.png"'.encode() in resumed
+
+
 def test_database_of_what_is_done_is_replaced_by_one_of_all(
     folder: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -286,9 +310,39 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(
     with (tmp_path / "new.db").open("ab") as database:
         database.write(b"theirs")
     capsys.readouterr()
-    assert call("new.db", "--resume") == 1
-    assert "exists" in capsys.readouterr().err
+    for words in ([], ["--resume"]):
+        assert call("new.db", *words) == 1
+        assert "has changed since an earlier call wrote it; choose another --db" in capsys.readouterr().err
     assert (tmp_path / "new.db").read_bytes().endswith(b"theirs")
+
+
+@pytest.mark.parametrize("target", [["--db", "new.db"], ["--format", "matches", "-o", "text"]])
+def test_resume_with_fewer_photographs_drops_none(
+    folder: Path,
+    tmp_path: Path,
+    tiny_model: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    target: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: object) -> int:
+        return cli.main(["to-colmap", *target, "--jobs", "1", "--model", str(tiny_model), *map(str, words)])
+
+    photographs = [folder / name for name in ("000.png", "001.png", "002.png")]
+    assert call(*photographs) == 0
+    before = contents(tmp_path)
+    capsys.readouterr()
+    told = "the views of 1 photograph (002.png) would be lost; name all, or choose another"
+    assert call(*photographs[:2], "--resume") == 1
+    assert told in capsys.readouterr().err and contents(tmp_path) == before
+    whole = photographs[2].read_bytes()
+    photographs[2].write_text("bad")
+    assert call(*photographs, "--resume") == 1
+    assert told in capsys.readouterr().err
+    photographs[2].write_bytes(whole)
+    assert call(*photographs, folder / "003.png", "--resume") == 0
 
 
 def test_frames_of_a_video_are_estimated_in_order(

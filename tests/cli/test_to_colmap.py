@@ -15,6 +15,7 @@ from PIL import ExifTags, Image
 from blur2view.batch.inputs import Inputs
 from blur2view.cli import commands as cli
 from blur2view.cli.batch import colmap_names
+from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.sampson import sampson
 from tests.cli.test_cli_camera import SIZE, smears
 from tests.support.colour_code import colour_code, write_picture
@@ -73,7 +74,36 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
         assert len(database.read_two_view_geometry(1, 2).inlier_matches) > 500
         assert len(database.read_two_view_geometry(3, 4).inlier_matches) == 0
     code, _, err = run("--db", path, *photos)
-    assert code == 1 and err.count("\n") == 1 and "exists; add to it with --link" in err
+    assert code == 1 and err.count("\n") == 1 and "has changed since an earlier call wrote it" in err
+
+
+def test_a_database_that_COLMAP_worked_in_has_one_way_on(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "new.db"
+    assert run("--db", path, *CAMERA, *photos)[0] == 0
+    pycolmap.incremental_mapping(path, photos[0].parent, tmp_path, mapper_options(max_seconds=1))
+    with pycolmap.Database.open(path) as database:  # as any program of COLMAP may
+        database.clear_two_view_geometries()
+    for words in ([], ["--resume"]):
+        code, _, err = run("--db", path, *words, *CAMERA, *photos)
+        assert code == 1 and "has changed since an earlier call wrote it; choose another --db" in err
+    code, _, err = run("--db", path, "--link", *CAMERA, *photos)
+    assert code == 1 and err.count("without --link") == 2 and "choose another --db" in err
+    assert run("--db", tmp_path / "other.db", *CAMERA, *photos)[0] == 0
+    # where it read the photographs, too, they can be linked
+    extraction = pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1)
+    pycolmap.extract_features(path, photos[0].parent, extraction_options=extraction)
+    with pycolmap.Database.open(path) as database:  # pictures as smooth have none
+        features = np.random.default_rng(0).uniform((20, 20), (300, 220), (400, 2))
+        image = database.read_image_with_name("moving.png")
+        assert image is not None
+        database.update_keypoints(image.image_id, features.astype(np.float32))
+    code, _, err = run("--db", path, "--link", *CAMERA, photos[0])
+    assert code == 1 and "add --replace" in err
+    code, out, err = run("--db", path, "--link", "--replace", *CAMERA, photos[0])
+    assert (code, err) == (0, "") and "moving.png: replace" in out
+    assert check_database(path) == []
 
 
 def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Path], tmp_path: Path) -> None:
@@ -173,6 +203,18 @@ def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_pat
     pytest.importorskip("h5py")
     code, _, _ = run("--format", "hloc", "-o", tmp_path / "hloc", *CAMERA, *photos)
     assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
+
+
+@pytest.mark.parametrize("kind", ["matches", "hloc"])
+def test_a_blank_in_one_name_leaves_the_others_done(
+    run: Any, photos: list[Path], tmp_path: Path, kind: str
+) -> None:
+    if kind == "hloc":
+        pytest.importorskip("h5py")
+    blank = photos[1].rename(photos[1].with_name("a b.png"))
+    code, out, err = run("--format", kind, "-o", tmp_path / kind, *CAMERA, photos[0], blank)
+    assert code == 1 and f"{tmp_path / kind}: wrote 2 images and 1 pair of 1 photograph" in out
+    assert err == f"blur2view: {blank}: --format {kind} has no names with a blank; rename it\n"
 
 
 def test_missing_photograph_changes_no_name(run: Any, photos: list[Path], tmp_path: Path) -> None:

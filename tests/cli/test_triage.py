@@ -82,6 +82,35 @@ def test_table_and_list_of_a_folder(
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
+def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("triage", tiny_model, frames, "--recursive", "--keep", tmp_path / "all.txt") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.rpartition("; ")[2] for line in lines[:3]] == ["unusable", "blurred", "sharp"]
+    assert "the list is empty" not in lines[-1]
+    assert call("triage", tiny_model, frames / "left" / "moving.png", "--keep", tmp_path / "one.txt") == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[-1] == "the list is empty: --blurred lists the blurred ones that are of use"
+    assert call("triage", tiny_model, frames / "chaos.png", "--keep", tmp_path / "other.txt") == 0
+    told = capsys.readouterr().out.splitlines()[-1]
+    assert told.startswith("the list is empty: the sharpest has a median of ") and told.endswith("is 3")
+
+
+def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
+    frames: Path, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep = frames / "keep.txt"
+    assert call("triage", tiny_model, frames, "--recursive", "--keep", keep, "--blurred") == 0
+    assert keep.read_text() == "left/moving.png\nstill.png\n"  # as COLMAP has them
+    monkeypatch.chdir(tmp_path)
+    assert call("triage", tiny_model, "@frames/keep.txt", "--csv", "t.csv") == 0
+    assert [one["name"] for one in table(tmp_path / "t.csv")] == ["left/moving.png", "still.png"]
+    shutil.copy(frames / "still.png", tmp_path / "still.png")  # what is here comes first
+    assert call("triage", tiny_model, "@frames/keep.txt", "--csv", "u.csv") == 0
+    assert [one["name"] for one in table(tmp_path / "u.csv")] == ["frames/left/moving.png", "still.png"]
+
+
 def test_photographs_that_fail_have_a_row_and_are_not_listed(
     frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -49,7 +49,7 @@ def without_geometry(views: ExposureViews) -> ExposureViews:
 
 def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
     path, views = tmp_path / "new.db", make_views()
-    write_database(path, [views])
+    write_database(str(path), [views])
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         images = {image.name: image for image in database.read_all_images()}
@@ -144,7 +144,7 @@ def test_time_direction_is_marked(tmp_path: Path) -> None:
 def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     path = tmp_path / "new.db"
     path.write_text("mine")
-    with pytest.raises(DatabaseError, match="exists; add to it with --link"):
+    with pytest.raises(DatabaseError, match="exists; choose another --db"):
         write_database(path, [make_views()])
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="no folder"):

@@ -138,7 +138,7 @@ def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Pat
         walk = pycolmap.Reconstruction(model)
         walk.deregister_frame(walk.images[4].frame_id)
         walk.write(model)
-    found = place_views(database, model, NAMES)
+    found = place_views(str(database), str(model), NAMES)
     assert found.placed == tuple(NAMES[k] for k in kept)
     assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
 

@@ -56,7 +56,7 @@ def placed(path: Path) -> None:
 
 
 def triangulated(path: Path) -> None:
-    assert triangulate_exposure(path, NAMES[0]).num_reg_images() == 2
+    assert triangulate_exposure(str(path), NAMES[0]).num_reg_images() == 2
 
 
 def dry_run(path: Path) -> None:

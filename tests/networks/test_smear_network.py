@@ -15,7 +15,7 @@ from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import model_path, open_session
-from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, check_image, predict
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
@@ -343,3 +343,9 @@ def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
 
 def test_a_network_is_run_deterministically(tiny_model: Path) -> None:
     assert open_session(tiny_model, 1).get_session_options().use_deterministic_compute
+
+
+@pytest.mark.parametrize("image", ["a.jpg", Path("a.jpg"), None, [[0.0]]])
+def test_what_is_no_array_is_a_value_error_that_says_how_to_read_one(image: Any) -> None:
+    with pytest.raises(ValueError, match=r"expected a float32 image .* as from read_image\(path\), got"):
+        check_image(image)

@@ -57,6 +57,7 @@ def made_up(
     *,
     config: Configuration = Configuration.UNCALIBRATED,
     F: NDArray[np.float64] | None = None,
+    H: NDArray[np.float64] | None = None,
     size: tuple[int, int] = (WIDTH, HEIGHT),
     camera: Camera | None = None,
     scale: float = 1.0,
@@ -65,7 +66,7 @@ def made_up(
     field = wavy_field(*size)
     field = replace(field, displacement=scale * field.displacement)
     used = select_matches(field, SelectOptions(max_matches=300))
-    geometry = some_geometry(used, config, F)
+    geometry = replace(some_geometry(used, config, F), H=H)
     found = Estimate(
         field=field,
         matches=used,

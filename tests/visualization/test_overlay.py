@@ -193,6 +193,8 @@ def test_sizes_that_disagree_are_refused() -> None:
     photo = flat_photo(48, 64)
     with pytest.raises(ValueError, match="field of shape"):
         draw_overlay(photo, field_of((64, 48)), matches_at([]), geometry_of([]))
+    with pytest.raises(ValueError, match=r"field of shape \(\), got"):
+        draw_overlay("a.jpg", field_of(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
         draw_overlay(photo, field_of(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
 

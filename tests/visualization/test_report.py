@@ -198,7 +198,9 @@ def test_nothing_is_written_if_every_photograph_fails(
     assert call(moving, "--overwrite") == 0
     good = page.read_bytes()
     capsys.readouterr()
-    assert call(absent, absent, "--overwrite") == 1 and page.read_bytes() == good
+    assert call(absent, "--overwrite") == 1 and page.read_bytes() == good
+    assert capsys.readouterr().err.count("\n") == 1
+    assert call(absent, tmp_path / "none.jpg", "--overwrite") == 1 and page.read_bytes() == good
     printed = capsys.readouterr()
     assert "page.html: is not written" in printed.err.splitlines()[-1] and "wrote" not in printed.out
     assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good

@@ -141,6 +141,18 @@ def test_facts_are_those_of_the_document(opened: Opener) -> None:
     assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
 
 
+@pytest.mark.parametrize("with_F", [True, False])
+def test_beside_a_homography_no_epipolar_line_reads_as_certain(opened: Opener, with_F: bool) -> None:
+    one = made_up(F=turning_F() if with_F else None, H=np.eye(3), config=Configuration.PANORAMIC)
+    page = opened(Entry.of(one))
+    assert page.locator("[data-layer=lines]").is_disabled()
+    titles = page.locator("#matrix h2").all_inner_texts()
+    assert titles == ["Fundamental matrix F"] * with_F + ["Homography H"]
+    assert page.locator("#epipoles").inner_text() == ""
+    assert page.locator("#matrix td").count() == 9 * len(titles)
+    assert ("H explains them, too" in page.locator("#counts").inner_text()) == with_F
+
+
 def test_inliers_are_counted_only_where_there_is_a_geometry(opened: Opener) -> None:
     one = made_up(config=Configuration.DEGENERATE)
     page = opened(Entry.of(one))

@@ -1,13 +1,18 @@
 """Give every command hostile photographs, arguments, networks and disks, and see whether it stays polite.
 
-    python -m tools.robustness.hostile_inputs --count 1000 --seed 0
+    python -m tools.robustness.hostile_inputs --count 1000 --seed 0 --log done.jsonl
 
 Each input is drawn from one seed. Photographs come in batches, with a good one among them, through every
 command; a list, video, argument, network or full disk comes alone with the good one. Each call is a process
-of its own: a fork of this one, which has the libraries loaded, or a fresh interpreter for one in twenty.
+of its own: a fork of this one, which has libraries and network loaded, with --jobs 1; or, for one in 100, a
+fresh interpreter that starts as many processes as it likes.
 
-A call is polite if it ends by itself within 30 seconds and 2 GiB with exit code 0, 1 or 2; prints nothing but
-its own lines, one for each failure; leaves nothing but whole results; and does all that it does not refuse.
+A call is polite if it ends by itself within 30 seconds of processor time and 2 GiB with exit code 0, 1 or 2;
+prints nothing but its own lines, one for each failure; leaves nothing but whole results; and does all that it
+does not refuse. It also has to end within 180 seconds of any time: who waits for ever takes no processor.
+
+With --log every finished case is written down. A second call with the same count and seed passes over those
+that were polite and tries the rude ones again; if they are polite now, the table counts them as mended.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import argparse
 import contextlib
 import gc
 import importlib
+import json
 import os
 import resource
 import shutil
@@ -28,7 +34,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -38,10 +44,10 @@ from tools.arguments import target
 from tools.robustness.hostile_arguments import hostile_arguments
 from tools.robustness.hostile_files import blurred, hostile_model, hostile_photograph
 from tools.robustness.hostile_lists import hostile_list, hostile_video
-from tools.robustness.politeness import Call, complaints
+from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
-LIMIT_S, LIMIT_GIB = 30.0, 2.0
-BATCH, FRESH_EVERY = 8, 20
+PATIENCE_S = 180.0  # of any time; a call shares the machine with others
+BATCH, FRESH_EVERY = 8, 100
 COMMANDS = (
     ("estimate", "-o", "out"),
     ("estimate", "--json"),
@@ -103,7 +109,8 @@ def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
     for number in range(count - sum(shares.values())):
         words = hostile_arguments(np.random.default_rng([seed, 3, number]))
         cases.append(Case(kind="arguments", words=words))
-    return cases
+    order = np.random.default_rng([seed, 6]).permutation(len(cases))  # whoever stops has some of each
+    return [cases[number] for number in order]
 
 
 def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> Call:
@@ -112,17 +119,16 @@ def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> 
     child = os.fork()
     if child == 0:
         _child(words, folder, case, fresh)
-    code, usage, waited_s = None, None, 0.0
-    while time.perf_counter() - start - (waited_s := _waited_s(child, waited_s)) < LIMIT_S:
-        pid, status, usage = os.wait4(child, os.WNOHANG)
-        if pid:
-            code = os.waitstatus_to_exitcode(status)
-            break
+    code = None
+    while not (ended := os.wait4(child, os.WNOHANG))[0] and time.perf_counter() - start < PATIENCE_S:
         time.sleep(0.01)
+    with contextlib.suppress(ProcessLookupError):  # and the processes that it started
+        os.killpg(child, signal.SIGKILL)
+    if ended[0]:
+        code = os.waitstatus_to_exitcode(ended[1])
     else:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child, signal.SIGKILL)
-        _, _, usage = os.wait4(child, 0)
+        ended = os.wait4(child, 0)
+    usage = ended[2]
     return Call(
         words=list(words),
         folder=folder,
@@ -131,17 +137,9 @@ def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> 
         code=code,
         printed=(folder / ".stdout").read_bytes(),
         said=(folder / ".stderr").read_bytes(),
-        seconds=time.perf_counter() - start - waited_s,
-        peak_gib=usage.ru_maxrss / 2**20 if usage else 0.0,
+        seconds=usage.ru_utime + usage.ru_stime,
+        peak_gib=usage.ru_maxrss / 2**20,
     )
-
-
-def _waited_s(child: int, before_s: float) -> float:
-    """Return how long a process waited for a processor, which others had; as before where it has ended."""
-    try:
-        return int(Path(f"/proc/{child}/schedstat").read_text().split()[1]) / 1e9
-    except (OSError, IndexError):
-        return before_s
 
 
 def _child(words: Sequence[str], folder: Path, case: Case, fresh: bool) -> None:
@@ -154,6 +152,7 @@ def _child(words: Sequence[str], folder: Path, case: Case, fresh: bool) -> None:
         for stream, name in ((1, ".stdout"), (2, ".stderr")):
             os.dup2(os.open(name, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600), stream)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        resource.setrlimit(resource.RLIMIT_CPU, (int(MOST_S) + 1, int(MOST_S) + 2))
         if case.largest_file is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.largest_file, case.largest_file))
         if fresh:
@@ -173,62 +172,103 @@ def _child(words: Sequence[str], folder: Path, case: Case, fresh: bool) -> None:
         os._exit(code)
 
 
-@dataclass(kw_only=True)
-class Tally:
-    """What came of the calls of one kind of input."""
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What came of one case, through all commands.
 
-    inputs: int = 0
-    calls: int = 0
-    codes: Counter[object] = field(default_factory=Counter)
-    rude: list[str] = field(default_factory=list)
-    longest_s: float = 0.0
-    most_gib: float = 0.0
+    ``rude`` are its complaints, ``mended`` those of earlier tries; ``codes`` are exit codes, None of a call
+    that had to be ended.
+    """
+
+    number: int
+    kind: str
+    inputs: int
+    codes: list[int | None]
+    longest_s: float
+    most_gib: float
+    rude: list[str]
+    mended: int = 0
 
 
-def try_all(count: int, seed: int, say: Callable[[str], object] = print, jobs: int = 1) -> dict[str, Tally]:
-    """Return what came of ``count`` hostile inputs, by kind."""
-    tallies: dict[str, Tally] = {}
+def try_all(
+    count: int,
+    seed: int,
+    say: Callable[[str], object] = print,
+    jobs: int = 1,
+    log: Path | None = None,
+) -> list[Tried]:
+    """Return what came of the cases of ``count`` hostile inputs."""
+    before = {} if log is None else _read_log(log, count, seed)
     _load_libraries()
     with tempfile.TemporaryDirectory() as name:
         inputs = Path(name) / "inputs"
         inputs.mkdir()
         cases = make_cases(inputs, count, seed)
         blurred(np.random.default_rng(seed), (120, 90)).save(inputs / GOOD, "JPEG", quality=95)
+        left = [number for number in range(len(cases)) if number not in before or before[number].rude]
         with ThreadPoolExecutor(jobs) as pool:
-            called = pool.map(partial(_through_all_commands, Path(name)), range(len(cases)), cases)
-            for number, (case, results) in enumerate(zip(cases, called, strict=True)):
-                tally = tallies.setdefault(case.kind, Tally())
-                tally.inputs += len(case.photographs) or 1
-                for call, rude in results:
-                    tally.calls += 1
-                    tally.codes[call.code] += 1
-                    tally.longest_s = max(tally.longest_s, call.seconds)
-                    tally.most_gib = max(tally.most_gib, call.peak_gib)
-                    tally.rude += rude
-                    for complaint in rude:
-                        say(f"RUDE {case.kind} {number}: {complaint}: {call.words!r}")
-                if number % 20 == 19:
-                    rude_calls = sum(len(tally.rude) for tally in tallies.values())
-                    say(f"{number + 1} of {len(cases)} cases, {rude_calls} rude")
-    return tallies
+            tries = pool.map(
+                partial(_through_all_commands, Path(name), before), left, [cases[n] for n in left]
+            )
+            for done, tried in enumerate(tries, len(cases) - len(left) + 1):
+                before[tried.number] = tried
+                if log is not None:
+                    with log.open("a") as file:
+                        file.write(json.dumps(asdict(tried)) + "\n")
+                for complaint in tried.rude:
+                    say(f"RUDE {tried.kind} {tried.number}: {complaint}")
+                if done % 20 == 0:
+                    rude = sum(len(tried.rude) for tried in before.values())
+                    say(f"{done} of {len(cases)} cases, {rude} rude")
+    return [before[number] for number in sorted(before)]
 
 
-def _through_all_commands(place: Path, number: int, case: Case) -> list[tuple[Call, list[str]]]:
-    """Return every command's call with one case, and what is wrong with it."""
-    results = []
+def _read_log(log: Path, count: int, seed: int) -> dict[int, Tried]:
+    """Return what came of the cases that were tried before; begin a log that is not there.
+
+    Raises
+    ------
+    SystemExit
+        If it is of another count or seed.
+    """
+    first = {"count": count, "seed": seed}
+    if not log.exists():
+        log.write_text(json.dumps(first) + "\n")
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    if lines[:1] != [first]:
+        raise SystemExit(f"{log}: is of another count or seed; name another --log")
+    return {line["number"]: Tried(**line) for line in lines[1:]}
+
+
+def _through_all_commands(place: Path, before: dict[int, Tried], number: int, case: Case) -> Tried:
+    """Return what came of every command's call with one case."""
+    calls, rude = [], []
     for index, words in enumerate(COMMANDS):
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
         named = case.named or ["--", *map(str, case.photographs)]
         first = named.index("--") + 1
-        every = [*words, *case.words, *named[:first], GOOD, *named[first:]]
         # no shell can pass a null character
-        fresh = fresh_call(number, index) and "\0" not in "".join(every)
+        fresh = fresh_call(number, index) and "\0" not in "".join([*case.words, *named])
+        alone = [] if fresh or words[0] == "to-transforms" else ["--jobs", "1"]
+        every = [*words, *alone, *case.words, *named[:first], GOOD, *named[first:]]
         call = run_call(every, folder, case, fresh=fresh)
-        results.append((call, complaints(call, full_disk=case.largest_file is not None)))
+        found = complaints(call, full_disk=case.largest_file is not None)
+        rude += [f"{complaint}: {call.words!r}" for complaint in found]
+        calls.append(call)
         _remove(folder)
-    return results
+    earlier = before.get(number)
+    return Tried(
+        number=number,
+        kind=case.kind,
+        inputs=len(case.photographs) or 1,
+        codes=[call.code for call in calls],
+        longest_s=max(call.seconds for call in calls),
+        most_gib=max(call.peak_gib for call in calls),
+        rude=rude,
+        mended=earlier.mended + len(earlier.rude) if earlier and not rude else 0,
+    )
 
 
 def fresh_call(number: int, index: int) -> bool:
@@ -245,37 +285,44 @@ def _remove(folder: Path) -> None:
 
 
 def _load_libraries() -> None:
-    """Import what the commands need, so that forks need not."""
+    """Import what the commands need and load the shipped network, of one thread, so that forks need not."""
     for module in (
         "blur2view.cli.estimate", "blur2view.cli.segment", "blur2view.cli.report", "blur2view.cli.to_colmap",
         "blur2view.cli.to_transforms", "blur2view.cli.triage", "pycolmap", "scipy.ndimage", "h5py",
         "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
-    from blur2view.networks.model_file import _onnxruntime
+    from blur2view.cli.network import CommandNetwork
 
-    _onnxruntime()
+    CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
     gc.freeze()
 
 
-def table(tallies: dict[str, Tally], seed: int) -> str:
-    """Return what came of the inputs as Markdown."""
+def table(tries: Sequence[Tried], count: int, seed: int) -> str:
+    """Return what came of the cases as Markdown."""
+    done = sum(tried.inputs for tried in tries)
     lines = [
-        f"Seed {seed}. Rude is a call with a traceback, a foreign line, a line too many or too few, a",
-        "partial or strange file, a hang over 30 s, more than 2 GiB, or a good photograph left undone.",
+        f"Seed {seed}, {done} of {count} inputs. Rude is a call with a traceback, a foreign line, a line too",
+        "many or too few, a partial or strange file, a good photograph left undone, or one that takes more",
+        f"than {MOST_GIB:.0f} GiB, {MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are "
+        "complaints of inputs that were",
+        "polite when tried again.",
         "",
-        "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s | most memory, GiB | rude |",
-        "|---|---|---|---|---|---|---|",
+        "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB "
+        "| mended | rude |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for kind, tally in tallies.items():
-        codes = ", ".join(str(tally.codes[code]) for code in (0, 1, 2))
+    kinds = sorted({tried.kind for tried in tries})
+    for kind in [*kinds, "all"]:
+        of_kind = [tried for tried in tries if kind in (tried.kind, "all")]
+        codes = Counter(code for tried in of_kind for code in tried.codes)
         lines.append(
-            f"| {kind} | {tally.inputs} | {tally.calls} | {codes} | {tally.longest_s:.1f} | "
-            f"{tally.most_gib:.2f} | {len(tally.rude)} |"
+            f"| {kind} | {sum(tried.inputs for tried in of_kind)} | {codes.total()} | "
+            f"{codes[0]}, {codes[1]}, {codes[2]} | {max(tried.longest_s for tried in of_kind):.1f} | "
+            f"{max(tried.most_gib for tried in of_kind):.2f} | {sum(tried.mended for tried in of_kind)} | "
+            f"{sum(len(tried.rude) for tried in of_kind)} |"
         )
-    total = [sum(getattr(tally, name) for tally in tallies.values()) for name in ("inputs", "calls")]
-    rude = sum(len(tally.rude) for tally in tallies.values())
-    return "\n".join([*lines, f"| all | {total[0]} | {total[1]} | | | | **{rude}** |"]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
@@ -286,14 +333,15 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1, help="calls at a time")
+    parser.add_argument("--log", type=target, help="write every finished case there, and go on from it")
     parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
-    tallies = try_all(options.count, options.seed, partial(print, flush=True), options.jobs)
-    found = table(tallies, options.seed)
+    tries = try_all(options.count, options.seed, partial(print, flush=True), options.jobs, options.log)
+    found = table(tries, options.count, options.seed)
     print(found)
     if options.out:
         options.out.write_text(found)
-    raise SystemExit(any(tally.rude for tally in tallies.values()))
+    raise SystemExit(any(tried.rude for tried in tries))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from tools.database_safety.colmap_check import check_database
 
-MOST_GIB = 2.0
+MOST_S, MOST_GIB = 30.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
@@ -25,7 +25,7 @@ class Call:
     """A call of the command line and what came of it; ``code`` None if it had to be ended.
 
     ``photographs`` are the inputs, the first of which is good, and all of them if they are ``counted``;
-    ``folder`` is where it ran.
+    ``folder`` is where it ran; ``seconds`` are of a processor, its own and its processes'.
     """
 
     words: list[str]
@@ -65,9 +65,11 @@ def complaints(call: Call, *, full_disk: bool = False) -> list[str]:
 def _ending(call: Call) -> Iterator[str]:
     """Complain about how the process ended and what it took."""
     if call.code is None:
-        yield f"hangs, ended after {call.seconds:.0f} s"
+        yield "hangs, and had to be ended"
     elif call.code not in (0, 1, 2):
         yield f"exit code {call.code}"
+    if call.seconds > MOST_S:
+        yield f"takes {call.seconds:.0f} s of a processor"
     if call.peak_gib > MOST_GIB:
         yield f"takes {call.peak_gib:.2f} GiB"
 

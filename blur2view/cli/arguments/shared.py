@@ -111,9 +111,9 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
         "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
-        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line (blank lines are "
-        "passed over, and those that begin with # and name no file); - for such a list from standard input. "
-        "What is named twice is done once",
+        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line, as seen from here "
+        "or else from the list's folder (blank lines are passed over, and those that begin with # and name "
+        "no file); - for such a list from standard input. What is named twice is done once",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
     add(
@@ -180,6 +180,15 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def exposure_s(text: str) -> float:
+    """Return an exposure time in seconds, of a number or a fraction as 1/25."""
+    above, slash, below = text.partition("/")
+    try:
+        return float(above) / float(below) if slash else float(text)
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
+
+
 def frame_or_seconds(text: str) -> int | float:
     """Return a frame's number, or a time in seconds as a float."""
     try:
@@ -233,10 +242,10 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
     if exposure:
         group.add_argument(
             "--exposure",
-            type=float,
+            type=exposure_s,
             metavar="S",
-            help="exposure time in seconds, with --focal or --camera: the angular velocity is the rotation "
-            "over it (default: that of EXIF)",
+            help="exposure time in seconds, as 0.04 or 1/25, with --focal or --camera: the angular velocity "
+            "is the rotation over it (default: that of EXIF)",
         )
         group.add_argument(
             "--readout",

@@ -8,6 +8,7 @@ from blur2view.cli.arguments.shared import (
     CommandParser,
     add_verbosity,
     epilog,
+    exposure_s,
     output_path,
     paragraph,
     table,
@@ -65,11 +66,11 @@ def describe(parser: CommandParser) -> None:
     )
     given.add_argument(
         "--exposure",
-        type=float,
+        type=exposure_s,
         default=1.0,
         metavar="S",
-        help="exposure time in seconds, for nerfstudio; only its product with the velocities shows in a "
-        "photograph (default: %(default)g, velocities per exposure)",
+        help="exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the "
+        "velocities shows in a photograph (default: %(default)g, velocities per exposure)",
     )
     output = parser.add_argument_group("output")
     output.add_argument(

@@ -47,14 +47,16 @@ LIST = (
     (
         "--keep",
         "names, one on a line, relative to the folder that was given or that all photographs share: what "
-        "COLMAP takes as --image_list_path with that folder as --image_path. Nothing else is in it; which of "
-        "them are blurred stands in the table",
+        "COLMAP takes as --image_list_path with that folder as --image_path. Written into that folder, it is "
+        "also a list for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them "
+        "are blurred stands in the table",
     ),
 )
 EXAMPLES = (
-    "blur2view triage frames --csv triage.csv --keep keep.txt",
-    "blur2view triage frames --keep keep.txt --max-smear 3 --blurred",
-    "colmap feature_extractor --database_path project.db --image_path frames --image_list_path keep.txt",
+    "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
+    "blur2view triage frames --keep frames/keep.txt --max-smear 3 --blurred",
+    "blur2view estimate @frames/keep.txt -o results",
+    "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
 )
 
 

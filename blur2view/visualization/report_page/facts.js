@@ -82,15 +82,17 @@ function showScores({ scores, motion_model: chosen }) {
   byId("scores").replaceChildren(...rows);
 }
 
+function tableOf(matrix) {
+  const cells = (row) => row.map((value) => element("td", { text: value.toExponential(4) }));
+  return element("table", { className: "matrix", children: matrix.map((row) => element("tr", { children: cells(row) })) });
+}
+
 function showMatrix(photo) {
   const { F, H } = photo.facts;
-  const matrix = F || H;
-  byId("geometry").hidden = !matrix;
-  if (!matrix) return;
-  byId("matrix-title").textContent = F ? "Fundamental matrix F" : "Homography H";
-  const cells = (row) => row.map((value) => element("td", { text: value.toExponential(4) }));
-  byId("matrix").replaceChildren(...matrix.map((row) => element("tr", { children: cells(row) })));
-  const points = F ? [nullVector(F), nullVector(transposed(F))] : [];
+  byId("geometry").hidden = !F && !H;
+  const given = [["Fundamental matrix F", F], ["Homography H", H]].filter(([, matrix]) => matrix);
+  byId("matrix").replaceChildren(...given.flatMap(([title, matrix]) => [element("h2", { text: title }), tableOf(matrix)]));
+  const points = F && !H ? [nullVector(F), nullVector(transposed(F))] : []; // beside H they would read as certain
   showPairs(byId("epipoles"), points.map((point, k) => [`epipole ${k + 1}`, placeOf(point)]));
 }
 

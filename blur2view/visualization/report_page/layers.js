@@ -28,7 +28,7 @@ function drawLayers(context, view, photo, on, ratio) {
   if (on.has("mask") && photo.mask) drawMask(context, photo);
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.lineCap = "round";
-  if (on.has("lines") && photo.facts.F) drawFan(context, view, photo);
+  if (on.has("lines")) drawFan(context, view, photo);
   if (on.has("smears")) drawSmears(context, view, gridPieces(view, photo));
   if (on.has("inliers")) drawUsed(context, view, photo);
 }

@@ -39,7 +39,9 @@ class Viewer {
   /** Offer the layers that this photograph has. */
   offer(photo) {
     const { mask } = photo;
-    const has = { inliers: photo.used.length > 0, lines: Boolean(photo.facts.F), mask, probability: mask };
+    const { F, H } = photo.facts;
+    const lines = Boolean(F) && !H; // beside H they would tell what nothing shows
+    const has = { inliers: photo.used.length > 0, lines, mask, probability: mask };
     for (const box of this.boxes) {
       box.disabled = box.dataset.layer in has && !has[box.dataset.layer];
       box.parentElement.classList.toggle("layer-absent", box.disabled);

@@ -1,6 +1,8 @@
 """The judge of calls finds what is wrong with one, and hostile inputs are the same every time."""
 
 import json
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 from blur2view.cli import commands
 from tools.robustness import hostile_inputs
 from tools.robustness.hostile_files import CONTENTS, encoded, hostile_photograph
-from tools.robustness.hostile_inputs import make_cases, try_all
+from tools.robustness.hostile_inputs import Case, Tried, make_cases, run_call, try_all
 from tools.robustness.politeness import Call, complaints
 
 
@@ -40,6 +42,7 @@ def test_a_polite_call_has_no_complaints(call: Call) -> None:
         ({"code": None}, "hangs"),
         ({"code": -11}, "exit code -11"),
         ({"peak_gib": 2.5}, "takes 2.50 GiB"),
+        ({"seconds": 33.0}, "takes 33 s of a processor"),
         ({"said": b"Traceback (most recent call last):\n  x\nValueError: 3\n"}, "traceback: ValueError: 3"),
         ({"said": b"libpng warning: iCCP\nblur2view: bad.jpg: x; y\n"}, "foreign line: libpng"),
         ({"said": b"blur2view: \x1b[31m.jpg: x; y\n"}, "control characters"),
@@ -148,8 +151,67 @@ def test_of_inputs_that_nobody_counts_the_good_one_must_be_done(call: Call) -> N
     assert complaints(unread) == []
 
 
+def test_a_log_goes_on_and_tries_rude_cases_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rude_one: set[int] = {3}
+    tried: list[int] = []
+
+    def through(place: Path, before: dict[int, Tried], number: int, case: Case) -> Tried:
+        tried.append(number)
+        rude = ["hangs"] if number in rude_one else []
+        return Tried(
+            number=number, kind=case.kind, inputs=1, codes=[1], longest_s=1.0, most_gib=0.1, rude=rude
+        )
+
+    monkeypatch.setattr(hostile_inputs, "_load_libraries", lambda: None)
+    monkeypatch.setattr(hostile_inputs, "_through_all_commands", through)
+    log = tmp_path / "log.jsonl"
+    first = try_all(20, 5, lambda line: None, log=log)
+    assert [one.number for one in first if one.rude] == [3]
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(lines[:7]) + "\n")  # stopped after six cases
+    tried.clear()
+    rude_one.clear()
+    second = try_all(20, 5, lambda line: None, log=log)
+    assert tried == [3, *range(6, len(first))]
+    assert [one.number for one in second] == list(range(len(first)))
+    with pytest.raises(SystemExit, match="another count or seed"):
+        try_all(20, 6, lambda line: None, log=log)
+
+
+def test_the_table_counts_what_was_mended() -> None:
+    one = Tried(
+        number=0, kind="disks", inputs=8, codes=[0, 1, None], longest_s=2.0, most_gib=0.5, rude=["hangs"]
+    )
+    other = replace(one, number=1, kind="lists", inputs=1, codes=[2], rude=[], mended=2)
+    lines = hostile_inputs.table([one, other], 20, 5).splitlines()
+    assert lines[0].startswith("Seed 5, 9 of 20 inputs. ")
+    assert lines[-3:] == [
+        "| disks | 8 | 3 | 1, 1, 0 | 2.0 | 0.50 | 0 | 1 |",
+        "| lists | 1 | 1 | 0, 0, 1 | 2.0 | 0.50 | 2 | 0 |",
+        "| all | 9 | 4 | 1, 1, 1 | 2.0 | 0.50 | 2 | 1 |",
+    ]
+
+
+@pytest.mark.parametrize(("sleeps", "code"), [(True, None), (False, -signal.SIGXCPU)])
+def test_who_waits_or_works_for_ever_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sleeps: bool, code: int | None
+) -> None:
+    monkeypatch.setattr(hostile_inputs, "PATIENCE_S", 0.3 if sleeps else 300.0)
+    monkeypatch.setattr(hostile_inputs, "MOST_S", 0)
+
+    def program() -> int:
+        while True:
+            if sleeps:
+                time.sleep(0.2)
+
+    monkeypatch.setattr("blur2view.__main__.program", program)
+    call = run_call([], tmp_path, Case(kind="x"), fresh=False)
+    assert call.code == code
+    assert call.seconds > 0.9 or sleeps
+
+
 @pytest.mark.slow
 def test_commands_are_polite() -> None:
-    tallies = try_all(12, 5, say=lambda line: None)
-    assert {kind: tally.rude for kind, tally in tallies.items()} == dict.fromkeys(tallies, [])
-    assert sum(tally.inputs for tally in tallies.values()) == 12
+    tries = try_all(12, 5, say=lambda line: None)
+    assert [complaint for tried in tries for complaint in tried.rude] == []
+    assert sum(tried.inputs for tried in tries) == 12
