@@ -11,6 +11,7 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
+from blur2view.camera.video import frame_of, rows_towards
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -77,6 +78,8 @@ class Estimate:
         The intrinsics that were used.
     grid : SmearGrid or None
         What ``field`` was resampled from; None where it is from elsewhere.
+    shutter : RollingShutter or None
+        For which ``geometry`` was corrected; ``field`` and ``matches`` are as recorded.
     """
 
     field: SmearField
@@ -86,6 +89,7 @@ class Estimate:
     timings: Timings
     camera: Camera | None = None
     grid: SmearGrid | None = None
+    shutter: RollingShutter | None = None
 
 
 def estimate(
@@ -146,6 +150,7 @@ def estimate(
         model_id=network.info.model_id,
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
+        shutter=shutter if shutter is not None and shutter.readout_s else None,
     )
 
 
@@ -230,4 +235,6 @@ def _shutter(path: Path, run: Run, exif: ExifFacts) -> RollingShutter | None:
         return None
     if exposure_s is None:
         raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
-    return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=exif.rows_towards)
+    frame = frame_of(path)
+    towards = exif.rows_towards if frame is None else rows_towards(frame[0])
+    return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)

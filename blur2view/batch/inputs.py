@@ -141,6 +141,9 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             path = Path(word[1:])
             for name in _lines(word[1:], partial(read_regular, path)):
                 beside = path.parent / name
+                there = [p for p in (name, beside) if os.path.lexists(p)]
+                if len({os.path.realpath(p) for p in there}) > 1:
+                    raise ImageError(f"{path}: {name} is here and beside the list; name it with its folder")
                 yield str(beside) if os.path.lexists(beside) and not os.path.lexists(name) else name
         else:
             yield word

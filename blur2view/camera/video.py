@@ -20,6 +20,10 @@ DIGITS = 6  # of a frame's name
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
 
 
+# By the degrees clockwise by which OpenCV turns frames upright.
+ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
+
+
 class EndOfVideo(ImageError):
     """A frame is announced by its video, and not in it; nothing that a user must mend."""
 
@@ -39,6 +43,14 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
     if path.name.isdecimal() and is_video(path.parent):
         return path.parent, int(path.name)
     return None
+
+
+def rows_towards(video: Path) -> tuple[int, int]:
+    """Return the direction in upright frames in which the sensor's rows follow each other."""
+    capture = _opened(video)
+    turned = round(capture.get(cv2.CAP_PROP_ORIENTATION_META))
+    capture.release()
+    return ROWS_TOWARDS.get(turned % 360, (0, 1))
 
 
 def frame_numbers(

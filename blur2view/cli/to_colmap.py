@@ -78,7 +78,8 @@ def run_to_colmap(options: argparse.Namespace, usage_error: Callable[[str], obje
     if wanted := [photograph for photograph in photographs if not photograph.kept]:
         made, failed = make_views(batch, wanted)
         failures += failed
-    lost = before - {one.photograph.name for one in made}
+    skips = options.skip_degenerate
+    lost = before - {one.photograph.name for one in made if one.views.geometry.F is not None or not skips}
     if batch.broken or (batch.interrupted and (options.link or not made or lost)):
         remove_empty(created)
         return batch.exit_code
@@ -169,7 +170,8 @@ def _refuse_loss(options: argparse.Namespace, lost: set[str]) -> None:
         told = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
         target, option = (options.output, "-o") if options.db is None else (options.db, "--db")
         raise OutputError(
-            f"{target}: the views of {told} would be lost; name all, or choose another {option}"
+            f"{target}: the views of {told} would be lost, as this call names them otherwise (from the "
+            f"folder that all share), or not, or skips them; name all as before, or choose another {option}"
         )
 
 

@@ -116,6 +116,8 @@ def hint(rows: Sequence[Row], options: argparse.Namespace) -> str:
     """Return what would put photographs on an empty list."""
     if any(row.use == BLURRED for row in rows):
         return "--blurred lists the blurred ones that are of use"
+    if all(row.error for row in rows):
+        return "no photograph could be read"
     lengths = [row.smear_px for row in rows if row.smear_px is not None]
     if not lengths:
         return "no photograph shows texture"

@@ -143,7 +143,14 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     estimate : Estimate
         Also one without F: then the order of the ends is arbitrary. With F every smear's order is decided by
         F and by cheirality (`end_order`), and ``geometry.swapped`` is that order.
+
+    Raises
+    ------
+    ValueError
+        If the estimate has a rolling shutter: its F is not that of the ends as recorded.
     """
+    if estimate.shutter is not None:
+        raise ValueError("views are of the ends as recorded: estimate without a shutter")
     ends = estimate.matches.ends
     height, width = estimate.field.shape
     weighed = estimate.matches.weighed_across()

@@ -16,6 +16,7 @@ from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.object_motion import object_motion
 from blur2view.segmentation.regions import decide, to_pixels
 from blur2view.segmentation.score import MotionScore, motion_score
+from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 
 STAYS, MOVES = 127 / 255, 128 / 255  # nearest to 0.5 on its two sides in a picture of 8 bits
@@ -142,6 +143,9 @@ def segment(
     """
     options, shape = options or SegmentOptions(), found.field.shape
     rng = np.random.default_rng(0) if rng is None else rng
+    if found.shutter is not None:  # its geometry is not that of the smears as recorded
+        recorded = estimate_two_view(found.matches, options.estimator, rng, found.camera)
+        found = replace(found, geometry=recorded, shutter=None)
     scored = _scored(found, options, rng)
     cells = decide(scored)
     moving, seen = (to_pixels(mask, shape) >= 0.5 for mask in (cells.moving, cells.observable))

@@ -20,7 +20,9 @@ from blur2view.pipeline import Estimate
 from blur2view.smears.field import smear_ends
 from blur2view.smears.sampling import GridSmears, grid_pixels
 
-HALF_NORMAL_60 = 0.8416  # its quantile 0.6: the scale holds while at most 40 % of the smears move
+# Quantile 0.6 of an error along one axis, and of one along both together, in standard deviations: the scale
+# holds while at most 40 % of the smears move.
+HALF_NORMAL_60, RAYLEIGH_60 = 0.8416, 0.9572
 # Error that no sigma tells. With 0.2, 0.3, 0.5 and 1 px masks of true smears have an IoU of 0.80, 0.77, 0.75
 # and 0.70 over all pixels of 48 development scenes; with 0.2 px the network's call 0.6 % of a street moving.
 FLOOR_PX = 0.3
@@ -72,7 +74,7 @@ class _Grid:
     def of(cls, found: Estimate) -> _Grid:
         smears = GridSmears.of(found.field)
         ends = measured_ends(smears, found.camera)
-        across = smears.sigma_px if smears.across_px is None else smears.across_px
+        across = 0.5**0.5 * smears.sigma_px if smears.across_px is None else smears.across_px
         return cls(ends=ends, length_px=smears.length_px, across_px=across, whole_px=smears.sigma_px)
 
 
@@ -105,7 +107,7 @@ def _against_F(grid: _Grid, F: Array) -> tuple[Array, Array, float]:
     """Sampson distances, and those of smears turned by 90 degrees, in standard deviations; their scale."""
     residual, turned = np.sqrt(serrmin(F, grid.ends)), np.sqrt(serrmin(F, turned_ends(grid.ends)))
     sigma = np.hypot(0.5**0.5 * grid.across_px, FLOOR_PX)  # an end has half of the error, and F meets both
-    return residual / sigma, turned / sigma, _scale(residual / sigma)
+    return residual / sigma, turned / sigma, _quantile_60(residual / sigma) / HALF_NORMAL_60
 
 
 def _against_H(grid: _Grid, H: Array) -> tuple[Array, Array, float]:
@@ -115,7 +117,7 @@ def _against_H(grid: _Grid, H: Array) -> tuple[Array, Array, float]:
     error = np.minimum(*(np.linalg.norm(seen - sign * predicted, axis=1) for sign in (1, -1)))
     sigma = np.hypot(grid.whole_px, FLOOR_PX)
     reach = np.maximum(2**0.5 * np.linalg.norm(predicted, axis=1), SIGHT_PX)
-    return error / sigma, reach / sigma, _scale(error / sigma)
+    return error / sigma, reach / sigma, _quantile_60(error / sigma) / RAYLEIGH_60
 
 
 def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
@@ -125,10 +127,10 @@ def _against_stillness(grid: _Grid) -> tuple[Array, Array]:
     return grid.length_px / sigma, np.where(blind, 0.0, SIGHT_PX / sigma)
 
 
-def _scale(ratio: Array) -> float:
-    """Return the standard deviation of most residuals (N,), given in stated standard deviations."""
+def _quantile_60(ratio: Array) -> float:
+    """Return the quantile 0.6 of residuals (N,) in standard deviations; NaN, without rays, is left out."""
     known = ratio[np.isfinite(ratio)]
-    return float(np.quantile(known, 0.6)) / HALF_NORMAL_60 if len(known) else 1.0
+    return float(np.quantile(known, 0.6)) if len(known) else 1.0
 
 
 def turned_ends(ends: Array) -> Array:

@@ -63,7 +63,7 @@ def estimate_two_view(
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
     shutter : RollingShutter, optional
-        Of that camera, whose intrinsics must be known. A geometry with a pose is then that of an exposure of
+        Of that camera, whose intrinsics must be known. A geometry with F or H is then that of an exposure of
         all rows at once, another one for each order in time (``reversed()``): of both that which has less
         parallax is given.
 
@@ -86,7 +86,8 @@ def estimate_two_view(
     options = options or EstimatorOptions()
     rng = np.random.default_rng(0) if rng is None else rng
     geometry = as_recorded(matches, options, rng, camera)
-    if shutter is None or camera is None or not shutter.readout_s or geometry.cam2_from_cam1 is None:
+    without_orders = geometry.F is None and geometry.H is None
+    if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
     flips = []
     for flip in (geometry, geometry.reversed()):

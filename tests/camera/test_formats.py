@@ -1,6 +1,7 @@
 """Formats that come by extras, and files of several pictures."""
 
 import io
+import struct
 import sys
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from PIL import Image
 from blur2view.camera import video
 from blur2view.camera.exif import read_exif
 from blur2view.camera.image import read_image
-from blur2view.camera.video import EndOfVideo, frame_of, read_frame
+from blur2view.camera.video import EndOfVideo, frame_of, read_frame, rows_towards
 from blur2view.errors import ImageError
 from tests.support.many_photographs import write_video
 from tests.support.raw_file import dng
@@ -142,6 +143,29 @@ class Cut:
     def retrieve(self) -> tuple[bool, np.ndarray]:
         """Return a frame."""
         return True, GREY
+
+
+@pytest.mark.parametrize(
+    ("turn", "shape", "rows"),
+    [
+        ((1, 0, 0, 1), (64, 80, 3), (0, 1)),
+        ((0, 1, -1, 0), (80, 64, 3), (-1, 0)),
+        ((0, -1, 1, 0), (80, 64, 3), (1, 0)),
+    ],
+)
+def test_rows_of_a_video_that_is_turned_upright(
+    tmp_path: Path, turn: tuple[int, ...], shape: tuple[int, ...], rows: tuple[int, int]
+) -> None:
+    clip = write_video(tmp_path / "clip.mp4", 3)
+
+    def matrix(a: int, b: int, c: int, d: int) -> bytes:  # of a track's header, 16.16 and 2.30
+        return struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
+
+    content = clip.read_bytes()
+    header = content.index(b"tkhd")
+    place = content.index(matrix(1, 0, 0, 1), header)
+    clip.write_bytes(content[:place] + matrix(*turn) + content[place + 36 :])
+    assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
 
 
 @pytest.mark.parametrize(("announced", "failures"), [(40, 0), (50, 0), (51, 1), (900, 1)])

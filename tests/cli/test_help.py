@@ -82,6 +82,7 @@ def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        (["--json", "estimate", "a.jpg"], "--json goes after estimate"),
         (["estimate", "a.jpg", "--db", "x.db"], "--db is an option of blur2view to-colmap, not of estimate"),
         (["estimate", "a.jpg", "--keep=l.txt"], "--keep is an option of blur2view triage, not of estimate"),
         (["to-colmap", "a.jpg", "--no-mask"], "--no-mask is an option of blur2view report, not of to-colmap"),

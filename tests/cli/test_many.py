@@ -334,7 +334,7 @@ def test_resume_with_fewer_photographs_drops_none(
     assert call(*photographs) == 0
     before = contents(tmp_path)
     capsys.readouterr()
-    told = "the views of 1 photograph (002.png) would be lost; name all, or choose another"
+    told = "the views of 1 photograph (002.png) would be lost, as this call names them otherwise"
     assert call(*photographs[:2], "--resume") == 1
     assert told in capsys.readouterr().err and contents(tmp_path) == before
     whole = photographs[2].read_bytes()

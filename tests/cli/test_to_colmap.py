@@ -117,6 +117,14 @@ def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Pat
         assert [image.name for image in database.read_all_images()] == ["moving.png#open", "moving.png#close"]
 
 
+def test_resume_does_not_skip_what_was_written(run: Any, photos: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    assert run("--db", path, *photos)[0] == 0
+    before = path.read_bytes()
+    code, _, err = run("--db", path, "--resume", "--skip-degenerate", *photos)
+    assert code == 1 and "(still.png) would be lost" in err and path.read_bytes() == before
+
+
 def test_where_all_are_skipped_nothing_is_written_and_that_is_said(
     run: Any, photos: list[Path], tmp_path: Path
 ) -> None:

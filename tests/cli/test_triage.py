@@ -95,10 +95,17 @@ def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     assert call("triage", tiny_model, frames / "chaos.png", "--keep", tmp_path / "other.txt") == 0
     told = capsys.readouterr().out.splitlines()[-1]
     assert told.startswith("the list is empty: the sharpest has a median of ") and told.endswith("is 3")
+    (tmp_path / "none.png").write_bytes(b"no picture")
+    assert call("triage", tiny_model, tmp_path / "none.png", "--keep", tmp_path / "none.txt") == 1
+    assert "no photograph shows texture" not in capsys.readouterr().out
 
 
 def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
-    frames: Path, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    frames: Path,
+    tiny_model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     keep = frames / "keep.txt"
     assert call("triage", tiny_model, frames, "--recursive", "--keep", keep, "--blurred") == 0
@@ -106,9 +113,9 @@ def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
     monkeypatch.chdir(tmp_path)
     assert call("triage", tiny_model, "@frames/keep.txt", "--csv", "t.csv") == 0
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["left/moving.png", "still.png"]
-    shutil.copy(frames / "still.png", tmp_path / "still.png")  # what is here comes first
-    assert call("triage", tiny_model, "@frames/keep.txt", "--csv", "u.csv") == 0
-    assert [one["name"] for one in table(tmp_path / "u.csv")] == ["frames/left/moving.png", "still.png"]
+    shutil.copy(frames / "still.png", tmp_path / "still.png")  # which one the list means is not known
+    assert call("triage", tiny_model, "@frames/keep.txt", "--csv", "u.csv") == 1
+    assert "still.png is here and beside the list" in capsys.readouterr().err
 
 
 def test_photographs_that_fail_have_a_row_and_are_not_listed(

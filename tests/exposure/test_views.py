@@ -9,6 +9,7 @@ from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
 from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
@@ -84,6 +85,12 @@ def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estim
         for v in (views, views.corrected())
     )
     assert after < 0.02 * before
+
+
+def test_no_views_where_F_is_not_of_the_ends_as_recorded(found: Estimate) -> None:
+    shutter = RollingShutter(readout_s=0.03, exposure_s=0.02)
+    with pytest.raises(ValueError, match="without a shutter"):
+        views_of("a.jpg", replace(found, shutter=shutter))
 
 
 def test_views_without_F_have_nothing_to_correct(found: Estimate) -> None:

@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.robust.independence import BLOCKS, cells
-from blur2view.segmentation import admitted
+from blur2view.segmentation import admitted, mask
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 from blur2view.segmentation.regions import decide
@@ -108,6 +109,19 @@ def two_motions() -> tuple[Estimate, list[TwoViewGeometry]]:
     return found, [found.geometry, replace(found.geometry, F=along_the_box)]
 
 
+@pytest.mark.parametrize("sigma_px", [1.0, 2.0])
+def test_a_homography_that_errs_as_stated_is_admitted_beside_F(sigma_px: float) -> None:
+    displacement = sideways()
+    displacement[BOX] *= 2.0  # along the lines of F, but not by H
+    rng = np.random.default_rng(0)
+    noise = np.repeat(np.repeat(rng.normal(0, 0.5**0.5 * sigma_px, (30, 40, 2)), 8, 0), 8, 1)
+    noisy = (displacement + noise).astype(np.float32)
+    angle = 0.5**0.5 * sigma_px / STATIC_PX
+    found = estimate_of(noisy, F=SIDEWAYS, H=SHIFT, sigma_px=sigma_px, sigma_rad=angle)
+    scored = least_score(found, [replace(found.geometry, H=None), replace(found.geometry, F=None)])
+    assert scored.greatest[30, 55] > 4 * scored.score[30, 55]
+
+
 def test_what_one_of_two_motions_explains_is_unobservable() -> None:
     found, motions = two_motions()
     inside = tuple(slice(side.start // 4, side.stop // 4) for side in BOX)
@@ -126,6 +140,17 @@ def test_scores_are_the_least_and_the_greatest_and_none_without_any_motion() -> 
     np.testing.assert_allclose(both.reach * scale**2, np.minimum(each[0].reach, each[1].reach))
     unknown = least_score(found, [motions[0], replace(motions[0], F=None)])
     assert not unknown.score.any() and not unknown.reach.any() and "half of the picture" in unknown.reason
+
+
+def test_masks_are_of_the_smears_as_recorded_whatever_the_shutter(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    corrected = replace(found.geometry, F=cross_matrix(np.array([0.0, 1.0, 0.0])) / 2**0.5)
+    shutter = RollingShutter(readout_s=0.03, exposure_s=0.02)
+    monkeypatch.setattr(mask, "estimate_two_view", lambda *_: found.geometry)
+    options = SegmentOptions(splits=0, objects=False)
+    plain = segment(found, options)
+    shut = segment(replace(found, geometry=corrected, shutter=shutter), options)
+    np.testing.assert_array_equal(shut.labels, plain.labels)
 
 
 def test_same_generator_same_mask_and_splits_are_not_negative() -> None:

@@ -234,7 +234,9 @@ def _read_log(log: Path, count: int, seed: int) -> dict[int, Tried]:
     first = {"count": count, "seed": seed}
     if not log.exists():
         log.write_text(json.dumps(first) + "\n")
-    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    whole = log.read_text().rpartition("\n")[0] + "\n"  # the last line may have been cut off
+    log.write_text(whole)
+    lines = [json.loads(line) for line in whole.splitlines()]
     if lines[:1] != [first]:
         raise SystemExit(f"{log}: is of another count or seed; name another --log")
     return {line["number"]: Tried(**line) for line in lines[1:]}
@@ -267,7 +269,7 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         longest_s=max(call.seconds for call in calls),
         most_gib=max(call.peak_gib for call in calls),
         rude=rude,
-        mended=earlier.mended + len(earlier.rude) if earlier and not rude else 0,
+        mended=earlier.mended + (0 if rude else len(earlier.rude)) if earlier else 0,
     )
 
 

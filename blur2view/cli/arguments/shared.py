@@ -180,8 +180,8 @@ def positive(text: str) -> int:
     return int(text)
 
 
-def exposure_s(text: str) -> float:
-    """Return an exposure time in seconds, of a number or a fraction as 1/25."""
+def seconds(text: str) -> float:
+    """Return seconds, of a number or a fraction as 1/25."""
     above, slash, below = text.partition("/")
     try:
         return float(above) / float(below) if slash else float(text)
@@ -242,14 +242,14 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
     if exposure:
         group.add_argument(
             "--exposure",
-            type=exposure_s,
+            type=seconds,
             metavar="S",
             help="exposure time in seconds, as 0.04 or 1/25, with --focal or --camera: the angular velocity "
             "is the rotation over it (default: that of EXIF)",
         )
         group.add_argument(
             "--readout",
-            type=float,
+            type=seconds,
             metavar="S",
             help="of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the "
             "first row to that of the last one; rows are those of the file as stored. A point that moves "

@@ -8,9 +8,9 @@ from blur2view.cli.arguments.shared import (
     CommandParser,
     add_verbosity,
     epilog,
-    exposure_s,
     output_path,
     paragraph,
+    seconds,
     table,
 )
 from blur2view.documents.transforms import DIALECTS
@@ -66,7 +66,7 @@ def describe(parser: CommandParser) -> None:
     )
     given.add_argument(
         "--exposure",
-        type=exposure_s,
+        type=seconds,
         default=1.0,
         metavar="S",
         help="exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the "

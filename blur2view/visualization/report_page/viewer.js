@@ -88,9 +88,9 @@ class Viewer {
     this.marks.replaceChildren();
     const smear = this.chosen;
     if (!smear) return;
-    const { F } = this.photo.facts;
+    const { F, H } = this.photo.facts;
     const ends = smear.order ? inOrder(smear.ends, smear.order) : smear.ends;
-    if (F) {
+    if (F && !H) {
       const [first, second] = straightened(this.photo, ends);
       const lines = [lineInView1(F, second), lineInView2(F, first)].map((line) => drawnLine(this.photo, line));
       lines.forEach((pieces, k) => this.markPiece(`line-${k + 1}-halo`, pieces, "rgb(0 0 0 / 0.5)", LINE_WIDTHS[k] + 2));
