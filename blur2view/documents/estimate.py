@@ -121,7 +121,7 @@ class BackwardDocument(Document):
 
     @classmethod
     def of(cls, one: FileEstimate) -> BackwardDocument | None:
-        """Return the document of a photograph, None where the pose of the other order is the inverse."""
+        """Return the document of a photograph, None where the other order has the inverse pose or none."""
         geometry = one.estimate.geometry.backward
         if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
             return None
@@ -190,7 +190,7 @@ class EstimateDocument(Document):
     backward : object or null
         With --readout the same of the other order in time, which is another motion than the inverse:
         config, cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows
-        leave no such smears in that order.
+        leave no such smears in that order, or it has no pose.
     num_matches : int
         Smears that were used.
     num_inliers : int

@@ -45,8 +45,8 @@ function countsOf({ facts, medianPx, lens }) {
     ["network", facts.model_id],
     ["seed", String(facts.seed)],
   ];
-  if (facts.rotation_deg !== null) pairs.push(["rotation", `${facts.rotation_deg.toFixed(3)}\u00b0`]);
-  if (facts.backward) pairs.push(["in the other order in time", `${facts.backward.rotation_deg.toFixed(3)}\u00b0`]);
+  if (facts.rotation_deg !== null) pairs.push(["rotation", rotationOf(facts, facts.exposure_s)]);
+  if (facts.backward) pairs.push(["in the other order in time", rotationOf(facts.backward, facts.exposure_s)]);
   if (facts.camera) pairs.push(["camera", `${facts.camera.model}, ${facts.camera.source}`]);
   if (lens) pairs.push(["lens", "distorts: epipolar lines are curves"]);
   return pairs;
@@ -54,6 +54,12 @@ function countsOf({ facts, medianPx, lens }) {
 
 function showPairs(list, pairs) {
   list.replaceChildren(...pairs.flatMap(([name, value]) => [element("dt", { text: name }), element("dd", { text: value })]));
+}
+
+/** The angle of a rotation, and the angular velocity where the exposure time is known. */
+function rotationOf({ rotation_deg: angle, angular_velocity_rad_s: velocity }, seconds) {
+  const rate = velocity === null ? "" : `, ${Math.hypot(...velocity).toPrecision(3)} rad/s in ${seconds} s`;
+  return `${angle.toFixed(3)}\u00b0${rate}`;
 }
 
 /** A row with a name, a bar for a share of 0 to 1, and a value. */
