@@ -92,7 +92,7 @@ def motion_score(found: Estimate) -> MotionScore:
         reason = "measured by the error against the camera's homography"
     elif found.matches.still_share >= STILL_SHARE:
         residual, reach = _against_stillness(grid)
-        share = f"{found.matches.still_share:.0%} of what can be measured shows no smear"
+        share = f"{int(100 * found.matches.still_share)}% of what can be measured shows no smear"
         reason = f"the camera stands still ({share}): measured by the smears' length"
     else:
         residual = reach = np.zeros(len(grid.ends))

@@ -119,6 +119,12 @@ def test_before_a_still_camera_the_score_is_the_length() -> None:
     assert overlap(mask) > 0.9 and "stands still" in mask.reason
 
 
+def test_a_share_that_is_not_all_is_not_called_all() -> None:
+    found = estimate_of(np.zeros((HEIGHT, WIDTH, 2), np.float32))
+    still = replace(found, matches=replace(found.matches, still_share=0.998))
+    assert "(99% of what can be measured" in motion_score.motion_score(still).reason
+
+
 def test_without_any_motion_of_the_camera_to_measure_against_all_is_unobservable() -> None:
     mask = by_scores(estimate_of(sideways()))
     assert (mask.labels == MotionLabel.UNOBSERVABLE).all() and mask.regions == ()

@@ -52,8 +52,8 @@ FILES = (
     ),
     (
         "<stem>.png",
-        "the overlay: inlier smears coloured by orientation, outliers grey, epipolar lines white, epipoles "
-        "ringed; below it the verdict and a map of sigma",
+        "the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar "
+        "lines white and epipoles ringed; below it the verdict and a map of sigma",
     ),
 )
 EXAMPLES = (
