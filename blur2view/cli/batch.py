@@ -321,14 +321,14 @@ def run_each(
     try:
         for folder in sorted(folders):
             created += prepare_folder(folder)
-        if options.resume:
-            remove_left_over(paths, folders)
         for result in run.results(options.images, plan):
             if result.made is None:
                 failures.append(FailureDocument(image=str(result.path), error=result.error))
             elif options.json:
                 documents.append(result.made.kept)
     finally:
+        if options.resume:  # at the end: workers of a killed call live on for a moment
+            remove_left_over(paths, folders)
         remove_empty(sorted(created, reverse=True))  # where nothing succeeded nothing is left behind
     if options.json:
         print(collect(documents, failures).to_json())

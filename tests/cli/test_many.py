@@ -483,7 +483,7 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 def test_interrupt_of_processes_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 160, (128, 160))
+    write_photographs(tmp_path / "in", 200, (320, 400))  # more than a busy machine does before it looks
     words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
     running = start("estimate", *words)
     manifest = tmp_path / "out" / MANIFEST
