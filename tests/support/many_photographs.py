@@ -1,8 +1,10 @@
 """Small photographs for the tiny network, videos of them, and the program in a process of its own."""
 
 import os
+import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -39,9 +41,15 @@ def command(*words: object) -> list[str]:
 
 
 def start(*words: object) -> subprocess.Popen[str]:
-    """Start the program from this checkout."""
+    """Start the program from this checkout, so that it takes Ctrl-C, which jobs in the background ignore."""
+    heeds = None if sys.platform == "win32" else partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     return subprocess.Popen(
-        command(*words), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command(*words),
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=heeds,
     )
 
 
