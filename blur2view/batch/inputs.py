@@ -144,7 +144,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
                 there = [p for p in (name, beside) if os.path.lexists(p)]
                 if len({os.path.realpath(p) for p in there}) > 1:
                     raise ImageError(f"{path}: {name} is here and beside the list; name it with its folder")
-                yield str(beside) if os.path.lexists(beside) and not os.path.lexists(name) else name
+                yield str(there[0]) if there else name
         else:
             yield word
 

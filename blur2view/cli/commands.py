@@ -74,9 +74,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = build_parser()
     options: argparse.Namespace
     options, unknown = parser.parse_known_args(arguments)
-    own = option_names(options.command)
     for name in (word.partition("=")[0] for word in unknown if word.startswith("-")):
-        if name in own:
+        if name in option_names(options.command):
             parser.error(f"{name} goes after {options.command}")
         if owners := [f"blur2view {command}" for command in COMMANDS if name in option_names(command)]:
             parser.error(f"{name} is an option of {', '.join(owners)}, not of {options.command}")

@@ -168,7 +168,7 @@ def test_a_log_goes_on_and_tries_rude_cases_again(tmp_path: Path, monkeypatch: p
     first = try_all(20, 5, lambda line: None, log=log)
     assert [one.number for one in first if one.rude] == [3]
     lines = log.read_text().splitlines()
-    log.write_text("\n".join(lines[:7]) + "\n")  # stopped after six cases
+    log.write_text("\n".join(lines[:7]) + '\n{"number": 3, "ki')  # stopped in the seventh case
     tried.clear()
     rude_one.clear()
     second = try_all(20, 5, lambda line: None, log=log)
