@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
+from blur2view.networks.comb import put_on_comb
 from blur2view.networks.model_file import REMEDY, ModelInfo, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
@@ -73,14 +74,15 @@ class LikelihoodReader:
         return self.info.multiple_of << levels - 1
 
     def read(self, tile: Floats, levels: int) -> Floats:
-        """Read all octaves, the smallest first, join their logits and read smears off them."""
+        """Read all octaves, the smallest first, join their logits, read smears off them, and off the combs."""
         grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(tile), cv2.COLOR_RGB2GRAY), np.float32)
-        smallest, *larger = reversed(octaves(grey, levels))
+        pictures = octaves(grey, levels)
+        smallest, *larger = reversed(pictures)
         joint, features = self.read_octave(smallest, None)
         for level in larger:
             logits, features = self.read_octave(level, features)
             joint = joined(logits, doubled(joint, logits.shape[:2]))
-        return read_smears(joint)
+        return put_on_comb(read_smears(joint), pictures)
 
     def read_octave(self, grey: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
         """Return logits (h, w, 32, B) and features (h, w, 32, C) of an octave, given those of the smaller."""

@@ -1,0 +1,257 @@
+"""Smears put where the comb stands: between the network's bins, with the deviations that are left.
+
+An even smear d leaves a comb in a picture's log power spectrum, and in its inverse transform, the cepstrum, a
+negative peak at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees and 19 % of the
+length, robustly: it knows false peaks. Here the cepstra of the windows are sampled about the network's smears,
+by how far a smear would be turned and scaled, and summed over neighbouring windows, whose errors are alike and
+whose textures are not. The smear is then the mean over the network's own distribution times the likelihood of
+the peak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.ndimage import convolve1d
+from scipy.special import erf
+
+from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
+
+Floats = NDArray[np.float32]
+
+WINDOW = 96
+"""Side of a Hann window, pixels: that of the network."""
+SHORTEST_PX, LONGEST_PX = 14.0, 28.0
+"""Lengths, in an octave's pixels, that are read there. The peak of shorter ones is as wide as the network's error
+(24 development scenes: 1.2 px across for 0.8 px), longer ones are read in the next octave."""
+SURE = 0.6
+"""Deviation over length up to which the network's smear is taken for the peak's neighbourhood."""
+ROTATIONS = np.linspace(-0.3, 0.3, 25, dtype=np.float32)
+"""Rotations at which a cepstrum is sampled, radians: steps of 0.7 px for the longest smear."""
+LOG_SCALES = np.linspace(-0.35, 0.35, 21, dtype=np.float32)
+"""Logarithms of scales at which a cepstrum is sampled."""
+NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
+"""Weights of neighbouring windows along each axis (24 development scenes: 0.5 and 1 windows of deviation were no
+better)."""
+TEMPER = 0.5
+"""Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
+NOISE_FLOOR = 0.02
+"""Power below which a frequency says nothing: noise of half a grey level."""
+TREND = 8.0
+"""Width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its comb."""
+TAPER = 0.28
+"""Width, of the window's side, of the taper towards high frequencies, which are noise."""
+CEPSTRUM_RANGE_PX = 3.0, 40.0
+"""Distances from the origin over which the deviation of a cepstrum is taken."""
+BATCH = 64
+"""Windows transformed at a time."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prior:
+    """What the network says of the smears of windows (h, w), in an octave's pixels.
+
+    Attributes
+    ----------
+    smear : ndarray of complex64
+        x + iy, of either sign.
+    sigma_rad, sigma_log : ndarray of float32
+        Standard deviations of the direction, and of the logarithm of the length.
+    usable : ndarray of bool
+        Where it is sure and long enough that its peak can be found.
+    """
+
+    smear: NDArray[np.complex64]
+    sigma_rad: Floats
+    sigma_log: Floats
+    usable: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correction:
+    """How smears (h, w) are to be turned and scaled.
+
+    Attributes
+    ----------
+    rotation, log_scale : ndarray of float32
+        Radians, and the logarithm of the factor.
+    variance_rad, variance_log : ndarray of float32
+        What is then left of direction's and log length's variances, if the peak is the smear's.
+    trust : ndarray of float32
+        Probability that it is; else the network's own deviations hold.
+    """
+
+    rotation: Floats
+    log_scale: Floats
+    variance_rad: Floats
+    variance_log: Floats
+    trust: Floats
+
+    def at_cells(self, side: int) -> Correction:
+        """Return the corrections of the side x side cells of each window."""
+        return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
+
+
+def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
+    """Return smears with those that are long and sure put where the comb stands.
+
+    Parameters
+    ----------
+    cells : ndarray of shape (h, w, 4)
+        As of :func:`blur2view.smears.likelihood.read_smears`, of cells of `step` px.
+    octaves : list of ndarray
+        The grey picture (step h, step w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 4), float32
+    """
+    length = np.hypot(cells[..., 0], cells[..., 1])
+    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(octaves) - 1)
+    moved = cells.copy()
+    for k, grey in enumerate(octaves):
+        own = octave == k
+        prior = prior_of(cells, own, k)
+        if not prior.usable.any():
+            continue
+        correction = correction_of(sampled_peaks(grey, prior), prior).at_cells(2**k)
+        own &= at_cells(prior.usable, 2**k) & (length >= SHORTEST_PX * 2**k)
+        moved[own] = corrected(cells, correction)[own]
+    return moved
+
+
+def at_cells(values: NDArray[Any], side: int) -> NDArray[Any]:
+    """Return values of windows (h, w) at the side x side cells of each."""
+    return np.repeat(np.repeat(values, side, 0), side, 1)
+
+
+def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
+    """Return what the network says of an octave's windows: the means over their own cells."""
+    side = 2**octave
+    height, width = own.shape[0] // side, own.shape[1] // side
+    length = np.hypot(cells[..., 0], cells[..., 1])
+    values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
+    sums = values.reshape(height, side, width, side, 6).sum((1, 3))
+    count = sums[..., 5]
+    x, y, sigma_px, sigma_rad, length = np.moveaxis(sums[..., :5] / np.maximum(count, 1)[..., None], -1, 0)
+    along = along_px(length, sigma_px, sigma_rad)
+    long = (length >= SHORTEST_PX * side) & (length <= 2 * LONGEST_PX * side)
+    return Prior(
+        smear=(length / side * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
+        sigma_rad=np.maximum(sigma_rad, LEAST_SIGMA_RAD),
+        sigma_log=np.maximum(along / np.maximum(length, 1e-3), LEAST_SIGMA_RAD),
+        usable=(count > 0) & long & (sigma_px < SURE * length),
+    )
+
+
+def sampled_peaks(grey: Floats, prior: Prior) -> Floats:
+    """Return how deep the cepstra are about the smears, (h, w, 25, 21), in deviations; neighbours summed.
+
+    By rotation and scale of each window's own smear; zero where there is no usable one near.
+    """
+    windows = windows_of(grey, len(grey) // len(prior.usable))
+    rows, columns = np.nonzero(prior.usable)
+    steps = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None]).astype(np.complex64)
+    peaks = np.zeros((*prior.usable.shape, *steps.shape), np.float32)
+    for first in range(0, len(rows), BATCH):
+        row, column = rows[first : first + BATCH], columns[first : first + BATCH]
+        lags = prior.smear[row, column][:, None, None] * steps + WINDOW // 2 * (1 + 1j)
+        for i, j, cepstrum, lag in zip(row, column, cepstra_of(windows[row, column]), lags, strict=True):
+            peaks[i, j] = -cv2.remap(cepstrum, lag.real.copy(), lag.imag.copy(), cv2.INTER_CUBIC)
+    noise = np.sqrt(over_neighbours(prior.usable.astype(np.float32), NEIGHBOURS**2))
+    summed: Floats = over_neighbours(peaks, NEIGHBOURS) / np.maximum(noise, 1e-3)[..., None, None]
+    return summed
+
+
+def windows_of(grey: Floats, step: int) -> Floats:
+    """Return the windows (h, w, 96, 96) about the cells of a picture (step h, step w), less one half.
+
+    It is mirrored beyond its border.
+    """
+    padded = np.pad(grey - np.float32(0.5), (WINDOW - step) // 2, mode="reflect")
+    return np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))[::step, ::step]
+
+
+def cepstra_of(windows: Floats) -> Floats:
+    """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
+    hann = np.hanning(WINDOW).astype(np.float32)
+    spectrum = fft.rfft2(windows * np.outer(hann, hann))
+    frequency, lag = fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(-WINDOW // 2, WINDOW // 2)
+    radius = np.hypot(frequency[:, None], frequency[None, : WINDOW // 2 + 1])
+    taper = np.exp(-((radius / (TAPER * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
+    power = np.log(spectrum.real**2 + spectrum.imag**2 + np.float32(NOISE_FLOOR)) * taper.astype(np.float32)
+    distance = np.hypot(lag[:, None], lag)
+    comb = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
+    cepstra = fft.fftshift(fft.irfft2(power, s=(WINDOW, WINDOW)), (1, 2)) * comb.astype(np.float32)
+    near, far = CEPSTRUM_RANGE_PX
+    ring = cepstra[:, (distance >= near) & (distance <= far)]
+    mean, deviation = ring.mean(1)[:, None, None], ring.std(1)[:, None, None]
+    standard: Floats = (cepstra - mean) / (deviation + 1e-9)
+    return standard
+
+
+def correction_of(peaks: Floats, prior: Prior) -> Correction:
+    """Return the mean correction of windows whose peaks were sampled, and what is left of their variances.
+
+    The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). What the network's
+    distribution, taken for normal, has beyond the samples keeps its probability.
+    """
+    a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
+    density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
+    inside = erf(a[..., -1] / 2**0.5) * erf(b[..., -1] / 2**0.5)
+    density *= (inside / density.sum((-2, -1)))[..., None, None]
+    log_posterior = np.log(density + 1e-30) + 0.5 * TEMPER * np.maximum(peaks, 0) ** 2
+    most = log_posterior.max((-2, -1))
+    posterior = np.exp(log_posterior - most[..., None, None])
+    total = posterior.sum((-2, -1))
+    rotation, variance_rad = mean_and_variance(posterior.sum(-1) / total[..., None], ROTATIONS)
+    log_scale, variance_log = mean_and_variance(posterior.sum(-2) / total[..., None], LOG_SCALES)
+    return Correction(
+        rotation=rotation,
+        log_scale=log_scale,
+        variance_rad=variance_rad,
+        variance_log=variance_log,
+        trust=total / (total + (1 - inside) * np.exp(-most)),
+    )
+
+
+def corrected(cells: Floats, correction: Correction) -> Floats:
+    """Return cells (h, w, 4) turned and scaled, with the deviations that are left, LEAST_SIGMA at least."""
+    x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
+    length = np.hypot(x, y)
+    along = along_px(length, sigma_px, sigma_rad) / np.maximum(length, 1e-3)
+    trust = correction.trust
+    variance_rad = trust * correction.variance_rad + (1 - trust) * sigma_rad**2
+    variance_log = trust * correction.variance_log + (1 - trust) * along**2
+    length = length * np.exp(correction.log_scale)
+    doubled_angle = np.arctan2(y, x) + 2 * correction.rotation
+    moved = [length * np.cos(doubled_angle), length * np.sin(doubled_angle)]
+    sigmas = [
+        np.maximum(length * np.sqrt(variance_rad + variance_log), LEAST_SIGMA_PX),
+        np.maximum(np.sqrt(variance_rad), LEAST_SIGMA_RAD),
+    ]
+    return np.stack(moved + sigmas, -1).astype(np.float32)
+
+
+def along_px(length: Floats, sigma_px: Floats, sigma_rad: Floats) -> Floats:
+    """Return deviations along smears, pixels: of the whole error less that across, three tenths at least."""
+    along: Floats = np.sqrt(np.maximum(sigma_px**2 - (length * sigma_rad) ** 2, (0.3 * sigma_px) ** 2))
+    return along
+
+
+def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance, (...), of values (n,) with weights (..., n) that sum to one."""
+    mean = weights @ values
+    return mean, weights @ values**2 - mean**2
+
+
+def over_neighbours(values: Floats, weights: Floats) -> Floats:
+    """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
+    down = convolve1d(values, weights, axis=0, mode="constant")
+    summed: Floats = convolve1d(down, weights, axis=1, mode="constant")
+    return summed
