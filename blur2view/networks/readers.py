@@ -74,7 +74,7 @@ class LikelihoodReader:
         return self.info.multiple_of << levels - 1
 
     def read(self, tile: Floats, levels: int) -> Floats:
-        """Read all octaves, the smallest first, join their logits, read smears off them, and off the combs."""
+        """Read all octaves, the smallest first, join their logits, read smears off them and the combs."""
         grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(tile), cv2.COLOR_RGB2GRAY), np.float32)
         pictures = octaves(grey, levels)
         smallest, *larger = reversed(pictures)
