@@ -31,15 +31,18 @@ SHORTEST_PX, LONGEST_PX = 14.0, 28.0
 (24 development scenes: off by 0.8 and by 1.2 px across), longer ones are read in the next octave."""
 SURE = 0.6
 """Deviation over length up to which the network's smear is taken for the peak's neighbourhood."""
-ROTATIONS = np.linspace(-0.3, 0.3, 25, dtype=np.float32)
-"""Rotations at which a cepstrum is sampled, radians: steps of 0.7 px for the longest smear."""
-LOG_SCALES = np.linspace(-0.35, 0.35, 21, dtype=np.float32)
+ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
+"""Rotations at which a cepstrum is sampled, radians: steps of half a pixel for the longest smear."""
+LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
 """Logarithms of scales at which a cepstrum is sampled."""
 NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 """Weights of neighbouring windows along each axis, a normal's of 0.7 windows (24 development scenes: with 0.5
 and with 1 rho of F is 1.03 and 1.08 times as large)."""
 TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
+PEAK_PX = 0.25
+"""Standard deviation of the highest peaks about the truth, along and across, in an octave's pixels (24
+development scenes, peaks above six deviations)."""
 NOISE_FLOOR = 0.02
 """Power below which a frequency says nothing: noise of half a grey level."""
 TREND = 8.0
@@ -150,7 +153,7 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
 
 
 def sampled_peaks(grey: Floats, prior: Prior) -> Floats:
-    """Return how deep the cepstra are about the smears, (h, w, 25, 21), in deviations; neighbours summed.
+    """Return how deep the cepstra are about the smears, (h, w, 33, 25), in deviations; neighbours summed.
 
     By rotation and scale of each window's own smear; zero where there is no usable one near.
     """
@@ -211,13 +214,15 @@ def correction_of(peaks: Floats, prior: Prior) -> Correction:
     most = log_posterior.max((-2, -1))
     posterior = np.exp(log_posterior - most[..., None, None])
     total = posterior.sum((-2, -1))
+    length = np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)
+    least: Floats = ((PEAK_PX / length) ** 2).astype(np.float32)
     rotation, variance_rad = mean_and_variance(posterior.sum(-1) / total[..., None], ROTATIONS)
     log_scale, variance_log = mean_and_variance(posterior.sum(-2) / total[..., None], LOG_SCALES)
     return Correction(
         rotation=rotation,
         log_scale=log_scale,
-        variance_rad=variance_rad,
-        variance_log=variance_log,
+        variance_rad=variance_rad + least,
+        variance_log=variance_log + least,
         trust=total / (total + (1 - inside) * np.exp(-most)),
     )
 
@@ -249,7 +254,7 @@ def along_px(length: Floats, sigma_px: Floats, sigma_rad: Floats) -> Floats:
 def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Return mean and variance, (...), of values (n,) with weights (..., n) that sum to one."""
     mean = weights @ values
-    return mean, weights @ values**2 - mean**2
+    return mean, np.maximum(weights @ values**2 - mean**2, 0)
 
 
 def over_neighbours(values: Floats, weights: Floats) -> Floats:
