@@ -52,7 +52,7 @@ def test_smears_are_moved_onto_the_comb(length_px: float, angle_deg: float) -> N
     moved = put_on_comb(given, octaves(blurred(length_px, angle_deg), 3))
     before, after = errors(given, length_px, angle_deg), errors(moved, length_px, angle_deg)
     assert before[0] > 0.09 and before[1] > 4.9
-    assert after[0] < 0.02 and after[1] < 0.8
+    assert after[0] < 0.03 and after[1] < 0.8  # a sinc's slope shortens the shortest by 2 %
     assert np.median(moved[..., 2]) < 0.5 * given[0, 0, 2]
     assert np.median(moved[..., 3]) < 0.5 * given[0, 0, 3]
 
