@@ -64,8 +64,8 @@ class RansacOptions:
     stop_share: float = 0.9
     confidence: float = 0.999
     batch: int = 16
-    first_block: int = 48
-    growth: int = 4
+    first_block: int = 32
+    growth: int = 8
     survivors: int = 4
     contenders: int = 8
 

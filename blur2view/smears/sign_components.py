@@ -6,6 +6,10 @@ around both agree with both, which chance agreements (outliers) and the borders 
 certain edges then merge where they touch and most pairs across agree. A component in which the signs
 contradict each other (around a cycle) falls back to fewer edges. Near and far layers may move oppositely, so
 components are only as large as the field is smooth.
+
+Without them an estimate takes 0.86 of the time at an AUC@10 of 0.792, not 0.786 (619 synthetic instances), on
+network smears 0.245, not 0.253 (70 scenes, six seeds); but one of eight exact scenes then ends in a local
+minimum, at a rho of 0.0022, not 0.0004.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, still, untold
 from blur2view.two_view.calibrated import fit_calibrated
 from blur2view.two_view.degeneracy import assess
-from blur2view.two_view.model_selection import Fit
+from blur2view.two_view.model_selection import Fit, residual_scale
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.rotation_only import RotationFit
 from blur2view.two_view.search import search_and_fit
@@ -243,7 +243,11 @@ def judge(
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = options.tolerance_px(problem.sigma_px)
     if F is not None:
-        F = problem.pixels(F)
+        stated = problem.rescaled(
+            1 / problem.scale
+        )  # what this F leaves may be less than what a fit started at
+        own_scale = residual_scale(F, stated.weighted, options.cutoff)
+        F, tolerance_px = problem.pixels(F), options.tolerance_px(own_scale * stated.sigma_px)
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.A is not None:

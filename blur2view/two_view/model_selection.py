@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from blur2view.robust.residuals import RefineOptions, WeightedEnds
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
-TRIAL_STEPS = 2  # after which only the cheapest of them goes on
+KEPT = STARTS, 2  # that take a first and a second step; then the cheapest alone goes on
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
 PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
 GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
@@ -122,15 +121,18 @@ def fit_best(
 
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
-    Of several starts only the one that is cheapest after TRIAL_STEPS is refined on.
+    Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on. To
+    refine all gains nothing: an AUC@10 of 0.721, not 0.735, over 139 synthetic scenes.
     """
     options = RefineOptions(
         cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
     )
-    runs = [refining(start, problem.weighted, options) for start in starts]
-    trials = [list(islice(run, 1 + TRIAL_STEPS))[-1] for run in runs]
-    best = min(range(len(runs)), key=lambda k: trials[k][1])
-    *_, (point, cost) = [trials[best], *runs[best]]
+    trials = [(next(run), run) for run in (refining(start, problem.weighted, options) for start in starts)]
+    for kept in KEPT:
+        trials = sorted(trials, key=lambda trial: trial[0][1])[:kept]
+        trials = [(next(run, reached), run) for reached, run in trials]
+    reached, run = min(trials, key=lambda trial: trial[0][1])
+    *_, (point, cost) = [reached, *run]
     odds = ODDS_AGAINST.get(model, 1.0)
     score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.has_camera
     return Fit(model=model, point=point, score=score)
