@@ -34,7 +34,8 @@ class TriageWork:
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         median = said["smear_px"]
         length = "no texture" if median is None else f"median of all smears {median:.1f} px"
-        return Made(kept=None, summary=f"{printable(str(job.path))}: {length}; {said['verdict']}", row=said)
+        summary = f"{printable(str(job.path))}: {length}; {said['verdict']}"
+        return Made(kept=None, summary=summary, row=said, warnings=one.warnings)
 
 
 def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
