@@ -129,6 +129,7 @@ def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool
     """Return one line: how many photographs are of which use, and what was written."""
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
+    parts += f", {counts['']} failed" if counts[""] else ""
     written = (options.csv if has_table else None, options.keep)
     files = " and ".join(printable(str(path)) for path in written if path is not None)
     return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")
