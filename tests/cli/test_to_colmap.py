@@ -190,6 +190,20 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
         assert database.read_keypoints(1)[:, 0].max() > 245
 
 
+def test_table_has_the_rate_over_the_exposure_time_of_exif(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    exif, timed, sheet = Image.Exif(), photos[0].with_name("timed.png"), tmp_path / "t.csv"
+    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
+    Image.open(photos[0]).save(timed, exif=exif)
+    assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
+    names, values = (line.split(",") for line in sheet.read_text().splitlines())
+    said = dict(zip(names, values, strict=True))
+    rate = np.radians(float(said["rotation_deg"])) / 0.02
+    assert float(said["angular_velocity_rad_s"]) == pytest.approx(rate, rel=1e-4)
+
+
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
     target = ["--db", str(tmp_path / "new.db")]
     dask = ["--dask", "tcp://127.0.0.1:9"]
