@@ -135,8 +135,8 @@ def _add_views(add: Any) -> None:
         "--sequence",
         action=argparse.BooleanOptionalAction,
         help="the photographs are a video in this order, so that neighbours show which view came first; with "
-        "--no-sequence nothing is concluded from neighbours (default: from those whose names differ by one "
-        "in their number)",
+        "--no-sequence nothing is concluded from neighbours (default: from those in one folder whose names "
+        "differ by one in their number)",
     )
 
 
