@@ -55,9 +55,10 @@ def headline(mask: MotionMask) -> str:
     if unseen == 1:
         return "motion is unobservable everywhere"
     count = len(mask.regions)
-    found = f"{count} moving part{'s' if count > 1 else ''}, {moving:.1%} of the photograph"
-    told = found if count else "nothing moves"
+    share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
+    parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
+    moves = parts if count else "nothing moves"
     if unseen < LEAST_SHARE:
-        return told
+        return moves
     hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line
-    return f"{told}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {told}"
+    return f"{moves}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {moves}"

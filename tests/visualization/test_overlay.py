@@ -199,6 +199,12 @@ def test_caption_of_a_mask_says_first_that_most_cannot_be_judged() -> None:
     (region,) = moving_regions(labels == MotionLabel.MOVING, np.ones(labels.shape, np.float32))
     told = headline(replace(mostly, labels=labels, regions=(region,)))
     assert told == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
+    few = np.zeros((400, 400), np.uint8)
+    few[:8, :8] = MotionLabel.MOVING
+    assert (
+        headline(replace(mask, labels=few, regions=(region,)))
+        == "1 moving part, under 0.1% of the photograph"
+    )
     labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, MotionLabel.STATIC
     assert headline(mostly) == "motion is unobservable in 99%; elsewhere nothing moves"
 
