@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifFacts, read_exif
+from blur2view.camera.exif import ExifFacts, disagreement, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.camera.video import frame_of, rows_towards
@@ -172,6 +172,8 @@ class FileEstimate:
         Seconds spent on decoding.
     exposure_s : float or None
         Exposure time in seconds, of the options or else of EXIF.
+    warnings : tuple of str
+        Options that EXIF contradicts.
     """
 
     path: Path
@@ -180,6 +182,7 @@ class FileEstimate:
     run: Run
     read_s: float
     exposure_s: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def timings_s(self) -> dict[str, float]:
@@ -225,6 +228,17 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
         run=run,
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,
+        warnings=contradictions(run, camera, exif),
+    )
+
+
+def contradictions(run: Run, camera: Camera | None, exif: ExifFacts) -> tuple[str, ...]:
+    """Return a line for each option that EXIF contradicts; the option is believed all the same."""
+    option = run.intrinsics.stated
+    focal_px = None if camera is None or option is None else camera.focal_px
+    return (
+        *disagreement("--exposure", run.exposure_s, exif.exposure_s, "s"),
+        *disagreement(option or "", focal_px, exif.focal_px, "px"),
     )
 
 

@@ -67,12 +67,15 @@ class Made(Generic[Kept]):
         What to write, in this order; the last marks that all are there.
     row : mapping of str, optional
         The photograph's row in a table, of JSON's types.
+    warnings : tuple of str
+        Each begins with the option that it is about.
     """
 
     kept: Kept
     summary: str
     files: Mapping[Path, Write] = field(default_factory=dict)
     row: Mapping[str, Any] | None = None
+    warnings: tuple[str, ...] = ()
 
 
 Work = Callable[[Job[Target]], Made[Kept]]

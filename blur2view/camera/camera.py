@@ -167,7 +167,7 @@ class Camera:
         scale = width / self.width
         if abs(height - scale * self.height) > max(1.0, scale):
             rotated = abs(width * self.width - height * self.height) <= max(width, height)
-            hint = " rotated upright by its EXIF orientation?" if rotated else " cropped?"
+            hint = " turned by 90 degrees, as EXIF's orientation does?" if rotated else " cropped?"
             raise CameraError(
                 f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
                 f"{width}x{height}:{hint} Give the camera of this picture"

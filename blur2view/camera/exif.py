@@ -16,6 +16,9 @@ from blur2view.camera.colmap_camera import possible_focal
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
+# Half a stop. EXIF's times are rounded by up to 7 % (1/15 for 1/16), shutters are off by a third of a stop at
+# most; focal lengths are good to a few per cent, unless the picture was cropped.
+MOST_APART = 2**0.5
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 
 
@@ -71,6 +74,13 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
         exposure_s=_positive(tags, "ExposureTime"),
         rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
     )
+
+
+def disagreement(option: str, stated: float | None, read: float | None, unit: str) -> list[str]:
+    """Return a warning if an option's value is not within MOST_APART of EXIF's; none where one is missing."""
+    if stated is None or read is None or 1 / MOST_APART < stated / read < MOST_APART:
+        return []
+    return [f"{option} says {stated:.4g} {unit}, EXIF {read:.4g} {unit}"]
 
 
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, str]:

@@ -44,6 +44,13 @@ class Intrinsics:
             Camera.from_string(self.camera)
 
     @property
+    def stated(self) -> str | None:
+        """Return the option that states a focal length, None if it is left to EXIF."""
+        if self.focal_px is not None:
+            return "--focal"
+        return None if self.camera in (None, "exif") else "--camera"
+
+    @property
     def in_database(self) -> bool:
         """Whether the camera is in a COLMAP database, which is read for every photograph."""
         return self.focal_px is None and self._database() is not None

@@ -81,6 +81,7 @@ class CommandRun(Generic[Target, Kept]):
         self.done = self.skipped = self.failed = 0
         self.interrupted = self.broken = False
         self.has_table = True
+        self.warned: set[str] = set()
         self.prints = prints and not options.json and options.verbosity > QUIET
         self.rows: list[Row] = []
         self.judge: Callable[[Row], Row] = lambda row: row
@@ -228,10 +229,19 @@ class CommandRun(Generic[Target, Kept]):
         bar.step()
         if result.made is None:
             complain(Blur2ViewError(result.error), bar.say)
-        elif self.prints:
+            return
+        self._warn(result.path, result.made.warnings, bar)
+        if self.prints:
             short = self.count > 1 and self.options.verbosity == SHORT
             summary = result.made.summary.partition("\n")[0] if short else result.made.summary
             bar.say(f"{summary}; {use}" if use else summary)
+
+    def _warn(self, path: Path, warnings: Iterable[str], bar: Progress) -> None:
+        """Print warnings, of each option one: of most photographs it is the same."""
+        for warning in warnings:
+            if (option := warning.partition(" ")[0]) not in self.warned and self.options.verbosity > QUIET:
+                complain(Blur2ViewError(f"{path}: {warning}"), bar.say)
+                self.warned.add(option)
 
     def _how_to_go_on(self) -> str:
         """Return what is said of a run that ended early."""

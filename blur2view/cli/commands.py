@@ -77,6 +77,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     for name in (word.partition("=")[0] for word in unknown if word.startswith("-")):
         if name in option_names(options.command):
             parser.error(f"{name} goes after {options.command}")
+        if why := getattr(COMMANDS[options.command], "REFUSED", {}).get(name):
+            parser.error(f"{name} is not for {options.command}: {why}")
         if owners := [f"blur2view {command}" for command in COMMANDS if name in option_names(command)]:
             parser.error(f"{name} is an option of {', '.join(owners)}, not of {options.command}")
     if unknown:

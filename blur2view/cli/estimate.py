@@ -34,9 +34,9 @@ class EstimateWork:
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         if files is None:
-            return Made(kept=document, summary=summary, row=said)
+            return Made(kept=document, summary=summary, row=said, warnings=one.warnings)
         contents = result_contents(files, document, one, full_field=self.full_field)
-        return Made(kept=document, summary=summary, files=contents, row=said)
+        return Made(kept=document, summary=summary, files=contents, row=said, warnings=one.warnings)
 
 
 def run_estimate(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

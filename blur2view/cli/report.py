@@ -57,7 +57,7 @@ class ReportWork:
         summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         entry = Entry.of(one, mask, mask_s, timings=self.timings)
-        return Made(kept=entry, summary=summary, row=said)
+        return Made(kept=entry, summary=summary, row=said, warnings=one.warnings)
 
 
 def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

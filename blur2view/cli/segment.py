@@ -41,7 +41,7 @@ class SegmentWork:
         summary = mask_summary(document, mask, job.target, self.verbosity)
         contents = {} if job.target is None else mask_contents(job.target, document, one.image, mask)
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        return Made(kept=document, summary=summary, files=contents, row=said)
+        return Made(kept=document, summary=summary, files=contents, row=said, warnings=one.warnings)
 
 
 def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:

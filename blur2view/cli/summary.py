@@ -93,7 +93,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
 
 def _share(document: EstimateDocument) -> str:
     """Return the share of the smears that fit, rounded down: not all are 100%."""
-    return f"{math.floor(100 * document.support)}%"
+    return f"{100 * document.num_inliers // max(document.num_matches, 1)}%"
 
 
 def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
@@ -177,12 +177,12 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
         return []
     rotation = _rotation(document)
     if document.angular_velocity_rad_s is not None:
-        rates = ", ".join(f"{rate:.3f}" for rate in document.angular_velocity_rad_s)
+        rates = ", ".join(f"{rate:z.3f}" for rate in document.angular_velocity_rad_s)
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
         rotation += _backward(document)
     if not any(pose.translation):
         return [rotation + _untold(document)]
-    direction = ", ".join(f"{value:.3f}" for value in pose.translation)
+    direction = ", ".join(f"{value:z.3f}" for value in pose.translation)
     translation = f"translation towards ({direction})"
     if covariance is not None:
         translation += f" (sigma {covariance.translation_sigma_deg:.1f} degrees)"
@@ -199,5 +199,5 @@ def _point(epipole: Array) -> str:
     """Return where an epipole lies in the photograph, or its direction if it is far away."""
     x, y, w = epipole
     if abs(w) * FAR_PX > np.hypot(x, y):
-        return f"({x / w:.0f}, {y / w:.0f})"
+        return f"({x / w:z.0f}, {y / w:z.0f})"
     return f"at infinity towards {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"

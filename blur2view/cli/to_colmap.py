@@ -198,7 +198,8 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity) for one in document.photographs]
     lines += [f"{printable(one.name)}: {one.config}, skipped: {one.reason}" for one in document.skipped]
-    lines += [f"{printable(one.name)}: has its views already" for one in document.kept]
+    there = "has its views already; --replace makes them anew"
+    lines += [f"{printable(one.name)}: {there}" for one in document.kept]
     target, count = printable(document.target), len(document.photographs)
     if not count:
         return "\n".join([*lines, f"{target}: nothing to write"])

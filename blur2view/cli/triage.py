@@ -34,7 +34,8 @@ class TriageWork:
         said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         median = said["smear_px"]
         length = "no texture" if median is None else f"median of all smears {median:.1f} px"
-        return Made(kept=None, summary=f"{printable(str(job.path))}: {length}; {said['verdict']}", row=said)
+        summary = f"{printable(str(job.path))}: {length}; {said['verdict']}"
+        return Made(kept=None, summary=summary, row=said, warnings=one.warnings)
 
 
 def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
@@ -128,6 +129,7 @@ def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool
     """Return one line: how many photographs are of which use, and what was written."""
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
+    parts += f", {counts['']} failed" if counts[""] else ""
     written = (options.csv if has_table else None, options.keep)
     files = " and ".join(printable(str(path)) for path in written if path is not None)
     return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")

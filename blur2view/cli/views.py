@@ -12,7 +12,7 @@ import numpy as np
 
 from blur2view.batch.job import Job, Made
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import read_exif
+from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.batch import CommandRun, colmap_names
@@ -32,7 +32,7 @@ from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.pipeline import Run, estimate
+from blur2view.pipeline import Run, contradictions, estimate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +134,8 @@ class ViewsWork:
         # COLMAP does not turn pictures upright
         image = read_image(job.path, as_stored=True, max_memory_gib=run.max_memory_gib, content=job.content)
         size = (image.shape[1], image.shape[0])
-        camera = _camera(self.database, photograph, run, size, job.content)
+        exif = read_exif(job.path, job.content)
+        camera = _camera(self.database, photograph, run, size, exif)
         rng = np.random.default_rng(run.seed)
         network = self.network.loaded
         result = estimate(
@@ -145,8 +146,9 @@ class ViewsWork:
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
             kept = KeptViews(views=linked.views, usable=linked.usable)
-        said = facts(result, run.exposure_s, sum(asdict(result.timings).values()))
-        return Made(kept=kept, summary=verdict_line(photograph.name, result.geometry), row=said)
+        said = facts(result, exif.exposure_s, sum(asdict(result.timings).values()))
+        summary, warnings = verdict_line(photograph.name, result.geometry), contradictions(run, camera, exif)
+        return Made(kept=kept, summary=summary, row=said, warnings=warnings)
 
 
 def make_views(
@@ -177,10 +179,10 @@ def _camera(
     photograph: NamedPhotograph,
     run: Run,
     size: tuple[int, int],
-    content: bytes | None,
+    exif: ExifFacts,
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(photograph.path, size, read_exif(photograph.path, content))
+    stated = run.intrinsics.of(photograph.path, size, exif)
     if photograph.plan is None or database is None:
         return stated
     image = photograph.plan.image

@@ -113,6 +113,9 @@ def _plan_one(
     unchanged = len(own) == 2 and all(source == digest(image) for _, source in own.values())
     if unchanged and views_are_whole(database, image.image_id, ours):
         return LinkStep(step=Step.KEEP, image=image)
+    if any(source is None for _, source in own.values()):
+        told = f"holds views of {name} that were made without --link, of its smears"
+        return DatabaseError(f"{path}: {told}; add --replace to make them anew, of its features")
     return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
 
 

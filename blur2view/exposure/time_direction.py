@@ -226,8 +226,9 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
     """Return the runs of photographs that follow one another in time, as indices in order of time.
 
     With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
-    names differ by one in the last number they hold and in nothing else ("frame_0041.jpg",
-    "frame_0042.jpg"). Photographs without a neighbour are in none.
+    names differ by one in the last number of the file's own name and in nothing else ("left/frame_0041.jpg",
+    "left/frame_0042.jpg"; folders of cameras may be numbered, too). Photographs without a neighbour are in
+    none.
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []
@@ -243,8 +244,8 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
 
 def _number(name: str) -> tuple[str, int]:
-    """Return what surrounds the last number of a name, and that number; the name and 0 without one."""
-    parts = re.fullmatch(r"(.*?)(\d+)(\D*)", name, re.DOTALL)
+    """Return what surrounds the last number of a file's name, and that number; the name and 0 without one."""
+    parts = re.fullmatch(r"(.*?)(\d+)([^\d/]*(?:\.[A-Za-z]\w*)?)", name, re.DOTALL)  # .jp2 counts nothing
     if parts is None:
         return name, 0
     before, digits, after = parts.groups()

@@ -14,6 +14,7 @@ from blur2view.smears.matches import LEAST_ACROSS_PX, STRIDE, SmearMatches
 
 SURE_SHARE = 0.2  # standard deviation over length below which a smear is sure of itself
 MOST_SURE = 2500  # places of the image where a sure smear may be taken
+PLASTIC = 1.32471795724474602596  # the real root of x^3 = x + 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +68,8 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
     smears = GridSmears.of(field)
     length, sigma, sure_rad = smears.length_px, smears.sigma_px, smears.sigma_rad
     long = length >= options.min_length_px
-    candidates = np.random.default_rng(0).permutation(np.flatnonzero(long))
-    order = np.argsort(smears.quality(options.rank)[candidates], kind="stable")
-    sure = candidates[order][: int(np.ceil(options.beta * len(length)))]
+    order = np.lexsort([scattered(smears.points), smears.quality(options.rank)])
+    sure = order[long[order]][: int(np.ceil(options.beta * len(length)))]
     chosen = sure[spread(smears.points[sure], field.shape, options)]
     height, width = field.shape
     return SmearMatches(
@@ -81,6 +81,18 @@ def select_matches(field: SmearField, options: SelectOptions | None = None) -> S
         across_px=None if smears.across_px is None else smears.across_px[chosen],
         sure_ends=sure_ends(field, options),
     )
+
+
+def scattered(points: Array) -> Array:
+    """Return a key (N,) in [0, 1) of grid points (N, 2): those below any value are spread evenly.
+
+    References
+    ----------
+    Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: the additive recurrence R2, whose
+    constants are powers of the plastic number, as a dither of the plane.
+    """
+    key: Array = points // STRIDE @ PLASTIC ** -np.array([1.0, 2.0]) % 1
+    return key
 
 
 def sure_ends(field: SmearField, options: SelectOptions) -> Array:

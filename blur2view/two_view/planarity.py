@@ -64,7 +64,7 @@ def without_parallax(
         return judged(evidence.gain, needed, better, plane)
     figures = (
         f"one homography explains {evidence.on_plane:.0%} of {len(problem.ends)} smears, "
-        f"parallax gains {evidence.gain:.0f} ({needed:.0f} needed)"
+        f"parallax gains {evidence.gain:z.0f} ({needed:.0f} needed)"
     )
     scores = ((MotionModel.PLANE, fit.score + evidence.gain - needed),)
     return name_homography(problem, fit, plane, cutoff, figures, scores)
@@ -119,7 +119,7 @@ def name_homography(
     structure = either if abs(gain - needed) < UNDECIDED else structure
     return Verdict(
         structure=structure,
-        sentence=f"{figures}; a plane gains {gain:.0f} over a rotation ({needed:.0f} needed)",
+        sentence=f"{figures}; a plane gains {gain:z.0f} over a rotation ({needed:.0f} needed)",
         fit=fit,
         A=(rotation if structure is Structure.ROTATION else plane).generator(),
         scores=(*scores, (MotionModel.ROTATION, scores[0][1] + gain - needed)),
@@ -129,7 +129,7 @@ def name_homography(
 def judged(gain: float, needed: float, fit: Fit, plane: PlaneH) -> Verdict:
     """Return that parallax is proven, or remains open."""
     scores = ((MotionModel.PLANE, fit.score + gain - needed),)
-    figures = f"gains {gain:.0f} over one homography ({needed:.0f} needed)"
+    figures = f"gains {gain:z.0f} over one homography ({needed:.0f} needed)"
     if gain >= needed:
         return Verdict(
             structure=Structure.PARALLAX, sentence=f"parallax is proven: it {figures}", fit=fit, scores=scores

@@ -56,14 +56,14 @@ def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
     return np.maximum(own, options.min_sigma_px)
 
 
-def two_parameter_fundamental(matches: SmearMatches) -> Array | None:
+def two_parameter_fundamental(matches: SmearMatches, rng: np.random.Generator | None = None) -> Array | None:
     """Return the two-parameter F (3, 3), all smears meeting in one point, fitted robustly: a baseline.
 
-    None where there are fewer matches than `EstimatorOptions` asks for.
+    None where there are fewer matches than `EstimatorOptions` asks for. By default ``default_rng(0)``.
     """
     options = EstimatorOptions(components=False)
     if len(matches) < options.min_matches:
         return None
     estimator = build_estimator(matches, options)
-    point = fit_translation(estimator, np.random.default_rng(0))
+    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
     return estimator.problem.pixels(point.matrix())

@@ -48,13 +48,17 @@ def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
 
 
 def headline(mask: MotionMask) -> str:
-    """Return how much moves and how much is unobservable."""
+    """Return how much moves and how much is unobservable; if that is most, it comes first."""
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
     )
     if unseen == 1:
         return "motion is unobservable everywhere"
     count = len(mask.regions)
-    parts = f"{count} moving part{'s' if count > 1 else ''}, {moving:.1%} of the photograph"
-    hidden = f"; motion is unobservable in {unseen:.0%}" if unseen >= LEAST_SHARE else ""
-    return (parts if count else "nothing moves") + hidden
+    share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
+    parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
+    moves = parts if count else "nothing moves"
+    if unseen < LEAST_SHARE:
+        return moves
+    hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line
+    return f"{moves}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {moves}"

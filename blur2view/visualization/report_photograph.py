@@ -12,6 +12,7 @@ from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import STRIDE, SmearMatches
+from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.report_pack import Packed, packed, picture
 from blur2view.visualization.verdicts import verdict
 
@@ -48,13 +49,13 @@ class Lens(TypedDict):
 
 
 class Motion(TypedDict):
-    """A motion mask: labels at every k-th pixel, probability at the nodes of the grid of smears."""
+    """A motion mask: labels at every k-th pixel, probability at the nodes of the grid of smears; words."""
 
     labels: Packed
     every_px: int
     probability: Packed
+    headline: str
     reason: str
-    regions: int
 
 
 class PhotographRecord(TypedDict):
@@ -171,6 +172,6 @@ def motion(mask: MotionMask) -> Motion:
         "labels": packed(mask.labels[::every, ::every], "uint8"),
         "every_px": every,
         "probability": packed(np.clip(mask.probability[rows, columns], 0, 1), "uint8", 1 / 255),
+        "headline": headline(mask),
         "reason": mask.reason,
-        "regions": len(mask.regions),
     }

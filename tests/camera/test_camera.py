@@ -119,6 +119,12 @@ def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_camera_of_a_turned_picture_is_refused_whichever_of_both_is_upright() -> None:
+    camera = Camera.from_string("PINHOLE 640 480 525 525 320 240")
+    with pytest.raises(CameraError, match="turned by 90 degrees, as EXIF's orientation does"):
+        camera.for_image((480, 640))  # as read upright, or as stored, which to-colmap reads
+
+
 @pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, np.inf, 1e300, 1e-300])
 def test_a_focal_length_must_be_possible(focal: float) -> None:
     with pytest.raises(ValueError, match="focal length must be"):

@@ -76,6 +76,41 @@ def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
     assert facts["config"] == "UNCALIBRATED"
 
 
+@pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
+def test_what_exif_contradicts_is_believed_and_told_once(
+    command: tuple[str, ...],
+    tmp_path: Path,
+    tiny_model: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exif, picture = Image.Exif(), (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
+    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
+    exif.get_ifd(ExifTags.IFD.Exif).update(
+        {ExifTags.Base.FocalLengthIn35mmFilm.value: 32, ExifTags.Base.ExposureTime.value: 0.02}
+    )
+    for name in "ab":
+        Image.fromarray(picture).save(f"{name}.png", exif=exif)
+
+    def told(*words: object) -> list[str]:
+        Path("new.db").unlink(missing_ok=True)
+        Path("new.db.manifest.jsonl").unlink(missing_ok=True)
+        call = [*command, "--model", str(tiny_model), "a.png", "b.png", "--jobs", "1", *map(str, words)]
+        assert cli.main(call) == 0
+        return capsys.readouterr().err.splitlines()
+
+    millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"
+    assert told("--focal", 32) == [millimetres] and told("--focal", 32, "-q") == []
+    assert told("--focal", 330) == told("--camera", "exif") == told() == []
+    camera = "PINHOLE 320 240 32 32 160 120"
+    assert told("--camera", camera) == [millimetres.replace("focal", "camera")]
+    if command == ("estimate",):
+        assert told("--focal", 300, "--exposure", "1/45") == []
+        seconds = "blur2view: a.png: --exposure says 25 s, EXIF 0.02 s"
+        assert told("--focal", 32, "--exposure", 25) == [seconds, millimetres]
+
+
 def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
     _, (facts,) = run(photo, "--focal", 300)
     assert facts["rotation_deg"] > 0 and facts["angular_velocity_rad_s"] is None

@@ -91,6 +91,14 @@ def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document
             ["segment", "a.jpg", "--exposure", "1"],
             "blur2view estimate, blur2view to-transforms, blur2view report, blur2view triage, not",
         ),
+        (
+            ["segment", "a.jpg", "--readout", "0.02"],
+            "--readout is not for segment: a rolling shutter lengthens",
+        ),
+        (
+            ["to-colmap", "a.jpg", "--readout=0.02"],
+            "--readout is not for to-colmap: COLMAP has one pose for all",
+        ),
     ],
 )
 def test_option_of_another_command_is_told(

@@ -154,7 +154,7 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     first = project.read_bytes()
     code, out, _ = run("--db", project, "--link", *CAMERA, *photos)
     assert code == 0 and project.read_bytes() == first
-    assert "moving.png: has its views already" in out and "nothing to write" in out
+    assert "moving.png: has its views already; --replace makes them anew" in out and "nothing to write" in out
     code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
     assert code == 0 and "moving.png: replace CALIBRATED" in out and "backup" not in out
     assert user_rows(project) == before
@@ -188,6 +188,20 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
         assert database.read_keypoints(1)[:, 0].max() > 245
+
+
+def test_table_has_the_rate_over_the_exposure_time_of_exif(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
+    exif, timed, sheet = Image.Exif(), photos[0].with_name("timed.png"), tmp_path / "t.csv"
+    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
+    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
+    Image.open(photos[0]).save(timed, exif=exif)
+    assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
+    names, values = (line.split(",") for line in sheet.read_text().splitlines())
+    said = dict(zip(names, values, strict=True))
+    rate = np.radians(float(said["rotation_deg"])) / 0.02
+    assert float(said["angular_velocity_rad_s"]) == pytest.approx(rate, rel=1e-4)
 
 
 def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:

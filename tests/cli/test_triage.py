@@ -82,6 +82,15 @@ def test_table_and_list_of_a_folder(
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
+def test_photographs_that_fail_are_counted_too(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (frames / "still.png", frames / "none.png", "--csv", tmp_path / "t.csv")
+    assert call("triage", tiny_model, *words) == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("2 photographs: 1 sharp, 0 blurred but of use, 0 unusable, 1 failed; wrote ")
+
+
 def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,9 +14,11 @@ import pytest
 
 from blur2view.camera.colmap_database import longest_suffix
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.colmap.database import write_database
 from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links, write_links
 from blur2view.colmap.project import image_names, open_project
+from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
 from blur2view.geometry.epipolar import unit_norm
@@ -154,6 +156,21 @@ def test_new_features_ask_for_replace(tmp_path: Path) -> None:
     assert isinstance(plan, DatabaseError) and "add --replace" in str(plan)
     plan = only_plan(path, replace=True)
     assert isinstance(plan, LinkStep) and plan.step is Step.REPLACE
+
+
+def test_views_of_a_fresh_database_ask_for_replace_and_say_what_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "fresh.db"
+    write_database(path, [random_views("a.jpg", FEATURES, np.random.default_rng(0))])
+    with open_project(path, write=True) as database:  # as COLMAP's feature extraction does
+        image = add_image(database, "a.jpg", 1, with_frame=True)
+        put_keypoints(database, image, np.random.default_rng(1).uniform(0, 400, (FEATURES, 2)))
+    plan = only_plan(path, "a.jpg")
+    assert isinstance(plan, DatabaseError) and "add --replace" in str(plan)
+    assert "made without --link" in str(plan) and "changed" not in str(plan)
+    link(path, "a.jpg", replace=True)
+    assert check_database(path) == []
+    after = only_plan(path, "a.jpg")
+    assert isinstance(after, LinkStep) and after.step is Step.KEEP
 
 
 FRAMELESS = "DELETE FROM frame_data WHERE data_id > 3"

@@ -321,6 +321,10 @@ def test_pairs_reach_as_far_as_asked() -> None:
         (["f_1.jpg", "f_2.png"], []),
         (["v2_f1.jpg", "v2_f2.jpg", "v3_f3.jpg"], [[0, 1]]),
         (["IMG_7.jpg", "IMG_8.jpg", "IMG_20.jpg", "IMG_21.jpg"], [[0, 1], [2, 3]]),
+        (["cam1/x.jpg", "cam2/x.jpg"], []),  # of two cameras
+        (["cam1/f_1.jpg", "cam2/f_1.jpg", "cam1/f_2.jpg"], [[0, 2]]),
+        (["f1.jp2", "f2.jp2"], [[0, 1]]),
+        (["c1.mp4/000000", "c1.mp4/000001", "c2.mp4/000002"], [[0, 1]]),
         ([], []),
     ],
 )

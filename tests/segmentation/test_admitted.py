@@ -17,14 +17,17 @@ from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 from blur2view.segmentation.regions import decide
 from blur2view.segmentation.score import motion_score
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.colour_code import EPIPOLE, forward_motion
 from tests.support.motion_scenes import (
     BOX,
+    HEIGHT,
     MOVER,
     SHIFT,
     SIDEWAYS,
     STATIC_PX,
+    WIDTH,
     estimate_of,
     sideways,
     with_mover,
@@ -151,6 +154,21 @@ def test_masks_are_of_the_smears_as_recorded_whatever_the_shutter(monkeypatch: p
     plain = segment(found, options)
     shut = segment(replace(found, geometry=corrected, shutter=shutter), options)
     np.testing.assert_array_equal(shut.labels, plain.labels)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.05, 0.0), (0.05, 0.0, 0.0), (0.0, 0.0, 0.12), (0.04, 0.0, 0.1)])
+def test_a_rolling_shutter_alone_moves_nothing(turn: tuple[float, float, float]) -> None:
+    focal, share = 300.0, 2.0 / HEIGHT  # a readout of two exposure times
+    x, y = (np.indices((HEIGHT, WIDTH))[::-1] - np.array([[[WIDTH / 2]], [[HEIGHT / 2]]])) / focal
+    u = turn[1] * (1 + x**2) - turn[0] * x * y - turn[2] * y
+    v = turn[2] * x - turn[0] * (1 + y**2) + turn[1] * x * y
+    at_once = focal * np.stack([u, v], axis=-1)
+    recorded = (at_once / (1 - share * at_once[..., 1:])).astype(np.float32)
+    angles = (0.7 / np.maximum(np.hypot(*recorded.transpose(2, 0, 1)), 1)).astype(np.float32)
+    found = estimate_of(recorded, sigma_rad=angles)
+    found = replace(found, geometry=estimate_two_view(found.matches))
+    labels = segment(found).labels
+    assert (labels == MotionLabel.MOVING).mean() < 0.02 and (labels == MotionLabel.STATIC).mean() > 0.5
 
 
 def test_same_generator_same_mask_and_splits_are_not_negative() -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
@@ -114,6 +115,17 @@ def test_equally_sure_smears_are_taken_from_everywhere() -> None:
     rows = np.bincount((middle[:, 1] // 24).astype(int), minlength=4)
     assert len(middle) == np.ceil(0.35 * 24 * 32)
     assert (rows > 0.2 * len(middle)).all()
+
+
+@pytest.mark.parametrize("shape", [(480, 640), (640, 480), (400, 400)])
+@pytest.mark.parametrize("count", [500, 1000, 2000])
+def test_equally_sure_smears_keep_their_distance(shape: tuple[int, int], count: int) -> None:
+    middle = select_matches(field(shape=shape), SelectOptions(max_matches=count)).midpoint
+    apart = cKDTree(middle).query(middle, 2)[0][:, 1]
+    assert len(middle) == count
+    assert apart.min() > 0.45 * np.sqrt(shape[0] * shape[1] / count)  # of the distance in a square grid
+    cells = np.bincount((8 * middle / shape[::-1]).astype(int) @ np.array([1, 8]), minlength=64)
+    assert cells.max() - cells.min() <= 0.25 * cells.mean() + 2
 
 
 def test_one_match_may_be_asked_for() -> None:

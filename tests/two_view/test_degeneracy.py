@@ -1,6 +1,7 @@
 """The choice of models, end to end: what six kinds of scenes are called, H, and what cannot be answered."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import collinear
 from blur2view.two_view.degeneracy import within_errors
 from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.planarity import judged
 from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
@@ -284,3 +286,12 @@ def test_every_structure_has_a_configuration() -> None:
 
     assert set(CONFIGURATIONS) == set(Structure)
     assert set(Structure) >= WITHOUT_F
+
+
+def test_a_sentence_has_no_negative_zero() -> None:
+    one: Any = SimpleNamespace(score=1.0, generator=lambda: np.eye(3))
+    assert (
+        judged(-0.2, 25.0, one, one).sentence
+        == "parallax is open: it gains 0 over one homography (25 needed)"
+    )
+    assert "gains -3 over" in judged(-3.1, 25.0, one, one).sentence

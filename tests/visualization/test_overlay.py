@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.segmentation.mask import MotionLabel, moving_regions
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization import panel
@@ -187,6 +188,25 @@ def test_caption_of_a_mask_counts_only_what_there_is() -> None:
     labels = np.zeros((64, 64), np.uint8)
     assert headline(replace(boxed_mask(), labels=labels)) == "nothing moves"
     assert headline(replace(boxed_mask(), labels=labels + 2)) == "motion is unobservable everywhere"
+
+
+def test_caption_of_a_mask_says_first_that_most_cannot_be_judged() -> None:
+    mask, labels = boxed_mask(), np.full((100, 100), MotionLabel.UNOBSERVABLE, np.uint8)
+    labels[:22] = MotionLabel.STATIC
+    mostly = replace(mask, labels=labels)
+    assert headline(mostly) == "motion is unobservable in 78%; elsewhere nothing moves"
+    labels[:4] = MotionLabel.MOVING
+    (region,) = moving_regions(labels == MotionLabel.MOVING, np.ones(labels.shape, np.float32))
+    told = headline(replace(mostly, labels=labels, regions=(region,)))
+    assert told == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
+    few = np.zeros((400, 400), np.uint8)
+    few[:8, :8] = MotionLabel.MOVING
+    assert (
+        headline(replace(mask, labels=few, regions=(region,)))
+        == "1 moving part, under 0.1% of the photograph"
+    )
+    labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, MotionLabel.STATIC
+    assert headline(mostly) == "motion is unobservable in 99%; elsewhere nothing moves"
 
 
 def test_sizes_that_disagree_are_refused() -> None:

@@ -1,6 +1,7 @@
 """The report in headless Chromium: gallery, facts, downloads, phone."""
 
 import json
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -151,6 +152,14 @@ def test_beside_a_homography_no_epipolar_line_reads_as_certain(opened: Opener, w
     assert page.locator("#epipoles").inner_text() == ""
     assert page.locator("#matrix td").count() == 9 * len(titles)
     assert ("H explains them, too" in page.locator("#counts").inner_text()) == with_F
+
+
+def test_inliers_that_are_not_all_are_not_called_all(opened: Opener) -> None:
+    one = made_up(F=turning_F())
+    most = np.arange(len(one.estimate.matches)) > 0
+    geometry = replace(one.estimate.geometry, inlier_mask=most)
+    page = opened(Entry.of(replace(one, estimate=replace(one.estimate, geometry=geometry))))
+    assert f"{most.sum()} (99 %)" in page.locator("#counts").inner_text()
 
 
 def test_inliers_are_counted_only_where_there_is_a_geometry(opened: Opener) -> None:

@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Page
 
 from blur2view.geometry.sampson import serrmin
+from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.report import Entry
 from tests.support.report_browser import (
     Opener,
@@ -179,3 +180,9 @@ def test_drag_pans_the_zoomed_photograph_and_chooses_nothing(opened: Opener) -> 
     after = stage_pixels(page)
     np.testing.assert_array_equal(after[40:-60, 40:-90], before[60:-40, 90:-40])
     assert value(page, "position") == "-"
+
+
+def test_mask_is_described_as_it_is_printed(opened: Opener) -> None:
+    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
+    toggle(page, "mask")
+    assert page.locator("#mask-reason").inner_text() == f"{headline(boxed_mask())}; F"

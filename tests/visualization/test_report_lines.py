@@ -174,3 +174,23 @@ def test_without_F_there_are_ends_and_no_lines(opened: Opener) -> None:
     )
     assert shown == ["photograph", "smears", "inliers", "sigma"]
     assert page.locator("#geometry, #models").evaluate_all("(all) => all.every((one) => one.hidden)")
+
+
+@pytest.mark.parametrize("config", [Configuration.PLANAR, Configuration.PANORAMIC])
+def test_beside_a_homography_a_smear_has_ends_in_order_and_no_lines(
+    opened: Opener, config: Configuration
+) -> None:
+    F = turning_F()
+    one = made_up(config=config, F=F, H=np.eye(3))
+    page = opened(Entry.of(one))
+    click_at(page, (201, 121))
+    marks = page.locator("[data-mark]").evaluate_all("(all) => all.map((mark) => mark.dataset.mark)")
+    assert sorted(marks) == ["end-1", "end-2", "smear", "smear-halo"]
+    ends = in_order(F, quantised_ends((201, 121), one.estimate.field.displacement[121, 201]))
+    scale = scale_of(page)
+    for mark, end in zip(("end-1", "end-2"), ends, strict=True):
+        circle = page.locator(f"[data-mark={mark}]")
+        drawn = [float(circle.get_attribute(key) or "nan") for key in ("cx", "cy")]
+        assert np.linalg.norm(scale * (end + 0.5) - drawn) < 1
+    told = page.locator("#stage-help span").all_text_contents()
+    assert len(told) == 2 and all("where there is no H" in text for text in told)  # of mouse and of touch

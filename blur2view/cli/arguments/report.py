@@ -27,7 +27,7 @@ timings, and the JSON document of blur2view estimate to download. A photograph t
 reason. It needs a browser of 2023 or later.
 """
 CONTROLS = (
-    ("click or tap", "a smear: its ends and both epipolar lines"),
+    ("click or tap", "a smear: its ends and, where there is no H, both epipolar lines"),
     ("hover", "the values of a smear"),
     ("pinch, Ctrl and wheel", "zoom; also by the keys + and -"),
     ("arrow keys", "walk from smear to smear"),

@@ -47,6 +47,11 @@ EXAMPLES = (
     "blur2view segment street.jpg -o masks",
     "blur2view segment photographs/*.jpg --objects --json > masks.json",
 )
+REFUSED = {
+    "--readout": "a rolling shutter lengthens smears along themselves, which masks hardly notice (with a "
+    "readout of two exposure times less than 2 % of simulated static scenes is called moving); for the pose "
+    "use blur2view estimate or report, which corrects it beside the mask"
+}
 
 
 def describe(parser: CommandParser) -> None:
@@ -75,6 +80,7 @@ def describe(parser: CommandParser) -> None:
         table("files of -o", (*FILES, MANIFEST)),
         table("JSON document of --json", keys(MasksDocument)),
         table("JSON document of a photograph", keys(MaskDocument)),
+        table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
     parser.set_defaults(run=partial(_run, parser))

@@ -222,7 +222,8 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
         "camera",
         paragraph(
             "Known intrinsics give the essential matrix E and the pose. Without these options the focal "
-            "length of EXIF, where there is one, is a hint, and nothing is called calibrated."
+            "length of EXIF, where there is one, is a hint, and nothing is called calibrated. What is stated "
+            "here is believed; if EXIF says 1.4 times as much or as little, a line says so."
         ),
     )
     group.add_argument(

@@ -67,6 +67,11 @@ EXAMPLES = (
     "blur2view to-colmap --db project.db --link --sequence frames/*.png",
     "blur2view to-colmap --format hloc -o hloc a.jpg b.jpg",
 )
+REFUSED = {
+    "--readout": "COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another "
+    "time; a correction of the smears would leave that, the larger error, and would double theirs if the "
+    "order in time, which is mostly unknown, is the other; for the pose use blur2view estimate"
+}
 
 
 def describe(parser: CommandParser) -> None:
@@ -85,6 +90,7 @@ def describe(parser: CommandParser) -> None:
         table("what is written", WRITTEN),
         table("JSON document of --json", keys(ToColmapDocument)),
         table("JSON object of a photograph", keys(ViewsDocument)),
+        table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
     parser.set_defaults(run=partial(_run, parser))
@@ -129,8 +135,8 @@ def _add_views(add: Any) -> None:
         "--sequence",
         action=argparse.BooleanOptionalAction,
         help="the photographs are a video in this order, so that neighbours show which view came first; with "
-        "--no-sequence nothing is concluded from neighbours (default: from those whose names differ by one "
-        "in their number)",
+        "--no-sequence nothing is concluded from neighbours (default: from those in one folder whose names "
+        "differ by one in their number)",
     )
 
 

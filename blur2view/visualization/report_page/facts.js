@@ -31,9 +31,9 @@ function showFacts(photo) {
   showSeconds(photo.seconds);
 }
 
-function inliersOf({ F, H, num_inliers: inliers, support }) {
+function inliersOf({ F, H, num_inliers: inliers, num_matches: matches }) {
   if (!F && !H) return "-";
-  return F && H ? `${inliers} of F; H explains them, too` : `${inliers} (${Math.round(100 * support)} %)`;
+  return F && H ? `${inliers} of F; H explains them, too` : `${inliers} (${Math.floor((100 * inliers) / matches)} %)`;
 }
 
 function countsOf({ facts, medianPx, lens }) {

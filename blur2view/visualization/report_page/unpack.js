@@ -81,6 +81,6 @@ async function photographOf(index) {
     },
     matches: { count: flags.values.length, ends, flags },
     lens: lens && new Lens(lens.step_px, shift),
-    mask: mask && { labels, every: mask.every_px, probability, reason: mask.reason, regions: mask.regions },
+    mask: mask && { labels, every: mask.every_px, probability, headline: mask.headline, reason: mask.reason },
   };
 }

@@ -49,7 +49,7 @@ class Viewer {
     const [low, high] = sigmaRange(photo);
     byId("sigma-low").textContent = `${low.toPrecision(2)} px`;
     byId("sigma-high").textContent = `${high.toPrecision(2)} px`;
-    byId("mask-reason").textContent = mask ? mask.reason : "";
+    byId("mask-reason").textContent = mask ? `${mask.headline}; ${mask.reason}` : "";
   }
 
   /** Take the stage's size, and show the whole photograph in it. */
