@@ -16,17 +16,15 @@ SIDE = 256
 def blurred(length_px: float, angle_deg: float, seed: int = 0) -> Floats:
     """Return a picture of random blobs under one even smear, grey in [0, 1], with noise of half a level."""
     rng = np.random.default_rng(seed)
-    sharp = sum(
-        cv2.GaussianBlur(rng.normal(0, s, (SIDE + 128, SIDE + 128)), (0, 0), s) for s in (0.8, 2.0, 6.0)
-    )
+    size = SIDE + 128, SIDE + 128
+    blobs = [cv2.GaussianBlur(rng.normal(0, s, size), (0, 0), s) for s in (0.8, 2.0, 6.0)]
+    sharp = np.sum(blobs, axis=0)
     along = np.linspace(-0.5, 0.5, 2 * int(length_px)) * length_px
     x, y = along * np.cos(np.deg2rad(angle_deg)), along * np.sin(np.deg2rad(angle_deg))
     shifts = [np.array([[1, 0, u], [0, 1, v]], float) for u, v in zip(x, y, strict=True)]
-    mean = np.mean(
-        [cv2.warpAffine(sharp, m, (SIDE + 128, SIDE + 128), flags=cv2.INTER_CUBIC) for m in shifts], axis=0
-    )
+    mean = np.mean([cv2.warpAffine(sharp, m, size, flags=cv2.INTER_CUBIC) for m in shifts], axis=0)
     grey = 0.5 + 0.12 * mean[64:-64, 64:-64] / mean.std() + rng.normal(0, 0.002, (SIDE, SIDE))
-    return np.clip(grey, 0, 1).astype(np.float32)
+    return np.asarray(np.clip(grey, 0, 1), np.float32)
 
 
 def cells_of(length_px: float, angle_deg: float, sigma_px: float = 3.0, sigma_deg: float = 5.0) -> Floats:
