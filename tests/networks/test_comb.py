@@ -20,17 +20,21 @@ def blurred(length_px: float, angle_deg: float, seed: int = 0) -> Floats:
     blobs = [cv2.GaussianBlur(rng.normal(0, s, size), (0, 0), s) for s in (0.8, 2.0, 6.0)]
     sharp = np.sum(blobs, axis=0)
     along = np.linspace(-0.5, 0.5, 2 * int(length_px)) * length_px
-    x, y = along * np.cos(np.deg2rad(angle_deg)), along * np.sin(np.deg2rad(angle_deg))
+    x, y = np.outer(unit(angle_deg), along)
     shifts = [np.array([[1, 0, u], [0, 1, v]], float) for u, v in zip(x, y, strict=True)]
     mean = np.mean([cv2.warpAffine(sharp, m, size, flags=cv2.INTER_CUBIC) for m in shifts], axis=0)
     grey = 0.5 + 0.12 * mean[64:-64, 64:-64] / mean.std() + rng.normal(0, 0.002, (SIDE, SIDE))
     return np.asarray(np.clip(grey, 0, 1), np.float32)
 
 
+def unit(angle_deg: float) -> NDArray[np.float64]:
+    """Return the unit vector of a direction."""
+    return np.array([np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))])
+
+
 def cells_of(length_px: float, angle_deg: float, sigma_px: float = 3.0, sigma_deg: float = 5.0) -> Floats:
     """Return a network's answer: the same smear in every cell."""
-    d = length_px * np.array([np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))])
-    cell = [*to_double_angle(d), sigma_px, np.deg2rad(sigma_deg)]
+    cell = [*to_double_angle(length_px * unit(angle_deg)), sigma_px, np.deg2rad(sigma_deg)]
     return np.tile(np.array(cell, np.float32), (SIDE // 32, SIDE // 32, 1))
 
 
@@ -43,34 +47,32 @@ def errors(cells: Floats, length_px: float, angle_deg: float) -> tuple[float, fl
 
 
 @pytest.mark.parametrize(
-    ("length_px", "angle_deg"), [(16.0, 20.0), (22.3, 97.0), (27.0, -40.0), (44.0, 65.0), (80.0, 178.0)]
+    ("length_px", "angle_deg"), [(18.0, 20.0), (22.3, 97.0), (27.0, -40.0), (44.0, 65.0), (80.0, 178.0)]
 )
 def test_smears_are_moved_onto_the_comb(length_px: float, angle_deg: float) -> None:
     given = cells_of(1.1 * length_px, angle_deg + 5, sigma_px=0.15 * length_px)
     moved = put_on_comb(given, octaves(blurred(length_px, angle_deg), 3))
     before, after = errors(given, length_px, angle_deg), errors(moved, length_px, angle_deg)
     assert before[0] > 0.09 and before[1] > 4.9
-    assert after[0] < 0.03 and after[1] < 0.8  # a sinc's slope shortens the shortest by 2 %
+    assert after[0] < 0.02 and after[1] < 0.8
     assert np.median(moved[..., 2]) < 0.5 * given[0, 0, 2]
     assert np.median(moved[..., 3]) < 0.5 * given[0, 0, 3]
 
 
 def test_stated_deviations_hold_the_errors() -> None:
-    """Of 16 pictures, errors over deviations have a root mean square near one, where it was two."""
-    before, after = [], []
+    """Of 16 pictures, networks err by what they state, and moved smears by a third of that, and state it."""
+    relative, shrunk = [], []
     for seed in range(16):
         rng = np.random.default_rng(seed)
         length, angle = rng.uniform(15, 27), rng.uniform(-90, 90)
         scale, turn = np.exp(rng.normal(0, 0.1)), rng.normal(0, 5)
         given = cells_of(length * scale, angle + turn, sigma_px=0.13 * length)
-        moved = put_on_comb(given, octaves(blurred(length, angle, seed), 1))
-        middle = moved[4, 4]
-        true = to_double_angle(length * np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))]))
-        d, t = from_double_angle(middle[:2]), from_double_angle(true)
-        after.append(min(np.hypot(*(d - t)), np.hypot(*(d + t))) / middle[2])
-        before.append(abs(turn) / 5)
-    assert np.sqrt(np.mean(np.square(before))) > 0.7
-    assert 0.2 < np.sqrt(np.mean(np.square(after))) < 1.5
+        moved = put_on_comb(given, octaves(blurred(length, angle, seed), 1))[4, 4]
+        d, true = from_double_angle(moved[:2]), length * unit(angle)
+        relative.append(min(np.hypot(*(d - true)), np.hypot(*(d + true))) / moved[2])
+        shrunk.append(moved[2] / given[4, 4, 2])
+    assert 0.2 < np.sqrt(np.mean(np.square(relative))) < 1.5
+    assert np.median(shrunk) < 1 / 3
 
 
 def test_short_and_unsure_smears_stay() -> None:
