@@ -122,7 +122,7 @@ def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
         prior = prior_of(cells, own, k)
         if not prior.usable.any():
             continue
-        correction = correction_of(sampled_peaks(grey, prior), prior).at_cells(2**k)
+        correction = correction_of(*sampled_peaks(grey, prior), prior).at_cells(2**k)
         own &= at_cells(prior.usable, 2**k) & (length >= SHORTEST_PX * 2**k)
         moved[own] = corrected(cells, correction)[own]
     return moved
@@ -152,14 +152,16 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
     )
 
 
-def sampled_peaks(grey: Floats, prior: Prior) -> Floats:
-    """Return how deep the cepstra are about the smears, (h, w, 33, 25), in deviations; neighbours summed.
+def sampled_peaks(grey: Floats, prior: Prior) -> tuple[Floats, Floats]:
+    """Return how deep the cepstra are about the smears, and about their halves, in deviations.
 
-    By rotation and scale of each window's own smear; zero where there is no usable one near.
+    Each (h, w, 33, 25), by rotation and scale of each window's own smear, summed over neighbours; zero where
+    there is no usable one near.
     """
     windows = windows_of(grey, len(grey) // len(prior.usable))
     rows, columns = np.nonzero(prior.usable)
-    steps = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None]).astype(np.complex64)
+    whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
+    steps = np.concatenate([whole, 0.5 * whole]).astype(np.complex64)
     peaks = np.zeros((*prior.usable.shape, *steps.shape), np.float32)
     for first in range(0, len(rows), BATCH):
         row, column = rows[first : first + BATCH], columns[first : first + BATCH]
@@ -169,7 +171,7 @@ def sampled_peaks(grey: Floats, prior: Prior) -> Floats:
     noise = np.sqrt(over_neighbours(prior.usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None, None]
-    return summed
+    return summed[:, :, : len(ROTATIONS)], summed[:, :, len(ROTATIONS) :]
 
 
 def windows_of(grey: Floats, step: int) -> Floats:
@@ -200,20 +202,23 @@ def cepstra_of(windows: Floats) -> Floats:
     return standard
 
 
-def correction_of(peaks: Floats, prior: Prior) -> Correction:
+def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
     """Return the mean correction of windows whose peaks were sampled, and what is left of their variances.
 
-    The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). What the network's
-    distribution, taken for normal, has beyond the samples keeps its probability.
+    The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). Beyond the samples
+    lies what the network's distribution, taken for normal, has there, with the evidence for half the smear: a
+    comb has a second, shallower peak at twice its smear.
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
     inside = erf(a[..., -1] / 2**0.5) * erf(b[..., -1] / 2**0.5)
     density *= (inside / density.sum((-2, -1)))[..., None, None]
-    log_posterior = np.log(density + 1e-30) + 0.5 * TEMPER * np.maximum(peaks, 0) ** 2
+    log_posterior = np.log(density + 1e-30) + evidence_of(peaks)
     most = log_posterior.max((-2, -1))
     posterior = np.exp(log_posterior - most[..., None, None])
     total = posterior.sum((-2, -1))
+    half: Floats = evidence_of(halves).max((-2, -1))
+    elsewhere = (1 - inside) * np.exp((half - most).clip(None, 80))
     length = np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)
     least: Floats = ((PEAK_PX / length) ** 2).astype(np.float32)
     rotation, variance_rad = mean_and_variance(posterior.sum(-1) / total[..., None], ROTATIONS)
@@ -223,8 +228,13 @@ def correction_of(peaks: Floats, prior: Prior) -> Correction:
         log_scale=log_scale,
         variance_rad=variance_rad + least,
         variance_log=variance_log + least,
-        trust=total / (total + (1 - inside) * np.exp(-most)),
+        trust=total / (total + elsewhere),
     )
+
+
+def evidence_of(peaks: Floats) -> Floats:
+    """Return the log likelihood ratio of peaks against noise, tempered; 0 where there is a rise."""
+    return np.asarray(0.5 * TEMPER * np.maximum(peaks, 0) ** 2, np.float32)
 
 
 def corrected(cells: Floats, correction: Correction) -> Floats:

@@ -75,6 +75,13 @@ def test_stated_deviations_hold_the_errors() -> None:
     assert np.median(shrunk) < 1 / 3
 
 
+def test_the_second_peak_at_twice_the_smear_confirms_nothing() -> None:
+    given = cells_of(40, 30, sigma_px=20, sigma_deg=5)
+    right, twice = (put_on_comb(given, octaves(blurred(px, 30), 2)) for px in (40, 20))
+    assert np.median(right[..., 2]) < 0.2 * 20
+    assert np.median(twice[..., 2]) > 0.8 * 20
+
+
 def test_short_and_unsure_smears_stay() -> None:
     pictures = octaves(blurred(20, 30), 1)
     for given in (cells_of(9, 35), cells_of(22, 35, sigma_px=15), cells_of(0, 0)):
