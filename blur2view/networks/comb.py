@@ -10,6 +10,7 @@ likelihood of the peak (Bayes).
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -186,20 +187,37 @@ def windows_of(grey: Floats, step: int) -> Floats:
 
 def cepstra_of(windows: Floats) -> Floats:
     """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
-    hann = np.hanning(WINDOW).astype(np.float32)
-    spectrum = fft.rfft2(windows * np.outer(hann, hann))
-    frequency, lag = fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(-WINDOW // 2, WINDOW // 2)
-    radius = np.hypot(frequency[:, None], frequency[None, : WINDOW // 2 + 1])
+    hann, taper, comb, ring = filters()
+    spectrum = fft.rfft2(windows * hann)
+    power = np.log(spectrum.real**2 + spectrum.imag**2 + np.float32(NOISE_FLOOR))
+    cepstra: Floats = fft.irfft2(power * taper, s=(WINDOW, WINDOW), overwrite_x=True) * comb
+    flat = cepstra.reshape(len(cepstra), -1)
+    mean, square = flat @ ring, (flat * flat) @ ring
+    deviation = np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
+    flat -= mean[:, None]
+    flat /= deviation[:, None]
+    return cepstra
+
+
+@functools.cache
+def filters() -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the Hann window, the taper of log spectra, which puts lag 0 in the middle, and factors by lag.
+
+    These are 0 where a spectrum's trend is and 1 where combs are, (96, 96), and the weights of the mean over
+    CEPSTRUM_RANGE_PX, (96 * 96,).
+    """
+    hann = np.hanning(WINDOW)
+    rows, columns = fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
+    radius = np.hypot(rows, columns)
     taper = np.exp(-((radius / (TAPER * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    power = np.log(spectrum.real**2 + spectrum.imag**2 + np.float32(NOISE_FLOOR)) * taper.astype(np.float32)
+    taper *= np.where((rows + columns) % 2, -1, 1)
+    lag = np.arange(-WINDOW // 2, WINDOW // 2)
     distance = np.hypot(lag[:, None], lag)
     comb = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
-    cepstra = fft.fftshift(fft.irfft2(power, s=(WINDOW, WINDOW)), (1, 2)) * comb.astype(np.float32)
-    near, far = CEPSTRUM_RANGE_PX
-    ring = cepstra[:, (distance >= near) & (distance <= far)]
-    mean, deviation = ring.mean(1)[:, None, None], ring.std(1)[:, None, None]
-    standard: Floats = (cepstra - mean) / (deviation + 1e-9)
-    return standard
+    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
+    factors = np.outer(hann, hann), taper, comb, ring.ravel() / ring.sum()
+    window, high, far, mean = (values.astype(np.float32) for values in factors)
+    return window, high, far, mean
 
 
 def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
