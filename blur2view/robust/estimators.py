@@ -25,7 +25,8 @@ from blur2view.robust.ransac import weighted_samples
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
 
-WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them
 DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
 
@@ -86,7 +87,9 @@ class SmearEstimator:
 
     def refine(self, model: Array) -> Array:
         """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
-        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
+        options = RefineOptions(
+            max_iterations=SEARCH_STEPS, tolerance=SEARCH_TOLERANCE, cutoff=self.cutoff, decided=True
+        )
         point = GeneralF.from_matrix(model)
         for matches in self.coarse:
             point, _ = refine(point, matches, options)

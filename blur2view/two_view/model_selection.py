@@ -20,7 +20,7 @@ from blur2view.robust.residuals import RefineOptions, WeightedEnds
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
-KEPT = STARTS, 2  # that take a first and a second step; then the cheapest alone goes on
+KEPT = 3, 2  # that take a first and a second step; then the cheapest alone goes on
 TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
 PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
 GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
