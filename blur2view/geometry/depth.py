@@ -49,13 +49,14 @@ def parallax_along_lines(
     return moved - rotated, -moved - rotated
 
 
-def order_log_odds(forward: Array, backward: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return the log-probabilities (N,) of both orders by their parallax (N,), known to a standard deviation.
+def order_log_odds(forward: Array, backward: Array, sigma: Array) -> Array:
+    """Return the log-probabilities (2, N) of both orders by their parallax (N,), known to a sigma.
 
     An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
     gains nothing by being vague; where none is, both are improbable.
     """
-    scale = -PROBIT_AS_LOGIT / sigma
-    ahead, behind = (1 / (1 + np.exp(np.minimum(z * scale, MOST_LOG_ODDS))) for z in (forward, backward))
-    shared = np.maximum(ahead, behind) / (ahead + behind)
-    return np.log(ahead * shared), np.log(behind * shared)
+    against = np.stack([forward, backward]) * (-PROBIT_AS_LOGIT / sigma)
+    feasible = 1 / (1 + np.exp(np.minimum(against, MOST_LOG_ODDS)))
+    shared = np.maximum(*feasible) / np.add(*feasible)
+    log_odds: Array = np.log(feasible * shared)
+    return log_odds

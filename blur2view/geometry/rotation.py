@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -9,26 +11,25 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+PLANE: Array = np.eye(2, 3)
 GENERATORS: Array = cross_matrix(np.eye(3))  # (3, 3, 3): [e_k]x
 
 
 def plane_basis(normal: Array) -> Array:
-    """Return two orthonormal vectors perpendicular to each vector, shape (..., 3) to (2, ..., 3).
+    """Return two orthonormal vectors (2, 3) perpendicular to a vector (3,), by its reflection."""
+    mirror = np.asarray(normal, float) / max(math.sqrt(normal @ normal), TINY)
+    mirror[2] += math.copysign(1.0, mirror[2])
+    basis: Array = PLANE - np.outer(mirror[:2], mirror * (2 / (mirror @ mirror)))
+    return basis
+
+
+def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Return two orthonormal vectors perpendicular to vectors, all by coordinates.
 
     References
     ----------
     Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
     """
-    normal = np.asarray(normal, float)
-    first, second = perpendicular(normal[..., 0], normal[..., 1], normal[..., 2])
-    basis = np.empty((2, *normal.shape))
-    for k in range(3):
-        basis[0, ..., k], basis[1, ..., k] = first[k], second[k]
-    return basis
-
-
-def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Return `plane_basis` by coordinates."""
     norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
     x, y, z = x / norm, y / norm, z / norm
     sign = np.copysign(1.0, z)
@@ -58,8 +59,8 @@ def rotation_vector(R: Array) -> Array:
 
 def step_on_sphere(unit: Array, delta: Array) -> Array:
     """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
-    moved = unit + delta @ plane_basis(unit)
-    return moved / np.linalg.norm(moved)
+    moved: Array = unit + delta @ plane_basis(unit)
+    return moved / math.sqrt(moved @ moved)
 
 
 def rotation_flow(middle: Array) -> Array:

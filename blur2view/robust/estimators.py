@@ -24,11 +24,9 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import weighted_samples
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
-from blur2view.smears.sign_components import SignComponents, sample_patterns
 
-FULL_COMPONENT = 6  # smears of components of this size are sampled fully, single ones a sixth as often
-WIDE, SEARCH_STEPS = 3.0, 4  # Levenberg-Marquardt steps inside the loop; the final fit takes more
-DOUBT = 2  # every second sample takes all sign patterns: else a wrong grouping costs 30 % in rho
+WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
+SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them
 DIRECTIONS = 60  # of translation tried with every sample of three
 PART = 5  # samples come from the fifth of the smears nearest to one of them
 
@@ -45,7 +43,6 @@ class SmearEstimator:
     problem: SmearProblem
     cutoff: float
     fit_error_px: float
-    components: SignComponents
     directions: int = 80
 
     @property
@@ -65,9 +62,8 @@ class SmearEstimator:
 
     @cached_property
     def quality(self) -> Array:
-        """Sampling weights (N,): length over standard deviation, squared; less where few neighbours agree."""
-        share = np.minimum(self.components.sizes, FULL_COMPONENT)[self.components.label] / FULL_COMPONENT
-        weights: Array = share * (self.problem.length_px / self.problem.sigma_px) ** 2
+        """Sampling weights (N,): length over standard deviation, squared."""
+        weights: Array = (self.problem.length_px / self.problem.sigma_px) ** 2
         return weights
 
     @cached_property
@@ -78,17 +74,12 @@ class SmearEstimator:
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of samples of three and, where no camera is assumed, of seven."""
         ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
-        directions, doubted = half_sphere(self.directions), np.arange(samples) % DOUBT == 0
         three = weighted_samples(self.quality, 3, samples, rng)
-        models = [
-            small_rotation_hypotheses(ends[three[group.index]], directions, limit, group.signs)
-            for group in sample_patterns(self.components, three, doubted)
-        ]
-        if not self.problem.has_camera:
-            seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
-            for group in sample_patterns(self.components, seven, doubted):
-                models.append(solve_seven_smears(ends[seven[group.index]], group.signs)[0])
-        return np.concatenate(models)
+        models = small_rotation_hypotheses(ends[three], half_sphere(self.directions), limit)
+        if self.problem.has_camera:
+            return models
+        seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
+        return np.concatenate([models, solve_seven_smears(ends[seven])[0]])
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
@@ -96,7 +87,9 @@ class SmearEstimator:
 
     def refine(self, model: Array) -> Array:
         """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
-        options = RefineOptions(max_iterations=SEARCH_STEPS, cutoff=self.cutoff, decided=True)
+        options = RefineOptions(
+            max_iterations=SEARCH_STEPS, tolerance=SEARCH_TOLERANCE, cutoff=self.cutoff, decided=True
+        )
         point = GeneralF.from_matrix(model)
         for matches in self.coarse:
             point, _ = refine(point, matches, options)

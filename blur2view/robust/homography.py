@@ -181,8 +181,7 @@ def transfer_orders(A: Array, matches: WeightedEnds) -> OrderedResiduals:
 
 def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
     """Return the lengths of residuals (2, 2, N) in both orders, in standard deviations (N,)."""
-    forward, backward = np.sqrt((residuals**2).sum(axis=1)) / sigma
-    return OrderedResiduals(forward=forward, backward=backward)
+    return OrderedResiduals(both=np.sqrt((residuals**2).sum(axis=1)) / sigma)
 
 
 def _carry(M: Array, x: Array) -> tuple[Array, Array]:

@@ -50,10 +50,8 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
     ----------
     ends : ndarray of shape (B, 7, 2, 2)
         B samples of seven smears, pixels.
-    signs : ndarray of shape (P, 7) or (B, P, 7), optional
-        The sign patterns to try, of all samples or of each, +1 where ends[:, 0] is the open end; default all
-        64 with the first +1. Fewer when orders are known to agree within components
-        (`sign_components.sample_patterns`).
+    signs : ndarray of shape (P, 7), optional
+        The sign patterns to try, +1 where ends[:, 0] is the open end; default all 64 with the first +1.
 
     Returns
     -------
@@ -72,15 +70,11 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
     signs = ALL_SIGNS if signs is None else np.asarray(signs, float)
     if ends.ndim != 4 or ends.shape[1:] != (SAMPLE_SIZE, 2, 2):
         raise ValueError(f"ends must have shape (B, 7, 2, 2), got {ends.shape}")
-    if signs.ndim not in (2, 3) or signs.shape[-1] != SAMPLE_SIZE:
-        raise ValueError(f"signs must have shape (P, 7) or (B, P, 7), got {signs.shape}")
-    if signs.ndim == 3 and len(signs) != len(ends):
-        raise ValueError(f"{len(ends)} samples but signs of {len(signs)}, shape {signs.shape}")
-    step = max(CHUNK // max(signs.shape[-2], 1), 1)
-    starts = range(0, len(ends) if signs.shape[-2] else 0, step)
-    parts = [
-        _solve_chunk(ends[i : i + step], signs[i : i + step] if signs.ndim == 3 else signs) for i in starts
-    ]
+    if signs.ndim != 2 or signs.shape[1] != SAMPLE_SIZE:
+        raise ValueError(f"signs must have shape (P, 7), got {signs.shape}")
+    step = max(CHUNK // max(len(signs), 1), 1)
+    starts = range(0, len(ends) if len(signs) else 0, step)
+    parts = [_solve_chunk(ends[i : i + step], signs) for i in starts]
     if not parts:
         return np.zeros((0, 3, 3)), np.zeros(0, int)
     sample = np.concatenate([part[1] + start for part, start in zip(parts, starts, strict=True)])
@@ -89,7 +83,7 @@ def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, 
 
 def _solve_chunk(ends: Array, signs: Array) -> tuple[Array, np.ndarray]:
     T = shared_normalisation(ends)  # (B, 3, 3)
-    pencil = _pencils(apply_similarity(T[:, None], ends), np.swapaxes(signs, -1, -2))  # (B, 9, 2, P)
+    pencil = _pencils(apply_similarity(T[:, None], ends), signs.T)  # (B, 9, 2, P)
     batch, _, _, patterns = pencil.shape
     separate = np.ascontiguousarray(pencil.transpose(2, 1, 0, 3)).reshape(2, 9, batch * patterns)
     alpha, beta = homogeneous_cubic_roots(_determinant_cubic(separate))  # (3, B P)
@@ -119,7 +113,7 @@ def _pencils(ends: Array, signs: Array) -> Array:
     basis = perpendicular(*np.moveaxis(normal, 1, 0))  # two times three of (B, P)
     axes = np.stack([np.stack(vector, axis=1) for vector in basis], axis=2)  # (B, 3, 2, P)
     batch, _, _, patterns = axes.shape
-    along = (skew @ axes.reshape(batch, 3, -1)).reshape(batch, 7, 2, patterns) * signs[..., None, :]
+    along = (skew @ axes.reshape(batch, 3, -1)).reshape(batch, 7, 2, patterns) * signs[:, None]
     S = -(inverse @ along.reshape(batch, 7, -1)).reshape(batch, 6, 2, patterns)
     return np.concatenate([S, axes], axis=1)
 
@@ -190,10 +184,8 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
     return roots
 
 
-def small_rotation_hypotheses(
-    ends: Array, directions: Array, limit: Array, signs: Array | None = None
-) -> Array:
-    """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and sign pattern.
+def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
+    """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and of four sign patterns.
 
     The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
 
@@ -205,12 +197,10 @@ def small_rotation_hypotheses(
         Unit directions of translation to try.
     limit : ndarray of shape (3,)
         Rotations w with |w / limit| > 1 are dropped.
-    signs : ndarray of shape (B, P, 3), optional
-        The sign patterns of every sample, as of `sign_components.sample_patterns`; default all four.
 
     Returns
     -------
-    ndarray of shape (M, 3, 3), M at most P B T
+    ndarray of shape (M, 3, 3), M at most 4 B T
         Rank 2. Smears whose equations are dependent give no hypothesis.
     """
     x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
@@ -222,8 +212,7 @@ def small_rotation_hypotheses(
     determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
     regular = np.abs(determinant) >= TINY
     shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
-    patterns = THREE_SIGNS if signs is None else signs
-    rotation = patterns @ np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)  # (B, P, 3 T)
+    rotation = THREE_SIGNS @ np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)  # (B, 4, 3 T)
     rotation = rotation.reshape(len(ends), -1, 3, len(directions))
     inside = (rotation**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # False where singular
     sample, pattern, direction = np.nonzero(inside)

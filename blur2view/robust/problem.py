@@ -13,7 +13,6 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.residuals import WeightedEnds
-from blur2view.smears.sign_components import SignComponents
 
 ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
 # prior of the rotation: smear length over focal length; roll moves points less
@@ -53,7 +52,6 @@ class SmearProblem:
     independent: float
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
     scale: float = 1.0
-    components: SignComponents | None = None
 
     @property
     def unit_px(self) -> float:
@@ -78,7 +76,6 @@ class SmearProblem:
             ends=self.ends,
             sigma=self.sigma_px / self.unit_px,
             along=along_px / self.unit_px,
-            components=self.components,
             chance=OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1),
         )
 
@@ -102,10 +99,7 @@ class SmearProblem:
         """Return the problem of some smears; the share of independent ones stays."""
         ends = self.ends[index]
         independent = self.independent * len(ends) / len(self.ends)
-        components = None if self.components is None else self.components.subset(index)
-        return replace(
-            self, ends=ends, sigma_px=self.sigma_px[index], independent=independent, components=components
-        )
+        return replace(self, ends=ends, sigma_px=self.sigma_px[index], independent=independent)
 
     @cached_property
     def thinned(self) -> SmearProblem:

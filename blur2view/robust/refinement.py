@@ -112,10 +112,9 @@ class WeightedPoint(Generic[M]):
         parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
         distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
         entries = entry_jacobian(distance, line1, line2, root, x, y)
-        both = np.concatenate([self.residuals.forward, self.residuals.backward])
         return Linearised(
             jacobian=self.point.tangent().reshape(self.point.dimension, 9) @ entries / sigma,
-            residual=both.take(counted),
+            residual=self.residuals.both.take(counted),
             weight=weight.take(counted),
             smear=counted % len(self.inliers),
         )
@@ -129,8 +128,7 @@ class WeightedPoint(Generic[M]):
     def moved(self, delta: Array) -> WeightedPoint[M]:
         """Return the point moved by delta (k,), the odds of the orders as they are."""
         point = self.point.step(delta)
-        logs = self.residuals.forward_log, self.residuals.backward_log
-        there = self.matches.residuals(point.matrix(), self.options.decided, logs)
+        there = self.matches.residuals(point.matrix(), self.options.decided, self.residuals.prior)
         return replace(self, point=point, residuals=there)
 
     def reweighted(self) -> WeightedPoint[M]:

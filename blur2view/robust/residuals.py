@@ -7,15 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.depth import order_log_odds, parallax_along_lines
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import residual_parts
 from blur2view.robust.parametrization import Manifold
-from blur2view.smears.sign_components import SignComponents
 
 LOG_2 = float(np.log(2.0))
-VOTE, MAJORITY = 3.0, 4.0  # most that one smear, and its whole component, weigh on an order: log-odds
 DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
 
@@ -57,9 +55,9 @@ class RefineOptions:
 class OrderedResiduals:
     """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
 
-    ``forward`` and ``backward`` (N,) are the residuals of ends[:, 0] first and ends[:, 1] first;
-    ``forward_log`` and ``backward_log`` the logarithms of both orders' probabilities before looking at the
-    residuals: log(1/2), or by positive depth (`depth`). Twice the negative log-likelihood of a smear
+    ``both`` (2, N) are the residuals of ends[:, 0] first (``forward``) and of ends[:, 1] first
+    (``backward``); ``prior`` both orders' probabilities before looking at the residuals: 1/2, or (2, N) by
+    positive depth (`depth`). Twice the negative log-likelihood of a smear
     is -2 log(P(f) exp(-forward^2 / 2) + P(b) exp(-backward^2 / 2)): at even odds, deciding an order costs
     2 log 2 and is only worth it where the orders differ by more than the noise. ``decided`` takes the better
     order for granted instead, as SErrMin does: right for a search at unknown noise, but it rewards any S as
@@ -67,26 +65,36 @@ class OrderedResiduals:
     ``parts`` are what their derivatives take: those of `sampson.residual_parts`.
     """
 
-    forward: Array
-    backward: Array
-    forward_log: Array | float = -LOG_2
-    backward_log: Array | float = -LOG_2
+    both: Array
+    prior: Array | float = 0.5
     decided: bool = False
     parts: tuple[Array, Array, Array, Array] | None = None
+
+    @property
+    def forward(self) -> Array:
+        """Residuals (N,) of ends[:, 0] first."""
+        forward: Array = self.both[0]
+        return forward
+
+    @property
+    def backward(self) -> Array:
+        """Residuals (N,) of ends[:, 1] first."""
+        backward: Array = self.both[1]
+        return backward
 
     @cached_property
     def likelihoods(self) -> Array:
         """Probability times likelihood (2, N) of both orders; of decided ones that of the worse is zero."""
-        ahead, behind = np.exp(-0.5 * self.forward**2), np.exp(-0.5 * self.backward**2)
+        gaussian: Array = np.exp(-0.5 * self.both**2)
         if self.decided:
             first = np.abs(self.forward) <= np.abs(self.backward)
-            return np.stack([ahead * first, behind * ~first])
-        return np.stack([ahead * np.exp(self.forward_log), behind * np.exp(self.backward_log)])
+            return gaussian * np.stack([first, ~first])
+        return gaussian * self.prior
 
     @cached_property
     def total(self) -> Array:
-        """Likelihood (N,) of the smears, both orders together; a component's odds may take it over 1."""
-        total: Array = self.likelihoods.sum(axis=0)
+        """Likelihood (N,) of the smears, both orders together; at most 1."""
+        total: Array = np.add(*self.likelihoods)
         return total
 
     @cached_property
@@ -95,11 +103,9 @@ class OrderedResiduals:
         return np.where(np.abs(self.backward) < np.abs(self.forward), self.backward, self.forward)
 
     @cached_property
-    def log_likelihoods(self) -> tuple[Array, Array]:
-        """Logarithms (N,) of probability times likelihood, of both orders."""
-        ahead: Array = self.forward_log - 0.5 * self.forward**2
-        behind: Array = self.backward_log - 0.5 * self.backward**2
-        return ahead, behind
+    def log_likelihoods(self) -> Array:
+        """Logarithms (2, N) of probability times likelihood, of both orders."""
+        return np.log(self.prior) - 0.5 * self.both**2
 
     @cached_property
     def forward_share(self) -> Array:
@@ -133,7 +139,6 @@ class WeightedEnds:
     sigma: Array
     along: Array | None = None
     chance: Array | None = None
-    components: SignComponents | None = None
 
     @cached_property
     def orders(self) -> tuple[Array, Array, Array]:
@@ -148,21 +153,12 @@ class WeightedEnds:
         one, other = self.ends[:, 0].T, self.ends[:, 1].T
         return 0.5 * (one + other), other - one
 
-    def residuals(
-        self, F: Array, decided: bool = False, logs: tuple[Array | float, Array | float] = (-LOG_2, -LOG_2)
-    ) -> OrderedResiduals:
-        """Return residuals under F (3, 3) in both orders, equally likely before or as ``logs`` have it."""
+    def residuals(self, F: Array, decided: bool = False, prior: Array | float = 0.5) -> OrderedResiduals:
+        """Return residuals under F (3, 3) in both orders, of which ``prior`` are the probabilities before."""
         first, second, sigma = self.orders
         parts = residual_parts(F, first, second)
-        forward, backward = (parts[0] / sigma).reshape(2, -1)
-        return OrderedResiduals(
-            forward=forward,
-            backward=backward,
-            forward_log=logs[0],
-            backward_log=logs[1],
-            decided=decided,
-            parts=parts,
-        )
+        both = (parts[0] / sigma).reshape(2, -1)
+        return OrderedResiduals(both=both, prior=prior, decided=decided, parts=parts)
 
     def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
         """Return residuals with the odds of the orders by positive depth, under a point of a family.
@@ -175,43 +171,21 @@ class WeightedEnds:
         rotation, t = point.motion()
         both = parallax_along_lines(rotation, sign * t, *self.middle)
         odds = order_log_odds(*both, self.along)
-        ahead, behind = (weight * log + (weight - 1) * LOG_2 for log in odds)
-        if self.components is not None:
-            alone = replace(plain, forward_log=ahead, backward_log=behind)
-            others = weight * component_log_odds(self.components, alone)
-            share = 1 / (1 + np.exp(-others))  # others are bounded; 1/2 without any, which changes nothing
-            ahead, behind = ahead + np.log(2 * share), behind + np.log(2 - 2 * share)
-        return replace(plain, forward_log=ahead, backward_log=behind)
+        return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
     def costs(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
         chance = self._chance(options)
-        cost: Array = -2 * np.log((np.minimum(residuals.total, 1.0) + chance) / (1 + chance))
+        cost: Array = -2 * np.log((residuals.total + chance) / (1 + chance))
         return cost
 
     def inlier_shares(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
         """Return probabilities (N,) of being an inlier: the weights of reweighted least squares."""
-        likelihood = np.minimum(residuals.total, 1.0)
-        share: Array = likelihood / (likelihood + self._chance(options))
+        share: Array = residuals.total / (residuals.total + self._chance(options))
         return share
 
     def _chance(self, options: RefineOptions) -> Array | float:
         return float(np.exp(-0.5 * options.cutoff**2)) if self.chance is None else self.chance
-
-
-def component_log_odds(components: SignComponents, residuals: OrderedResiduals) -> Array:
-    """Return log-odds (N,) of the order ends[:, 0] first, by the other smears of the component.
-
-    They vote with their own log-odds, bounded; a component whose votes contradict each other has
-    none, so a wrong grouping does little harm.
-    """
-    label, sign = components.label, components.sign
-    ahead, behind = residuals.log_likelihoods
-    vote = np.clip(ahead - behind, -VOTE, VOTE) * sign
-    total, cast = np.bincount(label, vote), np.bincount(label, np.abs(vote))
-    unity = np.maximum(2 * np.abs(total) / np.maximum(cast, TINY) - 1, 0.0)
-    odds: Array = np.clip(total[label] - vote, -MAJORITY, MAJORITY) * unity[label] * sign
-    return odds
 
 
 def robust_cost(squared: Array, cutoff: float) -> Array:

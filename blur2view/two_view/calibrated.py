@@ -117,8 +117,7 @@ class CalibratedFit:
         state = self.state.reweighted()
         weights, residuals = state.order_weights, state.residuals
         total = max(float(weights.sum()), TINY)
-        squared = np.stack([residuals.forward, residuals.backward]) ** 2
-        scale = self.noise.scale * float(np.sqrt((weights * squared).sum() / total))
+        scale = self.noise.scale * float(np.sqrt((weights * residuals.both**2).sum() / total))
         odds = (len(self.inliers) - total) / total
         noise = Noise(scale=float(np.clip(scale, *SCALES)), outlier_odds=float(np.clip(odds, *ODDS)))
         return CalibratedFit.at(self.problem, state.point, state.sign, noise, self.options)

@@ -21,7 +21,6 @@ from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
-from blur2view.smears.sign_components import no_components
 from blur2view.two_view.model_selection import residual_scale
 from blur2view.two_view.parallax import mixture
 
@@ -180,9 +179,7 @@ def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]
 
 
 def _search(problem: SmearProblem, cutoff: float, rng: np.random.Generator) -> Array | None:
-    estimator = LocalEstimator(
-        problem=problem, cutoff=cutoff, fit_error_px=1.0, components=no_components(len(problem.ends))
-    )
+    estimator = LocalEstimator(problem=problem, cutoff=cutoff, fit_error_px=1.0)
     return ransac(estimator, SEARCH, rng).model
 
 

@@ -20,8 +20,7 @@ class EstimatorOptions:
     pixels), as is one within ``cutoff`` of its own standard deviations; ``relative_sigma`` and
     ``min_sigma_px`` the least standard deviation of a Sampson distance, as a share of the smear's length
     and in pixels. Search: see `ransac.RansacOptions`; ``fit_error_px`` is the paper's threshold for its stop
-    on ``stop_inlier_share``; ``components`` whether neighbouring smears decide each other's order;
-    ``confidence`` 0.99 is enough: a sample yields many starts.
+    on ``stop_inlier_share``; ``confidence`` 0.99 is enough: a sample yields many starts.
     Trust: ``min_matches``; ``min_length_px`` the least median smear; ``min_sure_share`` of the image in which
     blur has a direction; ``max_still_share`` of the measurable image; ``min_coverage`` the least share of the
     image's square blocks with matches, ``coverage_blocks`` of which lie along its longer side;
@@ -32,7 +31,6 @@ class EstimatorOptions:
 
     max_error_px: float = 3**0.5
     cutoff: float = 3.0
-    components: bool = True
     relative_sigma: float = 0.03
     min_sigma_px: float = 0.1
     coverage_blocks: int = 24

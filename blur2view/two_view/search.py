@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from blur2view.arrays import Array
@@ -12,7 +10,6 @@ from blur2view.robust.estimators import SmearEstimator
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.robust.ransac import ransac
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sign_components import no_components, sign_components
 from blur2view.two_view.model_selection import Fit, fit_families, fit_translation
 from blur2view.two_view.options import EstimatorOptions
 
@@ -35,15 +32,9 @@ def search_and_fit(
 def build_estimator(
     matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
 ) -> SmearEstimator:
-    """Return the robust search's problem: normalised smears, standard deviations, sign components."""
+    """Return the robust search's problem: normalised smears and standard deviations."""
     problem = build_problem(matches.ends, sampson_sigma(matches, options), matches.image_size, camera)
-    components = sign_components(matches) if options.components else no_components(len(matches))
-    return SmearEstimator(
-        problem=replace(problem, components=components),
-        cutoff=options.cutoff,
-        fit_error_px=options.fit_error_px,
-        components=components,
-    )
+    return SmearEstimator(problem=problem, cutoff=options.cutoff, fit_error_px=options.fit_error_px)
 
 
 def sampson_sigma(matches: SmearMatches, options: EstimatorOptions) -> Array:
@@ -61,7 +52,7 @@ def two_parameter_fundamental(matches: SmearMatches, rng: np.random.Generator | 
 
     None where there are fewer matches than `EstimatorOptions` asks for. By default ``default_rng(0)``.
     """
-    options = EstimatorOptions(components=False)
+    options = EstimatorOptions()
     if len(matches) < options.min_matches:
         return None
     estimator = build_estimator(matches, options)

@@ -21,11 +21,9 @@ from blur2view.robust.residuals import (
     OrderedResiduals,
     RefineOptions,
     WeightedEnds,
-    component_log_odds,
     robust_cost,
     robust_weight,
 )
-from blur2view.smears.sign_components import SignComponents
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))
@@ -132,14 +130,14 @@ def test_refinement_never_ends_above_its_start() -> None:
 
 def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> None:
     value = np.array([0.3, -2.0])
-    tied = OrderedResiduals(forward=value, backward=-value)
+    tied = OrderedResiduals(both=np.stack([value, -value]))
     assert np.allclose(tied.squared, value**2)
     assert np.allclose(tied.forward_share, 0.5)
-    clear = OrderedResiduals(forward=value, backward=np.array([50.0, 50.0]))
+    clear = OrderedResiduals(both=np.stack([value, np.array([50.0, 50.0])]))
     assert np.allclose(clear.squared, value**2 + 2 * np.log(2))
     assert np.allclose(clear.forward_share, 1)
-    assert np.allclose(OrderedResiduals(forward=clear.backward, backward=value).forward_share, 0)
-    assert np.allclose(OrderedResiduals(forward=value, backward=-3 * value, decided=True).squared, value**2)
+    assert np.allclose(OrderedResiduals(both=clear.both[::-1]).forward_share, 0)
+    assert np.allclose(OrderedResiduals(both=np.stack([value, -3 * value]), decided=True).squared, value**2)
 
 
 @pytest.mark.slow
@@ -186,20 +184,3 @@ def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
 def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="need"):
         RefineOptions(**wrong)  # type: ignore[arg-type]
-
-
-def test_its_component_decides_what_a_smear_alone_cannot() -> None:
-    components = SignComponents(label=np.zeros(5, int), sign=np.array([1.0, 1, -1, 1, 1]))
-    clear = np.array([0.0, 0.0, 9.0, 0.0, 1.0])
-    residuals = OrderedResiduals(forward=clear, backward=np.array([9.0, 9.0, 0.0, 9.0, 1.0]))
-    odds = component_log_odds(components, residuals)
-    assert odds[4] > 3  # undecided itself; four others say forward, one of them turned round
-    assert odds[2] < -3
-    single = SignComponents(label=np.arange(5), sign=np.ones(5))
-    assert np.allclose(component_log_odds(single, residuals), 0)
-
-
-def test_a_component_that_contradicts_itself_has_no_say() -> None:
-    components = SignComponents(label=np.zeros(4, int), sign=np.array([1.0, -1, 1, -1]))
-    residuals = OrderedResiduals(forward=np.zeros(4), backward=np.full(4, 9.0))
-    assert np.allclose(component_log_odds(components, residuals), 0)

@@ -96,24 +96,10 @@ def test_the_true_pattern_alone_suffices() -> None:
     assert max(distance(F, true).min() for F, true in zip(found, truth, strict=True)) < 1e-6
 
 
-def test_patterns_of_each_sample_are_its_own() -> None:
-    ends, _, _ = samples(70, seed=8)  # more than one chunk
-    rng = np.random.default_rng(8)
-    signs = rng.choice([-1.0, 1.0], (70, 40, 7))
-    F, sample = solve_seven_smears(ends, signs)
-    assert len(F) == len(sample) > 70 * 40
-    for i in (0, 33, 69):
-        alone, _ = solve_seven_smears(ends[i : i + 1], signs[i])
-        together = F[sample == i]
-        assert len(alone) == len(together)
-        assert distance(alone[:, None], together[None]).min(axis=1).max() < 1e-9
-
-
 def test_no_patterns_give_no_candidates() -> None:
     ends, _, _ = samples(2)
-    for signs in (np.zeros((0, 7)), np.zeros((2, 0, 7))):
-        F, sample = solve_seven_smears(ends, signs)
-        assert F.shape == (0, 3, 3) and sample.shape == (0,)
+    F, sample = solve_seven_smears(ends, np.zeros((0, 7)))
+    assert F.shape == (0, 3, 3) and sample.shape == (0,)
 
 
 def test_samples_without_information_give_no_candidate() -> None:

@@ -65,10 +65,20 @@ def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
         assert geometry.F is not None
         assert np.isclose(np.linalg.norm(geometry.F), 1)
         assert np.linalg.svd(geometry.F)[1][2] < 1e-9
-        assert median_rho(geometry.F, scene) < 2e-3
+        assert median_rho(geometry.F, scene) < 5e-4
         assert geometry.inlier_mask.mean() > 0.99
         right = (geometry.swapped == scene.swapped).mean()
         assert max(right, 1 - right) > 0.9
+
+
+@pytest.mark.parametrize("seed", [12, 29, 44, 79, 95, 132])
+def test_exact_smears_end_in_no_local_minimum(seed: int) -> None:
+    """From the search's F alone these ended at a rho of 0.0009 to 0.0084."""
+    scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
+    geometry = solve(matches_of(scene, 0.2))
+    assert median_rho(geometry.F, scene) < 5e-4
+    right = (geometry.swapped == scene.swapped).mean()
+    assert max(right, 1 - right) > 0.95
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -44,9 +43,9 @@ class Problem:
 Method = Callable[[Problem], "AnyArray | None"]
 
 
-def ours(problem: Problem, **options: Any) -> AnyArray | None:
+def ours(problem: Problem) -> AnyArray | None:
     """Return the F of the smears and of what a photograph gives: the image's size."""
-    return _estimate(problem.matches, EstimatorOptions(**options))
+    return _estimate(problem.matches, EstimatorOptions())
 
 
 def without_size(problem: Problem) -> AnyArray | None:
@@ -116,7 +115,6 @@ TRUE_ORDER: dict[str, Method] = {
 }
 METHODS: dict[str, Method] = {
     OURS: ours,
-    "ours, no components": partial(ours, components=False),
     "ours, no image size": without_size,
     "ours, K given": with_camera,
     "two-parameter F": two_parameters,

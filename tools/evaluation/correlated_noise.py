@@ -83,12 +83,10 @@ class Outcome:
 class OrderedEnds(WeightedEnds):
     """Smears in true order: the other order is given a residual too large to be chosen."""
 
-    def residuals(
-        self, F: Array, decided: bool = False, logs: tuple[Array | float, Array | float] = (0.0, 0.0)
-    ) -> OrderedResiduals:
+    def residuals(self, F: Array, decided: bool = False, prior: Array | float = 0.5) -> OrderedResiduals:
         """Return residuals of the true order alone."""
         forward = super().residuals(F, decided).forward
-        return OrderedResiduals(forward=forward, backward=np.full_like(forward, 1e6), decided=True)
+        return OrderedResiduals(both=np.stack([forward, np.full_like(forward, 1e6)]), decided=True)
 
 
 def smooth_noise(rng: np.random.Generator, points: Array, size: tuple[int, int]) -> Array:

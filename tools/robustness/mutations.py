@@ -45,7 +45,7 @@ FAST = "not slow and not train and not browser and not lint"
 PYTEST = ("-q", "-x", "-p", "no:cacheprovider", "-m", FAST)
 LIBRARIES = (
     "cv2", "onnx.helper", "onnxruntime", "PIL.Image", "pycolmap", "scipy.ndimage", "scipy.optimize",
-    "scipy.sparse.csgraph", "scipy.spatial", "scipy.linalg",
+    "scipy.spatial", "scipy.linalg",
 )  # fmt: skip
 LIMIT_S, MOST_S = 30.0, 1800.0  # of a mutant's tests: processor time beyond thrice theirs; by the clock
 KILLED, SURVIVED, TIMEOUT, UNREACHED = "killed", "survived", "killed by its time", "reached by no test"
