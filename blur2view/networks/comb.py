@@ -25,12 +25,12 @@ from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
 
-WINDOW = 96
-"""Side of a Hann window, pixels: that of the network."""
+WINDOW, STEP = 96, 32
+"""Side of a Hann window and the distance of windows, pixels: those of the network."""
 SHORTEST_PX, LONGEST_PX = 14.0, 28.0
-"""Lengths, in an octave's pixels, that are read there. Of shorter ones the network knows more than the peak
-(24 development scenes: off by 0.8 and by 1.2 px across), longer ones are read in the next octave."""
-SURE = 0.6
+"""Lengths, in an octave's pixels, that are read there: longer ones in the next octave, but for the smallest.
+Of shorter ones the network knows as much (tools/results/training_log.md, seventh)."""
+UNSURE = 0.6
 """Deviation over length up to which the network's smear is taken for the peak's neighbourhood."""
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
 """Rotations at which a cepstrum is sampled, radians: steps of half a pixel for the longest smear."""
@@ -38,7 +38,7 @@ LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
 """Logarithms of scales at which a cepstrum is sampled."""
 NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 """Weights of neighbouring windows along each axis, a normal's of 0.7 windows (24 development scenes: with 0.5
-and with 1 rho of F is 1.03 and 1.08 times as large)."""
+and with 1 rho of F is 1.06 and 1.11 times as large)."""
 TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 PEAK_PX = 0.25
@@ -59,6 +59,8 @@ BATCH = 64
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior:
     """What the network says of the smears of windows (h, w), in an octave's pixels.
+
+    A window's cells are taken to err alike: theirs are means.
 
     Attributes
     ----------
@@ -87,7 +89,7 @@ class Correction:
     variance_rad, variance_log : ndarray of float32
         What is then left of direction's and log length's variances, if the peak is the smear's.
     trust : ndarray of float32
-        Probability that it is; else the network's own deviations hold.
+        Probability that it is; else the network's own deviations hold, about the corrected smear.
     """
 
     rotation: Floats
@@ -107,9 +109,9 @@ def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
     Parameters
     ----------
     cells : ndarray of shape (h, w, 4)
-        As of :func:`blur2view.smears.likelihood.read_smears`, of cells of `step` px.
+        As of :func:`blur2view.smears.likelihood.read_smears`, of cells of 32 px.
     octaves : list of ndarray
-        The grey picture (step h, step w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
+        The grey picture (32 h, 32 w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
         if not prior.usable.any():
             continue
         correction = correction_of(*sampled_peaks(grey, prior), prior).at_cells(2**k)
-        own &= at_cells(prior.usable, 2**k) & (length >= SHORTEST_PX * 2**k)
+        own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
         moved[own] = corrected(cells, correction)[own]
     return moved
 
@@ -149,7 +151,7 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
         smear=(length / side * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
         sigma_rad=np.maximum(sigma_rad, LEAST_SIGMA_RAD),
         sigma_log=np.maximum(along / np.maximum(length, 1e-3), LEAST_SIGMA_RAD),
-        usable=(count > 0) & long & (sigma_px < SURE * length),
+        usable=(count > 0) & long & (sigma_px < UNSURE * length),
     )
 
 
@@ -159,7 +161,7 @@ def sampled_peaks(grey: Floats, prior: Prior) -> tuple[Floats, Floats]:
     Each (h, w, 33, 25), by rotation and scale of each window's own smear, summed over neighbours; zero where
     there is no usable one near.
     """
-    windows = windows_of(grey, len(grey) // len(prior.usable))
+    windows = windows_of(grey)
     rows, columns = np.nonzero(prior.usable)
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole, 0.5 * whole]).astype(np.complex64)
@@ -175,13 +177,13 @@ def sampled_peaks(grey: Floats, prior: Prior) -> tuple[Floats, Floats]:
     return summed[:, :, : len(ROTATIONS)], summed[:, :, len(ROTATIONS) :]
 
 
-def windows_of(grey: Floats, step: int) -> Floats:
-    """Return the windows (h, w, 96, 96) about the cells of a picture (step h, step w), less one half.
+def windows_of(grey: Floats) -> Floats:
+    """Return the windows (h, w, 96, 96) about the cells of a picture (32 h, 32 w), less one half.
 
     It is mirrored beyond its border.
     """
-    padded = np.pad(grey - np.float32(0.5), (WINDOW - step) // 2, mode="reflect")
-    windows: Floats = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))[::step, ::step]
+    padded = np.pad(grey - np.float32(0.5), (WINDOW - STEP) // 2, mode="reflect")
+    windows: Floats = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))[::STEP, ::STEP]
     return windows
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.comb import put_on_comb
+from blur2view.networks.comb import STEP, put_on_comb
 from blur2view.networks.model_file import REMEDY, ModelInfo, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
@@ -68,6 +68,8 @@ class LikelihoodReader:
         self.channels = session.get_inputs()[1].shape[4]
         if not isinstance(self.channels, int):
             raise ModelError(f"{path}: does not fix the number of its features; {REMEDY}")
+        if info.stride != STEP:
+            raise ModelError(f"{path}: reads windows {info.stride} px apart instead of {STEP}; {REMEDY}")
 
     def multiple_of(self, levels: int) -> int:
         """Return a whole number of windows' steps in the smallest octave."""

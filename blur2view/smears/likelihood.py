@@ -30,7 +30,7 @@ REACH = 2
 SURE = 0.6
 """Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
 (tools/results/training_log.md, 20 test photographs)."""
-LEAST_SIGMA_RAD, LEAST_SIGMA_PX = np.deg2rad(0.3), 0.15
+LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15
 """Deviations below which the bins cannot tell."""
 
 

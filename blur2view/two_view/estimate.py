@@ -209,7 +209,7 @@ def with_essential(
     fit = fit_calibrated(problem, start, simple, refinement)
     oriented = fit.oriented()
     F = problem.pixels(oriented.pose.essential)
-    tolerance_px = options.tolerance_px(problem.sigma_px)
+    tolerance_px = inlier_tolerance_px(oriented.pose.essential, problem, options)
     proven = geometry.parallax is Parallax.PROVEN
     return replace(
         geometry,
@@ -237,17 +237,12 @@ def judge(
     best = min(fits, key=lambda fit: fit.score)
     doubt, figures = consensus(best, problem, matches, options, rng)
     verdict = assess(matches, problem, fits, options, rng, doubt)
-    costs = {fit.model: fit.score for fit in fits}
-    costs[verdict.fit.model] = verdict.fit.score
+    costs = {fit.model: fit.score for fit in [*fits, verdict.fit]}
     scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = options.tolerance_px(problem.sigma_px)
     if F is not None:
-        stated = problem.rescaled(
-            1 / problem.scale
-        )  # what this F leaves may be less than what a fit started at
-        own_scale = residual_scale(F, stated.weighted, options.cutoff)
-        F, tolerance_px = problem.pixels(F), options.tolerance_px(own_scale * stated.sigma_px)
+        F, tolerance_px = problem.pixels(F), inlier_tolerance_px(F, problem, options)
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
@@ -269,6 +264,12 @@ def judge(
         model=verdict.model,
         scores=scores,
     )
+
+
+def inlier_tolerance_px(F: Array, problem: SmearProblem, options: EstimatorOptions) -> Array:
+    """Return tolerances (N,) by the noise that a normalised F leaves, which may be less than a fit assumed."""
+    stated = problem.rescaled(1 / problem.scale)
+    return options.tolerance_px(stated.sigma_px * residual_scale(F, stated.weighted, options.cutoff))
 
 
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:

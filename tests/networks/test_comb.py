@@ -61,17 +61,19 @@ def test_smears_are_moved_onto_the_comb(length_px: float, angle_deg: float) -> N
 
 def test_stated_deviations_hold_the_errors() -> None:
     """Of 16 pictures, networks err by what they state, and moved smears by a third of that, and state it."""
-    relative, shrunk = [], []
+    turns, scales, shrunk = [], [], []
     for seed in range(16):
         rng = np.random.default_rng(seed)
         length, angle = rng.uniform(15, 27), rng.uniform(-90, 90)
         scale, turn = np.exp(rng.normal(0, 0.1)), rng.normal(0, 5)
         given = cells_of(length * scale, angle + turn, sigma_px=0.13 * length)
         moved = put_on_comb(given, octaves(blurred(length, angle, seed), 1))[4, 4]
-        d, true = from_double_angle(moved[:2]), length * unit(angle)
-        relative.append(min(np.hypot(*(d - true)), np.hypot(*(d + true))) / moved[2])
+        ratio, error_deg = errors(moved[None, None], length, angle)
+        turns.append(np.deg2rad(error_deg) / moved[3])
+        scales.append(ratio * length / moved[2])
         shrunk.append(moved[2] / given[4, 4, 2])
-    assert 0.2 < np.sqrt(np.mean(np.square(relative))) < 1.5
+    assert 0.2 < np.sqrt(np.mean(np.square(turns))) < 1.5
+    assert 0.2 < np.sqrt(np.mean(np.square(scales))) < 1.5
     assert np.median(shrunk) < 1 / 3
 
 
@@ -80,6 +82,21 @@ def test_the_second_peak_at_twice_the_smear_confirms_nothing() -> None:
     right, twice = (put_on_comb(given, octaves(blurred(px, 30), 2)) for px in (40, 20))
     assert np.median(right[..., 2]) < 0.2 * 20
     assert np.median(twice[..., 2]) > 0.8 * 20
+
+
+def test_the_smallest_octave_reads_on() -> None:
+    given = cells_of(37, 35)
+    moved = put_on_comb(given, octaves(blurred(34, 30), 1))
+    ratio, angle_deg = errors(moved, 34, 30)
+    assert ratio < 0.03 and angle_deg < 1
+
+
+def test_an_unsure_cell_beside_sure_ones_stays() -> None:
+    given = cells_of(42, 34)
+    given[4, 4, 2] = 60.0
+    moved = put_on_comb(given, octaves(blurred(40, 30), 2))
+    np.testing.assert_array_equal(moved[4, 4], given[4, 4])
+    assert moved[4, 5, 2] < 0.5 * given[4, 5, 2]
 
 
 def test_short_and_unsure_smears_stay() -> None:
@@ -102,7 +119,8 @@ def test_a_constant_picture_leaves_the_smears() -> None:
     given = cells_of(20, 30)
     moved = put_on_comb(given, octaves(np.full((SIDE, SIDE), 0.5, np.float32), 1))
     assert np.isfinite(moved).all()
-    assert errors(moved, 20, 30)[1] < 1
+    ratio, angle_deg = errors(moved, 20, 30)
+    assert ratio < 0.05 and angle_deg < 1
 
 
 def test_a_quarter_turn_turns_the_answer() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
@@ -155,11 +156,18 @@ def test_a_moving_object_does_not_pull_F() -> None:
         assert median_rho(solve(matches_of(scene, 0.6)).F, scene) < 0.02
 
 
-@pytest.mark.parametrize(("noise_px", "seed"), [(0.1, 6), (0.1, 23), (4.0, 6), (4.0, 15)])
-def test_inliers_are_within_the_cutoff_of_their_standard_deviations(noise_px: float, seed: int) -> None:
+@pytest.mark.parametrize(
+    ("noise_px", "seed", "known"),
+    [(0.1, 6, False), (0.1, 23, False), (4.0, 6, False), (4.0, 15, False), (4.0, 30, True), (4.0, 35, True)],
+)
+def test_inliers_are_within_the_cutoff_of_their_standard_deviations(
+    noise_px: float, seed: int, known: bool
+) -> None:
     rng = np.random.default_rng(seed)
     scene = with_outliers(disturb(make_scene(rng, length_px=40), rng, noise_px=noise_px), rng, 0.2)
-    geometry = solve(matches_of(scene, 2 * noise_px), max_error_px=0.01, relative_sigma=0.0)
+    options = EstimatorOptions(max_error_px=0.01, relative_sigma=0.0)
+    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1]) if known else None
+    geometry = estimate_two_view(matches_of(scene, 2 * noise_px), options, np.random.default_rng(0), camera)
     assert geometry.F is not None
     squared = serrmin(geometry.F, scene.ends)
     measured = np.quantile(squared[~scene.outlier], 0.683)  # a variance

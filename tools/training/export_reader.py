@@ -21,11 +21,12 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import ModelError
+from blur2view.networks.comb import STEP
 from tools.arguments import existing, target
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
-from tools.training.spectra import STEP, Spectra, SpectraByProducts
+from tools.training.spectra import Spectra, SpectraByProducts
 from tools.training.train_reader import WEIGHTS, load_average
 
 FORMAT = "2"

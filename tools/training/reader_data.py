@@ -22,12 +22,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from blur2view.networks.comb import STEP
 from tools.arguments import existing
 from tools.datasets.shards import Scenes, decode_linear, require_shards
 from tools.rendering import textures
 from tools.rendering.exposure import GRID
 from tools.rendering.shaken import ShakeOptions, processed, shake
-from tools.training.spectra import STEP, Spectra, halved
+from tools.training.spectra import Spectra, halved
 
 Array = NDArray[Any]
 Example = dict[str, Array]

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
+from blur2view.networks.comb import NOISE_FLOOR, STEP, TAPER, TREND, WINDOW
 from blur2view.smears.likelihood import DIRECTIONS, SHORTEST_PX
 
-WINDOW, STEP = 96, 32
-"""Side of a Hann window and the distance of windows, px: cell j is centred at pixel 32 j + 15.5."""
 LAGS = 18
 """Lengths read in one octave: 2 to 38 px, four an octave; beyond 0.4 of the window a lag cannot be read."""
 COMB_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
@@ -29,14 +28,10 @@ TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
 """Lags at which the cepstrum that keeps the spectrum's trend is sampled: 1 to 19 px."""
 SPLIT = len(COMB_LAGS_PX) * DIRECTIONS
 SAMPLES = len(COMB_LAGS_PX) + len(TREND_LAGS_PX)
-NOISE_FLOOR = 0.02
-"""Power below which a frequency says nothing: noise of half a grey level."""
 RELATIVE_FLOOR = 1e-3
-"""The same as a share of the window's mean power, for the second of two cepstra."""
+"""NOISE_FLOOR as a share of the window's mean power, for the second of two cepstra."""
 FREQUENCIES = 40
 """Frequencies that are kept along each axis, in bins of 1 / 96 px."""
-TREND = 8.0
-"""Width of the Gaussian, in bins, that tells a spectrum's trend from its comb."""
 SCALARS = 5
 
 
@@ -80,7 +75,7 @@ def polar_maps() -> NDArray[np.float32]:
     The first shows combs of 2 to 38 px without the spectrum's trend; the second, of 1 to 19 px, keeps the
     trend and more of the high frequencies.
     """
-    maps = polar_map(COMB_LAGS_PX, 0.28, True), polar_map(TREND_LAGS_PX, 0.4, False)
+    maps = polar_map(COMB_LAGS_PX, TAPER, True), polar_map(TREND_LAGS_PX, 0.4, False)
     return np.hstack(maps).astype(np.float16).astype(np.float32)
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from blur2view.networks.comb import STEP
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.training.spectra import (
     COMB_LAGS_PX,
     SAMPLES,
     SCALARS,
-    STEP,
     TREND_LAGS_PX,
     Spectra,
     SpectraByProducts,
