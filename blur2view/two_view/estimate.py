@@ -267,7 +267,7 @@ def judge(
 
 
 def inlier_tolerance_px(F: Array, problem: SmearProblem, options: EstimatorOptions) -> Array:
-    """Return tolerances (N,), px, by the noise that a normalised F leaves: less than a fit assumed, or as much."""
+    """Return tolerances (N,), pixels, by the noise that a normalised F leaves, not a fit before it."""
     stated = problem.rescaled(1 / problem.scale)
     return options.tolerance_px(stated.sigma_px * residual_scale(F, stated.weighted, options.cutoff))
 

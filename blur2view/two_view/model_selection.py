@@ -146,7 +146,7 @@ def fit_best(
     It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on. To
-    refine all gains nothing: an AUC@10 of 0.721, not 0.735, over 139 synthetic scenes.
+    refine all is worse: an AUC@10 of 0.721, not 0.735, over 139 synthetic scenes.
     """
     options = RefineOptions(
         cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
