@@ -11,6 +11,7 @@ likelihood of the peak (Bayes).
 from __future__ import annotations
 
 import functools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,7 +53,7 @@ TAPER = 0.28
 """Width, of the window's side, of the taper towards high frequencies, which are noise."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
-BATCH = 64
+BATCH = 32
 """Windows transformed at a time."""
 
 
@@ -103,7 +104,7 @@ class Correction:
         return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
 
 
-def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
+def put_on_comb(cells: Floats, octaves: list[Floats], threads: int = 1) -> Floats:
     """Return smears with those that are long and sure put where the comb stands.
 
     Parameters
@@ -112,6 +113,8 @@ def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
         As of :func:`blur2view.smears.likelihood.read_smears`, of cells of 32 px.
     octaves : list of ndarray
         The grey picture (32 h, 32 w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
+    threads : int
+        That share the work; the result is the same.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def put_on_comb(cells: Floats, octaves: list[Floats]) -> Floats:
         prior = prior_of(cells, own, k)
         if not prior.usable.any():
             continue
-        correction = correction_of(*sampled_peaks(grey, prior), prior).at_cells(2**k)
+        correction = correction_of(*sampled_peaks(grey, prior, threads), prior).at_cells(2**k)
         own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
         moved[own] = corrected(cells, correction)[own]
     return moved
@@ -155,26 +158,30 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
     )
 
 
-def sampled_peaks(grey: Floats, prior: Prior) -> tuple[Floats, Floats]:
+def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
     """Return how deep the cepstra are about the smears, and about their halves, in deviations.
 
-    Each (h, w, 33, 25), by rotation and scale of each window's own smear, summed over neighbours; zero where
-    there is no usable one near.
+    (h, w, 33, 25) and (h, w, 221), by rotation and scale of each window's own smear, summed over neighbours;
+    zero where there is no usable one near. Every second window alone: rho of F is 1.1 times as large.
     """
-    windows = windows_of(grey)
-    rows, columns = np.nonzero(prior.usable)
+    windows, usable = windows_of(grey), prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
-    steps = np.concatenate([whole, 0.5 * whole]).astype(np.complex64)
-    peaks = np.zeros((*prior.usable.shape, *steps.shape), np.float32)
-    for first in range(0, len(rows), BATCH):
-        row, column = rows[first : first + BATCH], columns[first : first + BATCH]
-        lags = prior.smear[row, column][:, None, None] * steps + WINDOW // 2 * (1 + 1j)
-        for i, j, cepstrum, lag in zip(row, column, cepstra_of(windows[row, column]), lags, strict=True):
-            peaks[i, j] = -cv2.remap(cepstrum, lag.real.copy(), lag.imag.copy(), cv2.INTER_CUBIC)
-    noise = np.sqrt(over_neighbours(prior.usable.astype(np.float32), NEIGHBOURS**2))
+    steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
+    peaks = np.zeros((*usable.shape, len(steps)), np.float32)
+
+    def sample(cells: NDArray[np.intp]) -> None:
+        rows, columns = cells.T
+        lags = prior.smear[rows, columns][:, None, None] * steps + WINDOW // 2 * (1 + 1j)
+        for i, j, cepstrum, lag in zip(rows, columns, cepstra_of(windows[rows, columns]), lags, strict=True):
+            peaks[i, j] = -cv2.remap(cepstrum, lag.real.copy(), lag.imag.copy(), cv2.INTER_CUBIC)[0]
+
+    cells = np.argwhere(usable)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(sample, [cells[first : first + BATCH] for first in range(0, len(cells), BATCH)]))
+    noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
-    summed /= np.maximum(noise, 1e-3)[..., None, None]
-    return summed[:, :, : len(ROTATIONS)], summed[:, :, len(ROTATIONS) :]
+    summed /= np.maximum(noise, 1e-3)[..., None]
+    return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
 
 
 def windows_of(grey: Floats) -> Floats:
@@ -237,7 +244,7 @@ def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
     most = log_posterior.max((-2, -1))
     posterior = np.exp(log_posterior - most[..., None, None])
     total = posterior.sum((-2, -1))
-    half: Floats = evidence_of(halves).max((-2, -1))
+    half: Floats = evidence_of(halves).max(-1)
     elsewhere = (1 - inside) * np.exp((half - most).clip(None, 80))
     length = np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)
     least: Floats = ((PEAK_PX / length) ** 2).astype(np.float32)

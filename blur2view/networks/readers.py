@@ -66,6 +66,7 @@ class LikelihoodReader:
         self.path, self.session, self.info = path, session, info
         self.stride = info.stride
         self.channels = session.get_inputs()[1].shape[4]
+        self.threads = session.get_session_options().intra_op_num_threads
         if not isinstance(self.channels, int):
             raise ModelError(f"{path}: does not fix the number of its features; {REMEDY}")
         if info.stride != STEP:
@@ -84,7 +85,7 @@ class LikelihoodReader:
         for level in larger:
             logits, features = self.read_octave(level, features)
             joint = joined(logits, doubled(joint, logits.shape[:2]))
-        return put_on_comb(read_smears(joint), pictures)
+        return put_on_comb(read_smears(joint), pictures, self.threads)
 
     def read_octave(self, grey: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
         """Return logits (h, w, 32, B) and features (h, w, 32, C) of an octave, given those of the smaller."""
