@@ -171,9 +171,8 @@ def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Flo
 
     def sample(cells: NDArray[np.intp]) -> None:
         rows, columns = cells.T
-        lags = prior.smear[rows, columns][:, None, None] * steps + WINDOW // 2 * (1 + 1j)
-        for i, j, cepstrum, lag in zip(rows, columns, cepstra_of(windows[rows, columns]), lags, strict=True):
-            peaks[i, j] = -cv2.remap(cepstrum, lag.real.copy(), lag.imag.copy(), cv2.INTER_CUBIC)[0]
+        lags = prior.smear[rows, columns][:, None] * steps
+        peaks[rows, columns] = -values_at(cepstra_of(windows[rows, columns]), lags)
 
     cells = np.argwhere(usable)
     with ThreadPoolExecutor(threads) as pool:
@@ -182,6 +181,16 @@ def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Flo
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
+
+
+def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
+    """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
+    middle = WINDOW // 2
+    inside = np.abs(lags.imag) < middle - 1  # or it would be read off the cepstrum below
+    x = np.where(inside, lags.real + middle, -WINDOW)
+    y = lags.imag + middle + WINDOW * np.arange(len(cepstra), dtype=np.float32)[:, None]
+    values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
+    return np.asarray(values, np.float32)
 
 
 def windows_of(grey: Floats) -> Floats:
