@@ -74,8 +74,8 @@ if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
     from blur2view.smears.field import SmearField as SmearField
     from blur2view.smears.grid import SmearGrid as SmearGrid
     from blur2view.smears.matches import SmearMatches as SmearMatches
-    from blur2view.smears.sampling import SelectOptions as SelectOptions
-    from blur2view.smears.sampling import select_matches as select_matches
+    from blur2view.smears.selection import SelectOptions as SelectOptions
+    from blur2view.smears.selection import select_matches as select_matches
     from blur2view.smears.stored import StoredSmears as StoredSmears
     from blur2view.smears.stored import load_smears as load_smears
     from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
@@ -104,7 +104,7 @@ _PUBLIC = {
     "smears.field": ("SmearField",),
     "smears.matches": ("SmearMatches",),
     "smears.grid": ("SmearGrid",),
-    "smears.sampling": ("SelectOptions", "select_matches"),
+    "smears.selection": ("SelectOptions", "select_matches"),
     "smears.stored": ("StoredSmears", "load_smears"),
     "two_view.estimate": ("estimate_two_view",),
     "two_view.options": ("EstimatorOptions",),

@@ -17,10 +17,9 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 
@@ -64,8 +63,8 @@ class Estimate:
 
     Parameters
     ----------
-    field : SmearField
-        The smear and its sigma at every pixel.
+    grid : SmearGrid
+        The smears and their standard deviations at the network's cells.
     matches : SmearMatches
         The N smears that were used.
     geometry : TwoViewGeometry
@@ -76,19 +75,16 @@ class Estimate:
         Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
-    grid : SmearGrid or None
-        What ``field`` was resampled from; None where it is from elsewhere.
     shutter : RollingShutter or None
-        For which ``geometry`` was corrected; ``field`` and ``matches`` are as recorded.
+        For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
     """
 
-    field: SmearField
+    grid: SmearGrid
     matches: SmearMatches
     geometry: TwoViewGeometry
     model_id: str
     timings: Timings
     camera: Camera | None = None
-    grid: SmearGrid | None = None
     shutter: RollingShutter | None = None
 
 
@@ -135,15 +131,13 @@ def estimate(
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
     grid = network.predict_grid(image)
-    field = grid.at_pixels()
     clock.append(time.perf_counter())
-    matches = select_matches(field, select)
+    matches = select_matches(grid, select)
     clock.append(time.perf_counter())
     geometry = estimate_two_view(matches, options, rng, camera, shutter)
     clock.append(time.perf_counter())
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
-        field=field,
         grid=grid,
         matches=matches,
         geometry=geometry,

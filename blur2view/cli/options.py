@@ -8,7 +8,7 @@ from blur2view.camera.intrinsics import Intrinsics
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.pipeline import Run
-from blur2view.smears.sampling import SelectOptions
+from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
 SHORTEST_S = 1e-9  # no shutter and no flash is as short

@@ -76,11 +76,11 @@ def result_contents(
     full_field : bool
         Whether the smears of all pixels are written, which take much, instead of the network's grid.
     """
-    geometry, matches, field = one.estimate.geometry, one.estimate.matches, one.estimate.field
-    picture = draw_overlay(one.image, field, matches, geometry)
+    geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
+    picture = draw_overlay(one.image, grid, matches, geometry)
     encoded = png(Image.fromarray(picture))
     stored = StoredSmears(
-        smears=field if full_field or one.estimate.grid is None else one.estimate.grid,
+        smears=grid.at_pixels() if full_field else grid,
         ends=matches.ends,
         match_sigma_px=matches.weighed_across().sigma_px,
         inlier_mask=geometry.inlier_mask,

@@ -238,7 +238,7 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
-        estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.field.shape
+        estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         return cls(
             image=str(one.path),

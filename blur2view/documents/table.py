@@ -70,7 +70,7 @@ def facts(estimate: Estimate, exposure_s: float | None, time_s: float | None) ->
     """Return what a row says of an estimate, by the names of its columns."""
     from blur2view.smears.sharpness import median_smear
 
-    geometry, smear = estimate.geometry, median_smear(estimate.field)
+    geometry, smear = estimate.geometry, median_smear(estimate.grid)
     pose = geometry.cam2_from_cam1
     angle = None if pose is None else pose.angle_deg
     speed = None if angle is None or exposure_s is None else math.radians(angle) / exposure_s

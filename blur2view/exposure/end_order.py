@@ -42,12 +42,12 @@ class MotionOrder:
     camera: Camera
     pose: RigidTransform | None
 
-    def swapped(self, ends: Array, sigma_px: Array) -> NDArray[np.bool_]:
+    def swapped(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
         """Return which smears (N,) have ends[:, 1] as their open end; none where neither F nor H is known.
 
-        ``ends`` (N, 2, 2) are finite pixels, ``sigma_px`` (N,) deviations of ends[:, 1] - ends[:, 0].
+        ``ends`` (N, 2, 2) are finite pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
         """
-        forward = forward_share(self.geometry, self.camera.undistorted(ends), sigma_px)
+        forward = forward_share(self.geometry, self.camera.undistorted(ends), sampson_px)
         if self.pose is None or self.geometry.F is None:
             return forward < 0.5
         return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
@@ -66,17 +66,16 @@ def motion_order(
     if (pose is not None and pose.translation.any()) or geometry.F is None or len(matches) == 0:
         return MotionOrder(geometry=geometry, camera=camera, pose=pose)
     E = camera.K.T @ geometry.F @ camera.K
-    forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sigma_px)
+    forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sampson_px)
     inliers = geometry.inlier_mask.astype(float)
     oriented = oriented_pose(E, camera.rays(matches.ends), forward, inliers)
     return MotionOrder(geometry=geometry, camera=camera, pose=oriented.pose)
 
 
-def forward_share(geometry: TwoViewGeometry, ends: Array, sigma_px: Array) -> Array:
+def forward_share(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> Array:
     """Return the probability (N,) that ends[:, 0] is the open end, from the residuals to F or H alone.
 
-    One half where neither is known. A residual has half of sigma: each end takes half of the error of the
-    displacement.
+    One half where neither is known. ``sampson_px`` (N,) are the standard deviations of the residuals.
     """
     sides = ends, ends[:, ::-1]
     if geometry.F is not None:
@@ -85,7 +84,7 @@ def forward_share(geometry: TwoViewGeometry, ends: Array, sigma_px: Array) -> Ar
         ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
     else:
         return np.full(len(ends), 0.5)
-    return 0.5 * (1 + np.tanh((behind - ahead) / sigma_px**2))
+    return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
 
 
 def _transfer(H: Array, points1: Array, points2: Array) -> Array:

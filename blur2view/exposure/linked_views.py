@@ -16,9 +16,9 @@ from blur2view.exposure.end_order import MotionOrder, motion_order
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
-from blur2view.smears.field import SmearField, smear_ends
-from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import error_across
+from blur2view.smears.field import smear_ends
+from blur2view.smears.noise import across_px, sampson_px
+from blur2view.smears.selection import LEAST_SIGMA_PX
 from blur2view.two_view.options import EstimatorOptions
 
 # Of the smear's length: its direction is known. A limit in pixels as well (8) left 3 to 15 features of
@@ -53,61 +53,31 @@ def keypoint_views(
     ``options`` are those of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
-    geometry, sampled = estimate.geometry, sample(estimate.field, keypoints)
-    size = (estimate.field.shape[1], estimate.field.shape[0])
-    ends = smear_ends(np.where(sampled.inside[:, None], keypoints, 0.0), sampled.displacement)
-    order = motion_order(geometry, estimate.matches.weighed_across(), estimate.camera, size)
-    swapped = order.swapped(ends, sampled.weighed_px(estimate.matches))
+    grid, geometry = estimate.grid, estimate.geometry
+    keypoints = np.asarray(keypoints, float)
+    finite = np.isfinite(keypoints).all(axis=1)
+    inside = finite & ((keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)).all(axis=1)
+    points = np.where(inside[:, None], keypoints, 0.0)
+    smears = grid.at(points)
+    length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
+    ends = smear_ends(points, smears.displacement)
+    sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)))
+    order = motion_order(geometry, estimate.matches, estimate.camera, grid.size)
+    swapped = order.swapped(ends, sampson)
     index = np.arange(len(ends))
     first, last = ends[index, swapped.astype(int)], ends[index, 1 - swapped.astype(int)]
-    known = geometry.F is not None or geometry.H is not None
-    usable = sampled.certain & known
-    fits = usable & _fits(order, ends, sampled.weighed_px(estimate.matches), options)
-    moved, still = sampled.inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
+    certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
+    usable = inside & certain & (geometry.F is not None or geometry.H is not None)
+    fits = usable & _fits(order, ends, sampson, options)
+    moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     views = replace(
         views_of(name, estimate),
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
-        sigma_px=sampled.sigma_px,
+        sigma_px=sigma,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
     )
     return KeypointViews(views=views, usable=usable)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SampledSmears:
-    """Smears (N) of a field at any pixels; zero, and not inside, beyond it."""
-
-    displacement: Array
-    sigma_px: Array
-    inside: NDArray[np.bool_]
-    sigma_rad: Array | None = None
-
-    def weighed_px(self, matches: SmearMatches) -> Array:
-        """Return the standard deviations (N,) as the estimator weights those of its matches, pixels."""
-        if self.sigma_rad is None or matches.across_px is None:
-            return self.sigma_px
-        length = np.hypot(*self.displacement.T)
-        return matches.across_scale * error_across(length, self.sigma_rad)
-
-    @property
-    def certain(self) -> NDArray[np.bool_]:
-        """Return where sigma is small relative to the smear's length, or small itself, (N,) bool."""
-        allowed = np.maximum(MAX_SIGMA_SHARE * np.hypot(*self.displacement.T), STILL_PX)
-        return np.asarray(self.inside & (self.sigma_px <= allowed))
-
-
-def sample(field: SmearField, points: Array) -> SampledSmears:
-    """Return a field at the pixels nearest to points (N, 2); it is smooth over the four pixels of a cell."""
-    height, width = field.shape
-    finite = np.asarray(np.isfinite(points).all(axis=1), bool)
-    nearest = np.rint(np.where(finite[:, None], np.clip(points, -1e9, 1e9), -1.0)).astype(np.int64)
-    inside = np.asarray(finite & ((nearest >= 0) & (nearest < [width, height])).all(axis=1), bool)
-    cols, rows = np.where(inside[:, None], nearest, 0).T
-    displacement = np.where(inside[:, None], field.displacement[rows, cols], 0.0).astype(np.float64)
-    sigma = np.maximum(field.sigma_px[rows, cols].astype(np.float64), 1e-3)
-    angle = None if field.sigma_rad is None else field.sigma_rad[rows, cols].astype(np.float64)
-    return SampledSmears(displacement=displacement, sigma_px=sigma, inside=inside, sigma_rad=angle)
 
 
 def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOptions) -> NDArray[np.bool_]:

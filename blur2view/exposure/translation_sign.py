@@ -35,7 +35,7 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     if order.pose is None:
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
-    swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sigma_px)
+    swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sampson_px)
     known, covariance = geometry.cam2_from_cam1, geometry.covariance
     if known is not None and known.translation.any():
         known = pose

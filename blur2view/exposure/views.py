@@ -155,14 +155,12 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
     ends = estimate.matches.ends
-    height, width = estimate.field.shape
-    weighed = estimate.matches.weighed_across()
-    order = motion_order(estimate.geometry, weighed, estimate.camera, (width, height))
-    swapped = order.swapped(ends, weighed.sigma_px)
+    order = motion_order(estimate.geometry, estimate.matches, estimate.camera, estimate.grid.size)
+    swapped = order.swapped(ends, estimate.matches.sampson_px)
     index = np.arange(len(ends))
     return ExposureViews(
         name=name,
-        size=(width, height),
+        size=estimate.grid.size,
         points_open=ends[index, swapped.astype(int)],
         points_close=ends[index, 1 - swapped.astype(int)],
         sigma_px=estimate.matches.sigma_px,

@@ -94,7 +94,7 @@ class TwoViewGeometry:
     covariance : PoseCovariance or None
         Of the pose; where parallax is open it allows for a translation that is not seen, unless a rotation
         explains the smears as well as any homography.
-    untold : bool
+    insufficient_data : bool
         Whether too little is seen to tell anything, parallax neither.
     backward : TwoViewGeometry or None
         The other order in time, where a rolling shutter makes it another motion than the inverse.
@@ -112,7 +112,7 @@ class TwoViewGeometry:
     E: Array | None = None
     cam2_from_cam1: RigidTransform | None = None
     covariance: PoseCovariance | None = None
-    untold: bool = False
+    insufficient_data: bool = False
     backward: TwoViewGeometry | None = None
 
     @property
@@ -125,7 +125,7 @@ class TwoViewGeometry:
         """Whether parallax is proven, which makes a geometry CALIBRATED or UNCALIBRATED, open or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
-        if self.untold or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
+        if self.insufficient_data or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
             return Parallax.OPEN
         return Parallax.ABSENT if self.F is None else Parallax.OPEN
 

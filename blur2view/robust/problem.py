@@ -13,13 +13,19 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.residuals import WeightedEnds
+from blur2view.smears.noise import INDEPENDENT, SharedErrors
 
-ASSUMED_FOCAL = 1.2  # focal length over the longer side of the image: a 45 degree lens
+# Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
+# (focal lengths of 0.6 to 1.6) and 34 frames of RedKitchen (0.82); 0.85 and 1.2 raise the mean rho of both by a
+# sixth and by more than half. A short lens tells rotation from translation by curved fields, a long one hardly,
+# and then errors do; rolling shutters bend fields the same way.
+ASSUMED_FOCAL = 0.55
 # prior of the rotation: smear length over focal length; roll moves points less
 ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from
-LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond sigma_px
+TELLING = 100.0  # independent smears whose residuals measure the noise
+LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond that of its direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,8 +42,8 @@ class SmearProblem:
         Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
     has_camera : bool
         Whether T is that of a camera, assumed from the image's size or given.
-    independent : float
-        Effective number of independent smears: network errors are correlated over tens of pixels.
+    shared : SharedErrors
+        What the errors have in common.
     lens : (float, float)
         Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
         the intrinsics are known.
@@ -49,7 +55,7 @@ class SmearProblem:
     sigma_px: Array
     T: Array
     has_camera: bool
-    independent: float
+    shared: SharedErrors = INDEPENDENT
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
     scale: float = 1.0
 
@@ -66,7 +72,12 @@ class SmearProblem:
     @property
     def data_weight(self) -> float:
         """Share of the smears that counts as independent."""
-        return min(1.0, self.independent / len(self.ends))
+        return self.shared.independent_share
+
+    @property
+    def independent(self) -> float:
+        """Effective number of independent smears."""
+        return self.data_weight * len(self.ends)
 
     @cached_property
     def weighted(self) -> WeightedEnds:
@@ -91,15 +102,25 @@ class SmearProblem:
         x, y, z = ROTATION_SPREAD * float(np.median(self.length_px)) / self.unit_px
         return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
 
+    @property
+    def noise_scale(self) -> float:
+        """Scale of the stated deviations: as measured by what F leaves, where many smears are independent.
+
+        Where few are, F takes up errors that neighbours share, and what it leaves is less than they are.
+        """
+        return self.scale if self.independent >= TELLING else 1.0
+
     def rescaled(self, factor: float) -> SmearProblem:
         """Return the problem with all standard deviations multiplied by a factor."""
         return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
 
+    def with_sigma(self, sigma_px: Array) -> SmearProblem:
+        """Return the problem with other standard deviations (N,), as given."""
+        return replace(self, sigma_px=sigma_px, scale=1.0)
+
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
         """Return the problem of some smears; the share of independent ones stays."""
-        ends = self.ends[index]
-        independent = self.independent * len(ends) / len(self.ends)
-        return replace(self, ends=ends, sigma_px=self.sigma_px[index], independent=independent)
+        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index])
 
     @cached_property
     def thinned(self) -> SmearProblem:
@@ -112,7 +133,7 @@ class SmearProblem:
 
 
 def assumed_camera(image_size: tuple[float, float]) -> Array:
-    """Return K^-1 (3, 3) of the assumed camera: centred, focal length 1.2 times the longer side."""
+    """Return K^-1 (3, 3) of the assumed camera: centred, focal length ASSUMED_FOCAL times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
     return np.array(
@@ -136,12 +157,16 @@ def occupied_blocks(points: Array, block_px: float) -> int:
 
 
 def build_problem(
-    ends: Array, sigma_px: Array, image_size: tuple[int, int] | None, camera: Camera | None = None
+    ends: Array,
+    sigma_px: Array,
+    image_size: tuple[int, int] | None,
+    camera: Camera | None = None,
+    shared: SharedErrors = INDEPENDENT,
 ) -> SmearProblem:
     """Return smears (N, 2, 2) normalised; sigma_px (N,) is that of the Sampson distance, pixels.
 
     Coordinates are those of the camera, for whose undistorted pixels the ends are given, else of an assumed
-    one; without an image size none is assumed. Every smear counts as independent until `independent_count`.
+    one; without an image size none is assumed.
     """
     if camera is not None:
         T: Array = np.asarray(np.linalg.inv(camera.K), float)
@@ -152,7 +177,7 @@ def build_problem(
         sigma_px=sigma_px,
         T=T,
         has_camera=camera is not None or image_size is not None,
-        independent=float(len(ends)),
+        shared=shared,
     )
     if camera is None:
         return problem

@@ -1,4 +1,4 @@
-"""Smears: the path of each pixel during the exposure, known up to the sign of its displacement."""
+"""Smears: the paths of pixels during the exposure, known up to the sign of their displacements."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,17 +12,17 @@ Floats = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearField:
-    """A smear and its uncertainty at every pixel of an image.
+    """Smears and their uncertainty: of every pixel of an image, or at any points of it.
 
     Parameters
     ----------
-    displacement : ndarray of shape (H, W, 2), float32
-        Full displacement d = end - start in pixels, (x, y); its sign is arbitrary in every pixel.
-    sigma_px : ndarray of shape (H, W), float32
+    displacement : ndarray of shape (..., 2), float32
+        Full displacement d = end - start in pixels, (x, y); its sign is arbitrary in every place. The shape
+        before the last axis is (H, W) for all pixels, (N,) for points.
+    sigma_px : ndarray of shape (...), float32
         Standard deviation of the end-point error |d - d*|, in pixels; not negative.
-    sigma_rad : ndarray of shape (H, W), float32, optional
-        Standard deviation of the smear's direction, radians; not negative. None where the network does not
-        predict it.
+    sigma_rad : ndarray of shape (...), float32
+        Standard deviation of the smear's direction, radians; not negative.
 
     Raises
     ------
@@ -32,37 +32,32 @@ class SmearField:
 
     displacement: NDArray[np.float32]
     sigma_px: NDArray[np.float32]
-    sigma_rad: NDArray[np.float32] | None = None
+    sigma_rad: NDArray[np.float32]
 
     def __post_init__(self) -> None:
         """Convert to float32 and check shapes and values."""
         displacement = np.asarray(self.displacement, dtype=np.float32)
-        sigma_px = np.asarray(self.sigma_px, dtype=np.float32)
-        if displacement.shape != (*sigma_px.shape, 2) or sigma_px.ndim != 2 or sigma_px.size == 0:
-            got = f"{displacement.shape} and {sigma_px.shape}"
-            raise ValueError(f"expected shapes (H, W, 2) and (H, W), got {got}")
-        # min and max propagate NaN and need no temporary the size of the field
-        if not np.isfinite([displacement.min(), displacement.max(), sigma_px.max()]).all():
-            raise ValueError("a smear field must be finite")
-        if not sigma_px.min() >= 0:
-            raise ValueError(f"sigma_px must not be negative, got {sigma_px.min()}")
         object.__setattr__(self, "displacement", displacement)
-        object.__setattr__(self, "sigma_px", sigma_px)
-        if self.sigma_rad is not None:
-            sigma_rad = np.asarray(self.sigma_rad, dtype=np.float32)
-            if sigma_rad.shape != sigma_px.shape or not 0 <= sigma_rad.min() <= sigma_rad.max() < np.inf:
-                raise ValueError(f"expected a sigma_rad of shape {sigma_px.shape}, finite and not negative")
-            object.__setattr__(self, "sigma_rad", sigma_rad)
+        for name in ("sigma_px", "sigma_rad"):
+            sigma = np.asarray(getattr(self, name), dtype=np.float32)
+            if displacement.shape != (*sigma.shape, 2):
+                got = f"{displacement.shape} and {sigma.shape}"
+                raise ValueError(f"expected a displacement (..., 2) and {name} (...), got {got}")
+            # min and max propagate NaN and need no temporary the size of the field
+            if sigma.size and not 0 <= sigma.min() <= sigma.max() < np.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {sigma.min()} to {sigma.max()}")
+            object.__setattr__(self, name, sigma)
+        if displacement.size and not np.isfinite([displacement.min(), displacement.max()]).all():
+            raise ValueError("smears must be finite")
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of the image."""
-        height, width = self.sigma_px.shape
-        return height, width
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the sigmas: height and width of the image, or the number of points."""
+        return self.sigma_px.shape
 
     @property
     def length_px(self) -> NDArray[np.float32]:
-        """Length |d| of every smear, (H, W), pixels."""
+        """Length |d| of every smear, pixels."""
         return np.hypot(self.displacement[..., 0], self.displacement[..., 1])
 
 

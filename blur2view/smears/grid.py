@@ -1,4 +1,4 @@
-"""Smears on a network's own grid, and as they are at every pixel."""
+"""Smears at the cells of a network's grid: all that it says of a photograph, sampled wherever they are needed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import Array
 from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
+from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, SharedErrors
 
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
 _STRIP_CELLS = 8
@@ -19,13 +21,14 @@ class SmearGrid:
 
     Parameters
     ----------
-    cells : ndarray of shape (h, w, 3 or 4), float32
-        Double angle |d| (cos 2phi, sin 2phi), pixels; ``sigma_px``; where the network predicts it
-        ``sigma_rad``, both as of `SmearField`.
+    cells : ndarray of shape (h, w, 4), float32
+        Double angle |d| (cos 2phi, sin 2phi), pixels; ``sigma_px`` and ``sigma_rad``, as of `SmearField`.
     stride : int
         Pixels per cell; cell j's centre is at pixel stride*j + (stride-1)/2.
     shape : (int, int)
         Height and width of the photograph, whose last cells its border may cut.
+    window_px : int or None
+        Side of the window that a cell is read from, pixels; None for smears that err each for itself.
 
     Raises
     ------
@@ -36,19 +39,53 @@ class SmearGrid:
     cells: NDArray[np.float32]
     stride: int
     shape: tuple[int, int]
+    window_px: int | None = WINDOW_PX
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         covered = tuple(-(-side // self.stride) for side in self.shape) if self.stride > 0 else ()
-        if self.cells.ndim != 3 or self.cells.shape[:2] != covered or self.cells.shape[2] not in (3, 4):
+        if self.cells.ndim != 3 or self.cells.shape != (*covered, 4):
             got = f"{self.cells.shape}, stride {self.stride} and shape {self.shape}"
-            raise ValueError(f"expected cells (h, w, 3 or 4) that cover a photograph, got {got}")
+            raise ValueError(f"expected cells (h, w, 4) that cover a photograph, got {got}")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photograph."""
+        return self.shape[1], self.shape[0]
+
+    def shared_errors(self, spacing_px: float) -> SharedErrors:
+        """Return what the errors of cells have in common, one every ``spacing_px`` pixels."""
+        return INDEPENDENT if self.window_px is None else SharedErrors.of_cells(spacing_px, self.window_px)
+
+    def points(self) -> Array:
+        """Return the centres of the cells, (h, w, 2), pixels (x, y); the last may lie beyond the border."""
+        y, x = (self.stride * np.arange(count) + (self.stride - 1) / 2 for count in self.cells.shape[:2])
+        return np.stack(np.meshgrid(x, y), axis=-1)
+
+    def smears(self) -> SmearField:
+        """Return the smears of the cells themselves, (h, w)."""
+        return _decoded(self.cells)
+
+    def at(self, points: Array) -> SmearField:
+        """Return the smears at any pixels (N, 2): interpolated in double angle between the four nearest cells.
+
+        Beyond the outermost centres the nearest cell continues.
+        """
+        height, width = self.cells.shape[:2]
+        place = (np.asarray(points, float) - (self.stride - 1) / 2) / self.stride
+        column, row = np.clip(place, 0, [width - 1, height - 1]).T
+        left, top = np.floor(column).astype(int), np.floor(row).astype(int)
+        right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+        across, down = (column - left)[:, None], (row - top)[:, None]
+        above = (1 - across) * self.cells[top, left] + across * self.cells[top, right]
+        below = (1 - across) * self.cells[bottom, left] + across * self.cells[bottom, right]
+        return _decoded(((1 - down) * above + down * below).astype(np.float32))
 
     def at_pixels(self) -> SmearField:
-        """Return the smears of every pixel: resampled in double angle and decoded, a strip at a time."""
+        """Return the smears of every pixel, (H, W): resampled in double angle, a strip at a time."""
         grid, stride, (height, width) = self.cells, self.stride, self.shape
         displacement = np.empty((height, width, 2), np.float32)
-        sigmas = [np.empty((height, width), np.float32) for _ in range(grid.shape[2] - 2)]
+        sigmas = [np.empty((height, width), np.float32) for _ in range(2)]
         for first in range(0, grid.shape[0], _STRIP_CELLS):
             above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
             pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
@@ -57,6 +94,11 @@ class SmearGrid:
             displacement[rows] = from_double_angle(strip[..., :2])
             for k, sigma in enumerate(sigmas):
                 np.maximum(strip[..., 2 + k], 0, out=sigma[rows])
-        return SmearField(
-            displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1] if sigmas[1:] else None
-        )
+        return SmearField(displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1])
+
+
+def _decoded(cells: NDArray[np.float32]) -> SmearField:
+    """Return the smears of cells (..., 4)."""
+    sigma_px, sigma_rad = np.moveaxis(np.maximum(cells[..., 2:], 0), -1, 0)
+    displacement = from_double_angle(cells[..., :2])
+    return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)

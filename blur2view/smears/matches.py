@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-
-LEAST_ACROSS_PX = 0.1
-STRIDE = 4  # the network's grid: cell (i, j) has its centre at pixel (4j + 1.5, 4i + 1.5)
+from blur2view.smears.noise import INDEPENDENT, SharedErrors, bulk_px, sampson_px
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,13 +27,13 @@ class SmearMatches:
         Width and height of the image. With it the estimator may assume an ordinary camera.
     still_share : float
         Share of the measurable image that shows no motion, in [0, 1].
-    sure_share : float
+    directed_share : float
         Share of the image in which the direction of blur is known, in [0, 1].
     across_px : ndarray of shape (N,), float64, optional
-        Standard deviation of the part of the error across every smear, if the network predicts it; positive.
-    sure_ends : ndarray of shape (M, 2, 2), float64, optional
-        Ends of smears that are sure of themselves, spread evenly over the whole image: on them parallax is
-        judged.
+        Standard deviation of the part of the error across every smear, positive; by default that of errors
+        which are alike in all directions.
+    shared : SharedErrors
+        What their errors have in common; nothing by default.
 
     Raises
     ------
@@ -47,9 +45,9 @@ class SmearMatches:
     sigma_px: Array
     image_size: tuple[int, int] | None = None
     still_share: float = 0.0
-    sure_share: float = 1.0
-    across_px: Array | None = None
-    sure_ends: Array | None = None
+    directed_share: float = 1.0
+    across_px: Array = None  # type: ignore[assignment]  # set below
+    shared: SharedErrors = INDEPENDENT
 
     def __post_init__(self) -> None:
         """Convert to float64 and check shapes and values."""
@@ -60,19 +58,13 @@ class SmearMatches:
             raise ValueError("ends must be finite, sigma_px finite and positive")
         if self.image_size is not None and min(self.image_size) < 1:
             raise ValueError(f"image_size must be positive, got {self.image_size}")
-        for name in ("still_share", "sure_share"):
+        for name in ("still_share", "directed_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
-        if self.across_px is not None:
-            across = np.array(self.across_px, np.float64)
-            if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
-                raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
-            object.__setattr__(self, "across_px", across)
-        if self.sure_ends is not None:
-            sure = np.array(self.sure_ends, np.float64)
-            if sure.ndim != 3 or sure.shape[1:] != (2, 2) or not np.isfinite(sure).all():
-                raise ValueError(f"sure_ends must be finite, of shape (M, 2, 2), got {sure.shape}")
-            object.__setattr__(self, "sure_ends", sure)
+        across = 0.5**0.5 * sigma if self.across_px is None else np.array(self.across_px, np.float64)
+        if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
+            raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
+        object.__setattr__(self, "across_px", across)
         object.__setattr__(self, "ends", ends)
         object.__setattr__(self, "sigma_px", sigma)
 
@@ -101,25 +93,8 @@ class SmearMatches:
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:
         """Return the matches of an index or mask."""
-        across_px = None if self.across_px is None else self.across_px[index]
-        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index], across_px=across_px)
-
-    @property
-    def across_scale(self) -> float:
-        """Median of the whole error's sigma over that across the smear; 1 where the latter is not known."""
-        if self.across_px is None or not len(self):
-            return 1.0
-        return float(np.median(self.sigma_px / self.across_px))
-
-    def weighed_across(self) -> SmearMatches:
-        """Return the matches with sigmas in proportion to the errors across the smears, if these are known.
-
-        Their size stays that of the whole error in the median, so that what is believed of smears does not
-        depend on whether the network predicts errors of directions.
-        """
-        if self.across_px is None or not len(self):
-            return self
-        return replace(self, sigma_px=self.across_px * self.across_scale)
+        arrays = self.ends[index], self.sigma_px[index], self.across_px[index]
+        return replace(self, ends=arrays[0], sigma_px=arrays[1], across_px=arrays[2])
 
     @cached_property
     def midpoint(self) -> Array:
@@ -135,6 +110,16 @@ class SmearMatches:
     def length_px(self) -> Array:
         """Lengths |d|, (N,), pixels."""
         return _read_only(np.hypot(*self.displacement.T))
+
+    @property
+    def sampson_px(self) -> Array:
+        """Standard deviations (N,) of the Sampson distances, pixels, as stated."""
+        return sampson_px(self.length_px, self.across_px)
+
+    @property
+    def bulk_px(self) -> tuple[Array, Array]:
+        """Standard deviations (N,) along and across the smears of errors that are no outliers, pixels."""
+        return bulk_px(self.length_px, self.sigma_px, self.across_px)
 
 
 def _read_only(array: Array) -> Array:

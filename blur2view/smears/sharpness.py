@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blur2view.smears.field import SmearField, to_double_angle
-from blur2view.smears.sampling import GridSmears
+from blur2view.smears.field import to_double_angle
+from blur2view.smears.grid import SmearGrid
 
 UNSEEN_PX = 500.0  # sigma of what shows no texture at all, which a network gives 1000, or borders on it
 LEAST_SEEN = 0.05  # share of a photograph that must show texture
@@ -35,13 +35,13 @@ class MedianSmear:
         return sharpness(self.length_px)
 
 
-def median_smear(field: SmearField) -> MedianSmear | None:
+def median_smear(grid: SmearGrid) -> MedianSmear | None:
     """Return the smear of a photograph as a whole; None if hardly any of it shows texture.
 
     The plain median over all that shows texture, the truest to the name: its rank correlation with that of
     the true smears is 0.91 on the test split (``python -m tools.benchmarks.triage``).
     """
-    smears = GridSmears.of(field)
+    smears = grid.smears()
     seen = smears.sigma_px < UNSEEN_PX
     if seen.mean() < LEAST_SEEN:
         return None

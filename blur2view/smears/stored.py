@@ -57,8 +57,7 @@ class StoredSmears:
             place = {"stride": np.array(grid.stride), "shape": np.array(grid.shape)}
             return {GRID: grid.cells.astype(np.float16), **place, **used}
         field = self.smears
-        rad = {} if field.sigma_rad is None else {"sigma_rad": field.sigma_rad}
-        return {FIELD: field.displacement, "sigma_px": field.sigma_px, **rad, **used}
+        return {FIELD: field.displacement, "sigma_px": field.sigma_px, "sigma_rad": field.sigma_rad, **used}
 
 
 def load_smears(path: str | Path) -> StoredSmears:
@@ -93,9 +92,8 @@ def load_smears(path: str | Path) -> StoredSmears:
 def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
     """Return the smears of a file's arrays, whichever kind it is."""
     if GRID not in arrays:
-        return SmearField(
-            displacement=arrays[FIELD], sigma_px=arrays["sigma_px"], sigma_rad=arrays.get("sigma_rad")
-        )
+        sigmas = {name: arrays[name] for name in ("sigma_px", "sigma_rad")}
+        return SmearField(displacement=arrays[FIELD], **sigmas)
     height, width = map(int, arrays["shape"])
     cells = arrays[GRID].astype(np.float32)
     if not np.isfinite(cells).all():

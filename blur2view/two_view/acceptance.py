@@ -11,27 +11,36 @@ from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.model_selection import Fit
-from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.options import CUTOFF
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
 SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
 HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
 HELD_OUT_MATCHES = 300
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
+MIN_MATCHES = 20
+MIN_LENGTH_PX = 1.0  # median smear
+MIN_DIRECTED = 0.02  # share of the image in which blur has a direction
+MAX_STILL = 0.6  # share of the measurable image
+BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
+MIN_AGREEMENT = 0.2  # share of smears that agree with F beyond chance
+SURE_AGREEMENT = 0.8  # and the share that needs no second test
+MIN_HELD_OUT = 0.06  # share of one half of the image that the other half predicts
+CONSTANT = 0.01  # of the length, within which displacements are one
 
 
-def still(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+def still(matches: SmearMatches) -> str | None:
     """Return the reason why nothing moved, or moved as one, so that there is no parallax; or None."""
-    if matches.still_share > options.max_still_share:
+    if matches.still_share > MAX_STILL:
         return (
             f"no motion of the camera: {matches.still_share:.0%} of the measurable image shows no smear "
-            f"(limit {options.max_still_share:.0%})"
+            f"(limit {MAX_STILL:.0%})"
         )
-    if matches.sure_share < options.min_sure_share or len(matches) < options.min_matches:
+    if matches.directed_share < MIN_DIRECTED or len(matches) < MIN_MATCHES:
         return None
     median = float(np.median(matches.length_px))
-    if median < options.min_length_px:
-        return f"no motion: the median smear is {median:.2f} px long, below {options.min_length_px:.2f} px"
+    if median < MIN_LENGTH_PX:
+        return f"no motion: the median smear is {median:.2f} px long, below {MIN_LENGTH_PX:.2f} px"
     if constant_field(matches):
         return (
             f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
@@ -39,16 +48,16 @@ def still(matches: SmearMatches, options: EstimatorOptions) -> str | None:
     return None
 
 
-def untold(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+def insufficient_data(matches: SmearMatches) -> str | None:
     """Return the reason why too little is seen to look for an F, or None."""
-    if matches.sure_share < options.min_sure_share:
+    if matches.directed_share < MIN_DIRECTED:
         return (
-            f"no motion: blur has a known direction in {matches.sure_share:.1%} of the image "
-            f"(at least {options.min_sure_share:.1%} needed); it is sharp, out of focus or without texture"
+            f"no motion: blur has a known direction in {matches.directed_share:.1%} of the image "
+            f"(at least {MIN_DIRECTED:.1%} needed); it is sharp, out of focus or without texture"
         )
-    if len(matches) < options.min_matches:
-        return f"too few smears: {len(matches)}, at least {options.min_matches} are needed"
-    return _uncovered(matches, options) or collinear(matches)
+    if len(matches) < MIN_MATCHES:
+        return f"too few smears: {len(matches)}, at least {MIN_MATCHES} are needed"
+    return _uncovered(matches) or collinear(matches)
 
 
 def collinear(matches: SmearMatches) -> str | None:
@@ -62,22 +71,22 @@ def collinear(matches: SmearMatches) -> str | None:
     )
 
 
-def _uncovered(matches: SmearMatches, options: EstimatorOptions) -> str | None:
+def _uncovered(matches: SmearMatches) -> str | None:
     """Return the reason if the smears cover too little of the image, or None."""
     if matches.image_size is None:
         return None
-    block_px = max(matches.image_size) / options.coverage_blocks
-    blocks = min(np.ceil(np.array(matches.image_size) / block_px).prod(), len(matches))
+    block_px = max(matches.image_size) / BLOCKS
+    blocks = np.ceil(np.array(matches.image_size) / block_px).prod()
     coverage = occupied_blocks(matches.midpoint, block_px) / blocks
-    if coverage >= options.min_coverage:
+    if coverage >= MIN_COVERAGE:
         return None
     return (
-        f"the smears cover {coverage:.0%} of the image (at least {options.min_coverage:.0%} needed): "
+        f"the smears cover {coverage:.0%} of the image (at least {MIN_COVERAGE:.0%} needed): "
         "perhaps one moving object before a still camera"
     )
 
 
-def constant_field(matches: SmearMatches, tolerance: float = 0.01) -> bool:
+def constant_field(matches: SmearMatches, tolerance: float = CONSTANT) -> bool:
     """Return whether all displacements agree, up to sign, within a share of their length (95 % of them)."""
     d = matches.displacement
     reference = d[np.argsort(matches.length_px)[len(d) // 2]]
@@ -89,31 +98,29 @@ def consensus(
     fit: Fit,
     problem: SmearProblem,
     matches: SmearMatches,
-    options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> tuple[bool, str]:
     """Return whether to doubt the F of a fit, and the figures behind it.
 
-    F must explain more smears than chance. Between ``min_agreement`` and ``sure_agreement`` each half of
+    F must explain more smears than chance. Between MIN_AGREEMENT and SURE_AGREEMENT each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry. They
     do not fit SURE_COUNT smears that err independently.
     """
     beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng, problem.sigma_px)
     figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
-    if beyond < options.min_agreement:
+    if beyond < MIN_AGREEMENT:
         return True, figures
-    if beyond >= options.sure_agreement or beyond * problem.independent >= SURE_COUNT:
+    if beyond >= SURE_AGREEMENT or beyond * problem.independent >= SURE_COUNT:
         return False, figures
-    held_out = halves_agreement(fit, problem, matches, options, rng)
+    held_out = halves_agreement(fit, problem, matches, rng)
     figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
-    return held_out < options.min_held_out, figures
+    return held_out < MIN_HELD_OUT, figures
 
 
 def halves_agreement(
     fit: Fit,
     problem: SmearProblem,
     matches: SmearMatches,
-    options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> float:
     """Return the mean agreement beyond chance of each half of the image with a fit to the other."""
@@ -121,12 +128,12 @@ def halves_agreement(
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
     refinement = RefineOptions(
-        cutoff=options.cutoff, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS
+        cutoff=CUTOFF, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS
     )
     beyond = []
     for fitted in (side, ~side):
         train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]
-        if len(train) < options.min_matches:
+        if len(train) < MIN_MATCHES:
             return 0.0
         point, _ = refine(fit.point, problem.subset(train).weighted, refinement)
         F = problem.pixels(point.matrix())

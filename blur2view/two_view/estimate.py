@@ -14,17 +14,14 @@ from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
-from blur2view.robust.parametrization import CameraF, TranslationF
 from blur2view.robust.problem import SmearProblem
-from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import consensus, still, untold
-from blur2view.two_view.calibrated import fit_calibrated
-from blur2view.two_view.degeneracy import assess
+from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.model_selection import Fit, residual_scale
-from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.rotation_only import RotationFit
+from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.pose import with_pose
 from blur2view.two_view.search import search_and_fit
+from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
 
 # An F goes with PARALLAX and what is open, and with SEVERAL the one that most smears follow.
@@ -91,7 +88,7 @@ def estimate_two_view(
         return geometry
     flips = []
     for flip in (geometry, geometry.reversed()):
-        there = at_once(matches, flip.swapped, shutter, (camera.width, camera.height))
+        there = to_global_shutter(matches, flip.swapped, shutter, (camera.width, camera.height))
         if there is not None:
             other = as_recorded(there, options, rng, camera)
             flips.append(other if (other.swapped == flip.swapped).mean() >= 0.5 else other.reversed())
@@ -102,32 +99,25 @@ def estimate_two_view(
     return replace(first, backward=second)
 
 
-def at_once(
+def to_global_shutter(
     matches: SmearMatches, swapped: NDArray[np.bool_], shutter: RollingShutter, image_size: tuple[int, int]
 ) -> SmearMatches | None:
     """Return the matches as an exposure of all rows at once leaves them, if ends[:, 1] is open where swapped.
 
     None where no motion leaves them in this order in time. Every smear is ordered as those around it.
     """
-    ordered, tree = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement, cKDTree(matches.midpoint)
-
-    def exposures_of(ends: Array) -> Array:
-        d, around = ends[:, 1] - ends[:, 0], tree.query(ends.mean(axis=1), min(AROUND, len(matches)))[1]
-        backward = (d * ordered[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
-        return shutter.exposures(np.where(backward, -d, d), image_size)
-
-    exposures = exposures_of(matches.ends)
+    directed = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement
+    around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
+    backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
+    exposures = shutter.exposures(np.where(backward, -1.0, 1.0) * matches.displacement, image_size)
     if np.median(exposures) <= LEAST:
         return None
-    exposures, sure = np.maximum(exposures, LEAST), matches.sure_ends
-    if sure is not None:
-        sure = shortened(sure, np.maximum(exposures_of(sure), LEAST))
+    exposures = np.maximum(exposures, LEAST)
     return replace(
         matches,
         ends=shortened(matches.ends, exposures),
         sigma_px=matches.sigma_px / exposures,
-        across_px=None if matches.across_px is None else matches.across_px / exposures,
-        sure_ends=sure,
+        across_px=matches.across_px / exposures,
     )
 
 
@@ -135,13 +125,13 @@ def as_recorded(
     matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator, camera: Camera | None
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter."""
-    held = still(matches, options)
-    refusal = held or untold(matches, options)
+    nothing_moved = still(matches)
+    refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
-        return replace(without_F(matches, Configuration.DEGENERATE, refusal), untold=held is None)
+        unseen = nothing_moved is None
+        return replace(without_F(matches, Configuration.DEGENERATE, refusal), insufficient_data=unseen)
     if camera is not None:
         matches = undistorted(matches, camera)
-    matches = matches.weighed_across()
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
     return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
@@ -158,71 +148,9 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     if matches.image_size not in (None, (camera.width, camera.height)):
         raise ValueError(f"camera is for {camera.width}x{camera.height}, matches for {matches.image_size}")
 
-    def straightened(ends: Array) -> Array:
-        straight = camera.undistorted(ends)
-        return np.where(np.isfinite(straight).all(axis=(1, 2), keepdims=True), straight, ends)
-
-    sure = None if matches.sure_ends is None else straightened(matches.sure_ends)
-    return replace(matches, ends=straightened(matches.ends), sure_ends=sure)
-
-
-def with_pose(
-    geometry: TwoViewGeometry,
-    matches: SmearMatches,
-    problem: SmearProblem,
-    fits: list[Fit],
-    options: EstimatorOptions,
-) -> TwoViewGeometry:
-    """Return a geometry of known intrinsics with the pose and its covariance, with F also E.
-
-    The translation is zero unless parallax is proven.
-    """
-    if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
-        return geometry
-    if geometry.F is not None:
-        geometry = with_essential(geometry, matches, problem, fits, options)
-    if geometry.parallax is Parallax.PROVEN:
-        return geometry
-    translates = geometry.config is not Configuration.PANORAMIC
-    pose, covariance = RotationFit(problem=problem).pose(geometry.swapped, translates)
-    return replace(
-        geometry,
-        cam2_from_cam1=pose,
-        covariance=covariance,
-        reason=f"{geometry.reason}; the pose is the rotation that explains the smears without translation",
-    )
-
-
-def with_essential(
-    geometry: TwoViewGeometry,
-    matches: SmearMatches,
-    problem: SmearProblem,
-    fits: list[Fit],
-    options: EstimatorOptions,
-) -> TwoViewGeometry:
-    """Return a geometry with F refitted to known intrinsics, E and, of proven parallax, its pose."""
-    points = {fit.model: fit.point for fit in fits}
-    start, simple = points.get(MotionModel.CAMERA), points[MotionModel.TRANSLATION]
-    if not isinstance(start, CameraF) or not isinstance(simple, TranslationF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {sorted(points)}")
-    refinement = RefineOptions(cutoff=options.cutoff, data_weight=problem.data_weight)
-    fit = fit_calibrated(problem, start, simple, refinement)
-    oriented = fit.oriented()
-    F = problem.pixels(oriented.pose.essential)
-    tolerance_px = inlier_tolerance_px(oriented.pose.essential, problem, options)
-    proven = geometry.parallax is Parallax.PROVEN
-    return replace(
-        geometry,
-        F=F,
-        E=oriented.pose.essential,
-        cam2_from_cam1=oriented.pose if proven else None,
-        covariance=fit.covariance() if proven else None,
-        reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
-        config=Configuration.CALIBRATED if proven else geometry.config,
-        model=MotionModel.CALIBRATED,
-        inlier_mask=serrmin(F, matches.ends) < tolerance_px**2,
-        swapped=oriented.swapped,
-    )
+    straight = camera.undistorted(matches.ends)
+    seen = np.isfinite(straight).all(axis=(1, 2), keepdims=True)
+    return replace(matches, ends=np.where(seen, straight, matches.ends))
 
 
 def judge(
@@ -235,10 +163,9 @@ def judge(
 ) -> TwoViewGeometry:
     """Return the cheapest model, tested against chance, no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
-    doubt, figures = consensus(best, problem, matches, options, rng)
-    verdict = assess(matches, problem, fits, options, rng, doubt)
-    costs = {fit.model: fit.score for fit in [*fits, verdict.fit]}
-    scores = tuple(sorted([*costs.items(), *verdict.scores], key=lambda score: score[1]))
+    no_consensus, figures = consensus(best, problem, matches, rng)
+    verdict = assess(matches, problem, fits, rng, no_consensus)
+    scores = models_of(fits, verdict)
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = options.tolerance_px(problem.sigma_px)
     if F is not None:
@@ -269,7 +196,7 @@ def judge(
 def inlier_tolerance_px(F: Array, problem: SmearProblem, options: EstimatorOptions) -> Array:
     """Return tolerances (N,), pixels, by the noise that a normalised F leaves, not a fit before it."""
     stated = problem.rescaled(1 / problem.scale)
-    return options.tolerance_px(stated.sigma_px * residual_scale(F, stated.weighted, options.cutoff))
+    return options.tolerance_px(stated.sigma_px * residual_scale(F, stated.weighted, CUTOFF))
 
 
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:

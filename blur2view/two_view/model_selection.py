@@ -10,12 +10,12 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
-from blur2view.robust.independence import independent_count
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacResult
 from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
+from blur2view.smears.noise import INDEPENDENT
 
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
@@ -64,7 +64,7 @@ def fit_families(
     Returns
     -------
     problem : SmearProblem
-        With rescaled standard deviations and the effective number of independent smears.
+        With rescaled standard deviations.
     fits : list of Fit
         The two-parameter F always; the camera where one may be assumed; the general F.
     """
@@ -125,7 +125,7 @@ def fit_roughly(
     is first refined as if every smear were independent. Without that, 7 of 160 scenes with exact smears and
     an image size ended at a rho of 0.0009 to 0.0084; with it all end below 0.0003.
     """
-    free = replace(problem, independent=float(len(problem.ends)))
+    free = replace(problem, shared=INDEPENDENT)
     far = fit_best(model, unrotated, free, cutoff, ROUGH_STEPS, FREE_TOLERANCE).point
     near, other = (
         fit_best(model, points, problem, cutoff, ROUGH_STEPS, ROUGH_TOLERANCE) for points in (starts, [far])
@@ -163,9 +163,8 @@ def fit_best(
 
 
 def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
-    """Return the problem with standard deviations and independent smears as the residuals of F show them."""
-    scaled = problem.rescaled(residual_scale(F, problem.weighted, cutoff))
-    return replace(scaled, independent=independent_count(scaled, F, cutoff))
+    """Return the problem with standard deviations as the residuals of F show them."""
+    return problem.rescaled(residual_scale(F, problem.weighted, cutoff))
 
 
 def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:

@@ -8,14 +8,14 @@ parts of the image, which mostly hold one motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import homogeneous
 from blur2view.robust.estimators import LocalEstimator
-from blur2view.robust.independence import BLOCKS, cells, independence
 from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
@@ -26,15 +26,19 @@ from blur2view.two_view.parallax import mixture
 
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
-INDEPENDENT = 0.45  # share of independent errors below which they are coherent
-SURE = 0.5  # and from which an F fitted to compact samples leaves only noise
-SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
-WORST = 0.35  # share of the smears, those that a first F fits worst, in which a second is sought
-COHERENT = 0.25  # share of independent directions of outliers below which they are of another motion
-MANY = 0.2  # share of outliers from which their directions are looked at
-ENOUGH = 0.95  # share of the smears that one F explains from which there is no second motion
+ATTEMPTS = 3  # of finding two motions
+BLOCKS = 5  # along the longer side, in which errors are alike: about 100 px of a picture of 640x480
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
+SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
+COHERENT, FIRMLY = 0.45, 0.5  # independent share of errors below which they are; of an F of compact samples
+ALIKE = 0.25  # independent share of directions of outliers below which they are of another motion
+MANY_OUTLIERS = 0.2  # share of outliers from which their directions are looked at
+WORST_SHARE = 0.35  # of the smears, those that a first F fits worst, in which a second is sought
+ONE_EXPLAINS = 0.95  # share of the smears that one F explains from which there is no second motion
+ONE_PLANE = 0.82  # of what two motions explain, which one homography explains where there is but one
+LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
+LEAST_GAIN = 50.0  # of two motions over one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,73 +61,112 @@ class TwoMotions:
         """Share of the smaller motion among what the two explain, at most 1/2."""
         return self.second / max(self.first + self.second, TINY)
 
+    @property
+    def are_several(self) -> bool:
+        """Whether they are more than an object and than what one F explains."""
+        return self.balance >= LEAST_BALANCE and self.single < ONE_EXPLAINS
 
-def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
-    """Return residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
-    ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
-    that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
-    where they hardly differ, leave errors that neighbours share for that alone.
+def blocks_of(middle: Array, count: int) -> NDArray[np.int_]:
+    """Return the square block (N,) of every point, ``count`` along the longer side of their extent."""
+    side = np.ptp(middle, axis=0).max() / count + TINY
+    index: NDArray[np.int_] = np.floor((middle - middle.min(axis=0)) / side).astype(int) @ np.array(
+        [1, count + 1]
+    )
+    return index
+
+
+def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float:
+    """Return the share of independent values, from 1 / (values per block) to 1: how little neighbours agree.
+
+    Parameters
+    ----------
+    values : ndarray of shape (K, N)
+        K kinds of residuals of N smears, in standard deviations.
+    used : ndarray of bool, shape (N,)
+    middle : ndarray of shape (N, 2)
+        Midpoints. Within blocks of a fifth of their extent residuals are summed: the sum of m residuals of
+        variance v has variance m v if they are independent, m^2 v if they agree.
+    """
+    kept, block = np.where(used, values, 0.0), blocks_of(middle, BLOCKS)
+    sums = np.stack([np.bincount(block, weights=row) for row in kept])
+    return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
+
+
+def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
+    """Return residuals (N,), in sigmas, whose signs agree where neighbouring smears share an error.
+
+    Every displacement is directed to run along its epipolar line, away from or towards the epipole; its
+    residual across the line is then sign(l) (|l| - |q|).
     """
     both = problem.weighted.residuals(F)
-    options = np.stack(
-        [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
-    )
-    cell = cells(problem.ends.mean(axis=1), BLOCKS)
-    cost = [np.bincount(cell, weights=np.minimum(option**2, 9.0))[cell] for option in options]
-    errors: Array = np.where(cost[0] <= cost[1], *options)
-    return errors
+    line = homogeneous(problem.ends.mean(axis=1)) @ F.T
+    d = problem.ends[:, 1] - problem.ends[:, 0]
+    along = d[:, 0] * line[:, 1] - d[:, 1] * line[:, 0]
+    skew, symmetric = 0.5 * (both.forward - both.backward), 0.5 * (both.forward + both.backward)
+    signed: Array = np.sign(along) * np.sign(skew) * (np.abs(skew) - np.abs(symmetric))
+    return signed
 
 
-def independent_share(problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float) -> float:
-    """Return the share of independent errors that F leaves, outliers left out; see `independence`."""
-    residual = errors_by_order(problem, F, backward)
-    return independence(residual[None], np.abs(residual) < cutoff, problem.ends.mean(axis=1))
-
-
-def suspicious(
-    problem: SmearProblem, F: Array, stated_px: Array, backward: NDArray[np.bool_], cutoff: float
-) -> bool:
-    """Return whether what F (3, 3) leaves is no noise, given the stated standard deviations (N,)."""
-    scale = float(np.median(problem.sigma_px / stated_px))
-    return scale >= SUSPECT_SCALE and leaves_structure(problem, F, backward, cutoff)
-
-
-def leaves_structure(
-    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = INDEPENDENT
-) -> bool:
+def leaves_structure(problem: SmearProblem, F: Array, cutoff: float, level: float = COHERENT) -> bool:
     """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
-    if independent_share(problem, F, backward, cutoff) < level:
+    residual, middle = coherent_residuals(problem, F), problem.ends.mean(axis=1)
+    if independence(residual[None], np.abs(residual) < cutoff, middle) < level:
         return True
     far = np.abs(problem.weighted.residuals(F).least) >= cutoff
     angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
-    return bool(far.mean() > MANY and independence(directions, far, problem.ends.mean(axis=1)) < COHERENT)
+    return bool(far.mean() > MANY_OUTLIERS and independence(directions, far, middle) < ALIKE)
 
 
 def find_two_motions(
     problem: SmearProblem,
     F: Array,
+    on_plane: float,
     stated_px: Array,
-    backward: NDArray[np.bool_],
     cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
+    """Return two F that explain much more than one, or one that does; None if neither does.
+
+    Parameters
+    ----------
+    problem : SmearProblem
+    F : ndarray of shape (3, 3)
+        The best single one, normalised coordinates.
+    on_plane : float
+        Share of the smears that one homography explains.
+    stated_px : ndarray of shape (N,)
+        Standard deviations of Sampson distances as stated, pixels.
+    cutoff : float
+        Residual in standard deviations at which a smear counts as not explained.
+    rng : numpy.random.Generator
+    """
+    scale = float(np.median(problem.sigma_px / stated_px))
+    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, cutoff):
+        return None
+    for _ in range(ATTEMPTS):
+        motions = _two_motions(problem, F, stated_px, cutoff, rng)
+        if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
+            break
+    if motions is None or motions.gain < LEAST_GAIN:
+        return None
+    return None if on_plane > ONE_PLANE * (motions.first + motions.second) else motions
+
+
+def _two_motions(
+    problem: SmearProblem, F: Array, stated_px: Array, cutoff: float, rng: np.random.Generator
+) -> TwoMotions | None:
     """Return two F at the stated standard deviations (N,); F is the best single one.
 
-    ``backward`` (N,) are the orders of the best homography, see `errors_by_order`.
-
-    Returns
-    -------
-    TwoMotions or None
-        The same F twice and no second share where one F leaves only noise after all, or next to nothing.
-        None where no F is found.
+    The same F twice and no second share where one F leaves only noise after all, or next to nothing; None
+    where no F is found.
     """
     chosen = rng.permutation(len(stated_px))[:SMEARS]
-    stated, backward = replace(problem, sigma_px=stated_px).subset(chosen), backward[chosen]
+    stated = problem.with_sigma(stated_px).subset(chosen)
     one = _search(stated, cutoff, rng)
     if one is None:
         return None
@@ -131,7 +174,7 @@ def find_two_motions(
     stated = stated.rescaled(max(residual_scale(one, stated.weighted, cutoff), 1.0))
     (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
     explains = float(max(single[0], alone[0]))
-    if explains >= ENOUGH or not leaves_structure(stated, one, backward, cutoff, SURE):
+    if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, cutoff, FIRMLY):
         gain = 2 * (reached - likelihood)
         return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one), cutoff)), cutoff, rng)
@@ -139,29 +182,29 @@ def find_two_motions(
         return None
     for _ in range(ROUNDS):
         mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
-        shared = (mine, one), (~mine, other)
-        one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shared)
+        shares = (mine, one), (~mine, other)
+        one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shares)
     (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
-    residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
+    residual = np.where(mine, *(coherent_residuals(stated, f) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
-    gain = 2 * (reached_by_two - max(likelihood, reached)) * own
+    gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
     return TwoMotions(F=pair, first=first, second=second, single=explains, gain=gain)
 
 
 def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
-    """Return the smears of the cells that an F fits worst, a share WORST; squared residuals (N,)."""
-    cell = cells(problem.ends.mean(axis=1), PLACES)
+    """Return the smears of the cells that an F fits worst, a share WORST_SHARE; squared residuals (N,)."""
+    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, cutoff**2)) / np.maximum(np.bincount(cell), 1)
-    return np.argsort(-mean[cell], kind="stable")[: max(round(WORST * len(cell)), 30)]
+    return np.argsort(-mean[cell], kind="stable")[: max(round(WORST_SHARE * len(cell)), 30)]
 
 
 def _by_place(problem: SmearProblem, one: Array, other: Array, cutoff: float) -> NDArray[np.bool_]:
     """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, cutoff**2) - np.minimum(one, cutoff**2)
-    cell = cells(problem.ends.mean(axis=1), PLACES)
+    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 

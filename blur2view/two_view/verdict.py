@@ -38,14 +38,13 @@ class Verdict:
     """What the smears show, why, and the models behind it.
 
     ``fit`` is the F (of normalised coordinates) to report where there is one, ``A`` the generator of the
-    homography; ``scores`` the penalised costs of the homographies, comparable to those of the models of F.
+    homography.
     """
 
     structure: Structure
     sentence: str
     fit: Fit
     A: Array | None = None
-    scores: tuple[tuple[MotionModel, float], ...] = ()
 
     @property
     def F(self) -> Array | None:

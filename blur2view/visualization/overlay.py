@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization.drawing import FAINT, PAPER, Picture, draw_line, orientation_colours
 from blur2view.visualization.panel import draw_panel
@@ -21,7 +21,7 @@ EPIPOLAR_LINES = 14
 
 
 def draw_overlay(
-    image: NDArray[np.float32], field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry
+    image: NDArray[np.float32], grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
@@ -34,7 +34,7 @@ def draw_overlay(
     ----------
     image : ndarray of shape (H, W, 3), float32
         The photograph, sRGB-coded RGB in [0, 1].
-    field : SmearField
+    grid : SmearGrid
         Of the same height and width; its sigma is mapped.
     matches : SmearMatches
         The smears that were used, N.
@@ -49,14 +49,14 @@ def draw_overlay(
     Raises
     ------
     ValueError
-        If the field is not of the image's size or the masks are not of the matches' length.
+        If the grid is not of the image's size or the masks are not of the matches' length.
     """
-    if field.shape != np.shape(image)[:2]:
-        raise ValueError(f"expected a field of shape {np.shape(image)[:2]}, got {field.shape}")
+    if grid.shape != np.shape(image)[:2]:
+        raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(image, matches, geometry)
-    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), field, matches, geometry)
+    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization.drawing import (
     FAINT,
@@ -24,9 +24,9 @@ from blur2view.visualization.verdicts import sentence
 _AIDS_HEIGHT_PX = 132
 
 
-def draw_panel(width: int, field: SmearField, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
+def draw_panel(width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
     """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
-    aids = np.hstack([_orientation_key(), _sigma_inset(field)])
+    aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
     plain = wrap(sentence(geometry), room, TEXT_SIZE)
     counts = wrap(_counts(matches, geometry), room, TEXT_SIZE)
@@ -63,12 +63,14 @@ def _orientation_key() -> Picture:
     return key
 
 
-def _sigma_inset(field: SmearField) -> Picture:
+def _sigma_inset(grid: SmearGrid) -> Picture:
     """Return a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
-    height, width = field.shape
+    height, width = grid.shape
     scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
-    small = cv2.resize(field.sigma_px, size, interpolation=cv2.INTER_AREA)
+    x, y = ((np.arange(count) + 0.5) / scale - 0.5 for count in size)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    small = grid.at(points).sigma_px.reshape(size[::-1])
     logs = np.log10(np.maximum(small, 1e-3))
     low, high = np.percentile(logs, [2, 98])
     high = max(high, low + 0.1)  # a constant map has one colour

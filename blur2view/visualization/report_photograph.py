@@ -10,12 +10,13 @@ from blur2view.camera.camera import Camera
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
-from blur2view.smears.field import SmearField
-from blur2view.smears.matches import STRIDE, SmearMatches
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.matches import SmearMatches
 from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.report_pack import Packed, packed, picture
 from blur2view.visualization.verdicts import verdict
 
+NODE_PX = 4  # distance of the nodes at which smears are shown, at least
 MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
 SMEAR_STEP_PX = 1 / 64
 DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
@@ -93,7 +94,7 @@ def photograph(
     document = EstimateDocument.of(one)
     seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
     kind, meaning = verdict(geometry)
-    height, width = estimate.field.shape
+    height, width = estimate.grid.shape
     return {
         "name": str(one.path),
         "width": width,
@@ -103,7 +104,7 @@ def photograph(
         "meaning": meaning,
         "median_px": median_length(estimate.matches),
         "document": (document if timings else replace(document, timings_s=None)).to_json(),
-        "grid": grid(estimate.field),
+        "grid": nodes(estimate.grid),
         "matches": matches(estimate.matches, geometry.inlier_mask, geometry.swapped),
         "lens": lens(estimate.camera),
         "mask": None if mask is None else motion(mask),
@@ -117,25 +118,27 @@ def median_length(used: SmearMatches) -> float | None:
 
 
 def node_pixels(shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Return rows and columns of the pixels that are shown: those of `sampling.grid_pixels` or every k-th."""
+    """Return rows and columns of the pixels that are shown: every fourth, or more apart."""
     height, width = shape
-    nodes = -(-height // STRIDE) * -(-width // STRIDE)
-    step = STRIDE * int(np.ceil(np.sqrt(nodes / MAX_NODES)))
+    nodes = -(-height // NODE_PX) * -(-width // NODE_PX)
+    step = NODE_PX * int(np.ceil(np.sqrt(nodes / MAX_NODES)))
     return slice(min(1, height - 1), None, step), slice(min(1, width - 1), None, step)
 
 
-def grid(field: SmearField) -> Grid:
-    """Return the smears at the nodes of a grid and their sigmas, packed."""
-    rows, columns = node_pixels(field.shape)
-    displacement = field.displacement[rows, columns].transpose(2, 0, 1)
-    angles = None if field.sigma_rad is None else field.sigma_rad[rows, columns]
+def nodes(grid: SmearGrid) -> Grid:
+    """Return the smears at the nodes that are shown and their sigmas, packed."""
+    rows, columns = node_pixels(grid.shape)
+    y, x = np.arange(grid.shape[0])[rows], np.arange(grid.shape[1])[columns]
+    smears = grid.at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    shape = len(y), len(x)
+    displacement = smears.displacement.reshape(*shape, 2).transpose(2, 0, 1)
     return {
         "x0": columns.start,
         "y0": rows.start,
         "step_px": rows.step,
         "displacement": packed(displacement, "int16", SMEAR_STEP_PX),
-        "sigma_px": packed(field.sigma_px[rows, columns], "uint16", SMEAR_STEP_PX),
-        "sigma_rad": None if angles is None else packed(angles, "uint16", DIRECTION_STEP_RAD),
+        "sigma_px": packed(smears.sigma_px.reshape(shape), "uint16", SMEAR_STEP_PX),
+        "sigma_rad": packed(smears.sigma_rad.reshape(shape), "uint16", DIRECTION_STEP_RAD),
     }
 
 
@@ -167,7 +170,7 @@ def lens(camera: Camera | None) -> Lens | None:
 def motion(mask: MotionMask) -> Motion:
     """Return a motion mask, packed: labels at every k-th pixel, probability at the nodes of the grid."""
     rows, columns = node_pixels(mask.labels.shape)
-    every = max(rows.step // STRIDE, 1)
+    every = max(rows.step // NODE_PX, 1)
     return {
         "labels": packed(mask.labels[::every, ::every], "uint8"),
         "every_px": every,

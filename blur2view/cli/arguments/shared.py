@@ -262,9 +262,8 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """Describe the options of the estimator; their defaults are those of its dataclasses."""
     from blur2view.input_files import MAX_MEMORY_GIB
-    from blur2view.smears.matches import STRIDE
-    from blur2view.smears.sampling import SelectOptions
-    from blur2view.two_view.options import EstimatorOptions
+    from blur2view.smears.selection import SelectOptions
+    from blur2view.two_view.options import CUTOFF, EstimatorOptions
 
     group = parser.add_argument_group(
         "estimation",
@@ -279,7 +278,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=SelectOptions.beta,
         metavar="SHARE",
-        help=f"share, above 0 and at most 1, of the smears at every {STRIDE}th pixel that may be used, the "
+        help="share, above 0 and at most 1, of the network's smears, one for 32 pixels, that may be used, the "
         f"most certain ones; at most {SelectOptions.max_matches} of them, spread over the photograph, are "
         "(default: %(default)s)",
     )
@@ -290,7 +289,7 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         metavar="PX",
         help="a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the "
         "better of both orders, is below this many pixels or below "
-        f"{EstimatorOptions.cutoff:g} of its own standard deviations "
+        f"{CUTOFF:g} of its own standard deviations "
         f"(default: {EstimatorOptions.max_error_px:.4g}, the square root of the paper's 3 squared pixels)",
     )
     add(

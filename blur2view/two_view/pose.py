@@ -1,0 +1,173 @@
+"""The pose of a camera whose intrinsics are known: E, the rotation, the translation where something is known of it.
+
+E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction of
+translation. How sure the pose is comes from the likelihood over all directions (`translation`), or, where that is
+narrower than its grid, from the curvature at E.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
+from blur2view.geometry.rotation import plane_basis, rotation_matrix
+from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.robust.homography import RotationH
+from blur2view.robust.parametrization import CameraF, CameraPrior
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.refinement import WeightedPoint
+from blur2view.robust.residuals import RefineOptions
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.flow import FlowData, fit_flow
+from blur2view.two_view.model_selection import Fit, fit_best
+from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
+
+NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region
+ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
+POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibratedFit:
+    """E among its smears: the fit, its pose and the order of every smear by positive depth."""
+
+    problem: SmearProblem
+    point: CameraF
+    oriented: OrientedPose
+
+    @property
+    def normal(self) -> Array:
+        """Curvature (5, 5) of half the cost, rotation first, with all correlation of neighbours counted."""
+        share = max(self.problem.shared.all_correlation, 1e-6)
+        options = RefineOptions(cutoff=CUTOFF, data_weight=share)
+        matches = self.problem.weighted
+        plain = matches.residuals(self.point.matrix())
+        states = (
+            WeightedPoint(
+                point=self.point, matches=matches, residuals=plain, sign=sign, options=options
+            ).reweighted()
+            for sign in (1.0, -1.0)
+        )
+        normal, _ = min(states, key=lambda state: state.cost).normal_equations()
+        return normal[np.ix_(POSE, POSE)]
+
+    def covariance(self, likelihood: DirectionLikelihood) -> PoseCovariance:
+        """Return the covariance of the pose."""
+        pose, normal = self.oriented.pose, self.normal
+        region = likelihood.region(pose).covariance(pose.translation, pose.rotation_vector)
+        matrix = np.linalg.pinv(normal, hermitian=True)
+        sign = np.copysign(1.0, pose.translation @ self.point.t)
+        local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(self.point.t))
+        if max(region.translation_sigma_deg, local.translation_sigma_deg) < NARROW_DEG:
+            return local
+        own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
+        own[:3, :3] = np.linalg.pinv(normal[:3, :3], hermitian=True)
+        return replace(region, matrix=region.matrix + own)
+
+
+def fit_calibrated(problem: SmearProblem, start: CameraF, likelihood: DirectionLikelihood) -> CalibratedFit:
+    """Return the cheapest E from a camera's fit and from the likeliest direction of translation."""
+    rotation, t = likelihood.best
+    starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
+    point = min(
+        (fit_best(MotionModel.CAMERA, [point], problem, CUTOFF) for point in starts),
+        key=lambda fit: fit.score,
+    ).point
+    if not isinstance(point, CameraF):
+        raise TypeError(f"a camera's fit is a CameraF, got {type(point).__name__}")
+    matches = problem.weighted
+    residuals = matches.residuals(point.matrix())
+    inliers = matches.inlier_shares(residuals, RefineOptions(cutoff=CUTOFF))
+    oriented = oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
+    return CalibratedFit(problem=problem, point=point, oriented=oriented)
+
+
+def with_pose(
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    problem: SmearProblem,
+    fits: list[Fit],
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Return a geometry of known intrinsics with E and the pose; unchanged where there is neither F nor H.
+
+    The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
+    explains the smears alone; else the pose is the rotation, whatever the translation.
+    """
+    if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
+        return geometry
+    if geometry.config is Configuration.PANORAMIC:
+        pose, covariance = turned(matches, problem, geometry)
+        reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
+        return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
+    start = next(fit.point for fit in fits if fit.model is MotionModel.CAMERA)
+    if not isinstance(start, CameraF):
+        raise TypeError(f"known intrinsics need a camera's fit, got {type(start).__name__}")
+    likelihood = DirectionLikelihood.of(problem, matches.bulk_px[1] * problem.noise_scale)
+    fit = fit_calibrated(problem, start, likelihood)
+    covariance, pose = fit.covariance(likelihood), fit.oriented.pose
+    known = covariance.translation_sigma_deg < KNOWN_DEG
+    if geometry.parallax is Parallax.PROVEN or known:
+        return with_essential(geometry, matches, fit, covariance, options)
+    if geometry.F is not None:
+        geometry = with_essential(geometry, matches, fit, covariance, options)
+    region = likelihood.region(pose)
+    wide = region.covariance(pose.translation, region.rotation).matrix.copy()
+    wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
+    wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
+    return replace(
+        geometry,
+        cam2_from_cam1=RigidTransform(rotation=rotation_matrix(region.rotation), translation=np.zeros(3)),
+        covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
+        reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
+    )
+
+
+def with_essential(
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    fit: CalibratedFit,
+    covariance: PoseCovariance,
+    options: EstimatorOptions,
+) -> TwoViewGeometry:
+    """Return a geometry with F refitted to known intrinsics, E and its pose."""
+    pose, problem = fit.oriented.pose, fit.problem
+    F = problem.pixels(pose.essential)
+    proven = geometry.parallax is Parallax.PROVEN
+    return replace(
+        geometry,
+        F=F if geometry.F is not None else None,
+        E=pose.essential,
+        cam2_from_cam1=pose,
+        covariance=covariance,
+        reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
+        config=Configuration.CALIBRATED if proven else geometry.config,
+        model=MotionModel.CALIBRATED if geometry.F is not None else geometry.model,
+        inlier_mask=serrmin(F, matches.ends) < options.tolerance_px(problem.sigma_px) ** 2,
+        swapped=fit.oriented.swapped,
+    )
+
+
+def turned(
+    matches: SmearMatches, problem: SmearProblem, geometry: TwoViewGeometry
+) -> tuple[RigidTransform, PoseCovariance]:
+    """Return the rotation that explains smears without translation, ordered as ``swapped``, and its covariance."""
+    scale = problem.noise_scale
+    along, across = matches.bulk_px
+    data = FlowData.of(problem, (scale * along, scale * across))
+    fixed = CameraPrior(rotation=problem.prior.rotation, log_focal=0.0, principal=0.0)
+    assert geometry.H is not None
+    A = problem.T @ geometry.H @ np.linalg.inv(problem.T)
+    A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
+    fit = fit_flow(RotationH.from_generator(A, fixed), data.without_slow_errors())
+    swapped = np.where(geometry.swapped, -1.0, 1.0)
+    vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
+    matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
+    matrix[:3, :3] = fit.covariance(problem.shared.all_correlation, data)[:3, :3]
+    pose = RigidTransform(rotation=rotation_matrix(vector), translation=np.zeros(3))
+    return pose, PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])

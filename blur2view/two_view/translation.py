@@ -1,0 +1,154 @@
+"""Where the translation of a known camera may point, and its rotation whatever the translation.
+
+Given a direction of translation every smear's epipolar line and order follow (a point before the camera moves
+away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly. So
+the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave it
+flat, which no covariance about one optimum shows. What is claimed counts all correlation of neighbouring smears
+(`SharedErrors.all_correlation`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
+from blur2view.robust.problem import SmearProblem
+from blur2view.robust.reweighted import reweighted_motion
+
+DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
+RINGS_DEG = (2.0, 0.8, 0.3, 0.12, 0.05)  # about the best direction of the grid, and of every ring
+RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
+SMEARS = 300  # looked at, or up to twice as many
+STEPS = 6  # of reweighting
+FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
+LEAST = 0.03  # share of its length to which a network's smear is on its line at best
+ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears
+KNOWN_DEG = 30.0  # deviation below which a translation is given
+STEP_DEG = 4.5  # distance of the directions of the grid
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectionLikelihood:
+    """Smears of a known camera under any direction of translation.
+
+    Parameters
+    ----------
+    problem : SmearProblem
+        Smears in coordinates of the camera (K = identity).
+    across : ndarray of shape (N,)
+        Standard deviations of the error across each smear over its length.
+    """
+
+    problem: SmearProblem
+    across: Array
+
+    @classmethod
+    def of(cls, problem: SmearProblem, across_px: Array) -> DirectionLikelihood:
+        """Return the smears of a problem, thinned, whose errors across have deviations (N,), pixels."""
+        every = slice(None, None, max(1, len(problem.ends) // SMEARS))
+        part = problem.subset(every)
+        least = LEAST if problem.data_weight < 1 else 0.0
+        return cls(problem=part, across=np.hypot(across_px[every] / np.maximum(part.length_px, TINY), least))
+
+    def at(self, directions: Array) -> tuple[Array, Array]:
+        """Return rotation vectors (G, 3) and twice the negative log-posteriors (G,) of directions (G, 3)."""
+        ends = self.problem.ends
+        middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+        length = np.maximum(np.hypot(*displacement.T), TINY)
+        along, across = unit_lines(directions, middle)  # (G, 2, N)
+        flow = rotation_flow(middle) / length
+        rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
+        unit = displacement.T / length
+        outwards = np.where((along * unit).sum(axis=1) >= 0, 1.0, -1.0)
+        wanted = outwards * (across * unit).sum(axis=1)  # (G, N)
+        rotations, missed = reweighted_motion(
+            rows[:, :, None], wanted[:, None], steps=STEPS, scale=lambda _: self.across
+        )
+        share = self.problem.shared.all_correlation * len(self.problem.ends)
+        data = (FREEDOM + 1) * np.log1p((missed / self.across) ** 2 / FREEDOM).mean(axis=1)
+        spread = ROTATION_SPREAD * float(np.median(length))
+        return rotations, share * data + ((rotations / spread) ** 2).sum(axis=1)
+
+    @cached_property
+    def grid(self) -> tuple[Array, Array, Array]:
+        """Directions (G, 3), their rotations (G, 3) and costs (G,)."""
+        directions = half_sphere(DIRECTIONS)
+        return (directions, *self.at(directions))
+
+    @cached_property
+    def best(self) -> tuple[Array, Array]:
+        """Rotation vector and translation (3,) of the greatest likelihood."""
+        directions, _, costs = self.grid
+        t = directions[int(np.argmin(costs))]
+        for radius in np.tan(np.radians(RINGS_DEG)):
+            ring = np.vstack([t, t + radius * RING @ plane_basis(t)])
+            ring /= np.linalg.norm(ring, axis=1, keepdims=True)
+            rotations, costs = self.at(ring)
+            t, rotation = ring[int(np.argmin(costs))], rotations[int(np.argmin(costs))]
+        return rotation, t
+
+    def region(self, pose: RigidTransform) -> TranslationRegion:
+        """Return what is known of the motion, oriented as a pose of it."""
+        directions, rotations, costs = self.grid
+        weight = np.exp(-0.5 * (costs - costs.min()))
+        axis = np.linalg.eigh((directions * weight[:, None]).T @ directions)[1][:, -1]
+        axis = axis if axis @ pose.translation >= 0 else -axis
+        directions = directions * np.where(directions @ axis < 0, -1.0, 1.0)[:, None]
+        vector = pose.rotation_vector
+        reference = vector if vector.any() else rotations[int(np.argmin(costs))]
+        rotations = rotations * np.where(rotations @ reference < 0, -1.0, 1.0)[:, None]
+        return TranslationRegion(
+            axis=axis, directions=directions, rotations=rotations, weight=weight / weight.sum()
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TranslationRegion:
+    """The posterior of a motion over directions of its translation.
+
+    Parameters
+    ----------
+    axis : ndarray of shape (3,)
+        Mean direction, unit.
+    directions, rotations : ndarray of shape (G, 3)
+        Directions on the half sphere about it, and the rotation that goes with each.
+    weight : ndarray of shape (G,)
+        Their probabilities.
+    """
+
+    axis: Array
+    directions: Array
+    rotations: Array
+    weight: Array
+
+    @cached_property
+    def rotation(self) -> Array:
+        """Mean rotation vector (3,), the translation marginalised."""
+        mean: Array = self.weight @ self.rotations
+        return mean
+
+    def covariance(self, translation: Array, rotation: Array) -> PoseCovariance:
+        """Return the covariance of rotation vector (3,) and direction (3,) about those of a pose."""
+        tangents = plane_basis(translation)
+        cosine = np.clip(self.directions @ translation, -1.0, 1.0)
+        offset = self.directions @ tangents.T
+        offset *= (np.arccos(cosine) / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
+        both = np.concatenate([self.rotations - rotation, offset], axis=1)
+        matrix = (both * self.weight[:, None]).T @ both
+        matrix[3:, 3:] += np.radians(STEP_DEG) ** 2 / 12 * np.eye(2)
+        return PoseCovariance(matrix=matrix, tangents=tangents)
+
+
+def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
+    """Return unit vectors (G, 2, N) along epipolar lines and across them.
+
+    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
+    """
+    lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
+    along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
+    return along, np.stack([-along[:, 1], along[:, 0]], axis=1)
