@@ -61,7 +61,7 @@ def keypoint_views(
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
     ends = smear_ends(points, smears.displacement)
-    sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)))
+    sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)), estimate.matches.shared)
     order = motion_order(geometry, estimate.matches, estimate.camera, grid.size)
     swapped = order.swapped(ends, sampson)
     index = np.arange(len(ends))

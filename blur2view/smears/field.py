@@ -45,7 +45,9 @@ class SmearField:
                 raise ValueError(f"expected a displacement (..., 2) and {name} (...), got {got}")
             # min and max propagate NaN and need no temporary the size of the field
             if sigma.size and not 0 <= sigma.min() <= sigma.max() < np.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {sigma.min()} to {sigma.max()}")
+                raise ValueError(
+                    f"{name} must be finite and not negative, got {sigma.min()} to {sigma.max()}"
+                )
             object.__setattr__(self, name, sigma)
         if displacement.size and not np.isfinite([displacement.min(), displacement.max()]).all():
             raise ValueError("smears must be finite")

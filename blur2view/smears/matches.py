@@ -114,7 +114,7 @@ class SmearMatches:
     @property
     def sampson_px(self) -> Array:
         """Standard deviations (N,) of the Sampson distances, pixels, as stated."""
-        return sampson_px(self.length_px, self.across_px)
+        return sampson_px(self.length_px, self.across_px, self.shared)
 
     @property
     def bulk_px(self) -> tuple[Array, Array]:

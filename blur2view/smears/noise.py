@@ -28,8 +28,8 @@ WINDOW_PX = 96
 """Side of the window that a cell is read from, pixels."""
 CORRELATED_CELLS = 46.0 / 9.0
 """How many times fewer cells are independent than their overlap says: the correlation reaches beyond it."""
-SAMPSON_SHARE, SAMPSON_LEAST = 0.5**0.5, 0.03
-"""Of the error across a smear, that of the Sampson distance of its two ends, which share it; of the length."""
+SAMPSON_SHARE = 0.5**0.5
+"""Of the error across a smear, that of the Sampson distance of its two ends, which share it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,17 +39,22 @@ class SharedErrors:
     ``independent_share`` is the share of the smears that err independently of each other, by the overlap of
     what they were read from; ``reach`` how many times fewer they are if all of the correlation counts;
     ``length`` and ``direction_rad`` the standard deviations of errors that vary slowly over the whole picture,
-    of lengths as a share, of directions in radians.
+    of lengths as a share, of directions in radians; ``least`` the share of its length to which no smear's
+    Sampson distance is believed better.
     """
 
     independent_share: float = 1.0
     reach: float = 1.0
     length: float = 0.0
     direction_rad: float = 0.0
+    least: float = 0.01
 
     def __post_init__(self) -> None:
         """Refuse what is no share or no standard deviation."""
-        if not (0 < self.independent_share <= 1 <= self.reach and min(self.length, self.direction_rad) >= 0):
+        if not (
+            0 < self.independent_share <= 1 <= self.reach
+            and min(self.length, self.direction_rad, self.least) >= 0
+        ):
             raise ValueError(f"expected a share in (0, 1] and standard deviations, got {self}")
 
     @property
@@ -61,7 +66,9 @@ class SharedErrors:
     def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> SharedErrors:
         """Return the shared errors of cells of a network, read from windows, one every ``spacing_px`` pixels."""
         share = min(1.0, (spacing_px / window_px) ** 2)
-        return cls(independent_share=share, reach=CORRELATED_CELLS, length=0.04, direction_rad=0.02)
+        return cls(
+            independent_share=share, reach=CORRELATED_CELLS, length=0.04, direction_rad=0.02, least=0.03
+        )
 
 
 INDEPENDENT = SharedErrors()
@@ -84,6 +91,6 @@ def bulk_px(length_px: Array, sigma_px: Array, across: Array) -> tuple[Array, Ar
     return first, second
 
 
-def sampson_px(length_px: Array, across: Array) -> Array:
+def sampson_px(length_px: Array, across: Array, shared: SharedErrors) -> Array:
     """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
-    return np.maximum(np.hypot(SAMPSON_SHARE * across, SAMPSON_LEAST * length_px), LEAST_PX)
+    return np.maximum(np.hypot(SAMPSON_SHARE * across, shared.least * length_px), LEAST_PX)

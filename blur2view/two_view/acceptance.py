@@ -127,9 +127,7 @@ def halves_agreement(
     middle = matches.midpoint
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
-    refinement = RefineOptions(
-        cutoff=CUTOFF, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS
-    )
+    refinement = RefineOptions(cutoff=CUTOFF, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS)
     beyond = []
     for fitted in (side, ~side):
         train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
@@ -17,8 +16,8 @@ from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
-from blur2view.two_view.model_selection import Fit, residual_scale
-from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.model_selection import Fit, measured_sigma_px
+from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import with_pose
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
@@ -169,7 +168,7 @@ def judge(
     config, F = CONFIGURATIONS[verdict.structure], verdict.F
     tolerance_px = options.tolerance_px(problem.sigma_px)
     if F is not None:
-        F, tolerance_px = problem.pixels(F), inlier_tolerance_px(F, problem, options)
+        F, tolerance_px = problem.pixels(F), options.tolerance_px(measured_sigma_px(F, problem))
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.A is not None:
@@ -191,12 +190,6 @@ def judge(
         model=verdict.model,
         scores=scores,
     )
-
-
-def inlier_tolerance_px(F: Array, problem: SmearProblem, options: EstimatorOptions) -> Array:
-    """Return tolerances (N,), pixels, by the noise that a normalised F leaves, not a fit before it."""
-    stated = problem.rescaled(1 / problem.scale)
-    return options.tolerance_px(stated.sigma_px * residual_scale(F, stated.weighted, CUTOFF))
 
 
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:

@@ -16,6 +16,7 @@ from blur2view.robust.ransac import RansacResult
 from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import RefineOptions, WeightedEnds
 from blur2view.smears.noise import INDEPENDENT
+from blur2view.two_view.options import CUTOFF
 
 ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
@@ -165,6 +166,12 @@ def fit_best(
 def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
     """Return the problem with standard deviations as the residuals of F show them."""
     return problem.rescaled(residual_scale(F, problem.weighted, cutoff))
+
+
+def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
+    """Return standard deviations (N,), pixels, by the noise that a normalised F leaves, not a fit before it."""
+    stated = problem.rescaled(1 / problem.scale)
+    return stated.sigma_px * residual_scale(F, stated.weighted, CUTOFF)
 
 
 def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import homogeneous
 from blur2view.robust.estimators import LocalEstimator
 from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.problem import SmearProblem
@@ -93,27 +92,31 @@ def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float
     return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
 
 
-def coherent_residuals(problem: SmearProblem, F: Array) -> Array:
-    """Return residuals (N,), in sigmas, whose signs agree where neighbouring smears share an error.
+def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
+    """Return residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
-    Every displacement is directed to run along its epipolar line, away from or towards the epipole; its
-    residual across the line is then sign(l) (|l| - |q|).
+    ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
+    that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
+    where they hardly differ, leave errors that neighbours share for that alone.
     """
     both = problem.weighted.residuals(F)
-    line = homogeneous(problem.ends.mean(axis=1)) @ F.T
-    d = problem.ends[:, 1] - problem.ends[:, 0]
-    along = d[:, 0] * line[:, 1] - d[:, 1] * line[:, 0]
-    skew, symmetric = 0.5 * (both.forward - both.backward), 0.5 * (both.forward + both.backward)
-    signed: Array = np.sign(along) * np.sign(skew) * (np.abs(skew) - np.abs(symmetric))
-    return signed
+    options = np.stack(
+        [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
+    )
+    block = blocks_of(problem.ends.mean(axis=1), BLOCKS)
+    cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
+    errors: Array = np.where(cost[0] <= cost[1], *options)
+    return errors
 
 
-def leaves_structure(problem: SmearProblem, F: Array, cutoff: float, level: float = COHERENT) -> bool:
+def leaves_structure(
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = COHERENT
+) -> bool:
     """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
-    residual, middle = coherent_residuals(problem, F), problem.ends.mean(axis=1)
+    residual, middle = errors_by_order(problem, F, backward), problem.ends.mean(axis=1)
     if independence(residual[None], np.abs(residual) < cutoff, middle) < level:
         return True
     far = np.abs(problem.weighted.residuals(F).least) >= cutoff
@@ -125,6 +128,7 @@ def leaves_structure(problem: SmearProblem, F: Array, cutoff: float, level: floa
 def find_two_motions(
     problem: SmearProblem,
     F: Array,
+    backward: NDArray[np.bool_],
     on_plane: float,
     stated_px: Array,
     cutoff: float,
@@ -137,6 +141,8 @@ def find_two_motions(
     problem : SmearProblem
     F : ndarray of shape (3, 3)
         The best single one, normalised coordinates.
+    backward : ndarray of bool, shape (N,)
+        Orders of the best homography, see `errors_by_order`.
     on_plane : float
         Share of the smears that one homography explains.
     stated_px : ndarray of shape (N,)
@@ -146,10 +152,10 @@ def find_two_motions(
     rng : numpy.random.Generator
     """
     scale = float(np.median(problem.sigma_px / stated_px))
-    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, cutoff):
+    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward, cutoff):
         return None
     for _ in range(ATTEMPTS):
-        motions = _two_motions(problem, F, stated_px, cutoff, rng)
+        motions = _two_motions(problem, F, backward, stated_px, cutoff, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     if motions is None or motions.gain < LEAST_GAIN:
@@ -158,7 +164,12 @@ def find_two_motions(
 
 
 def _two_motions(
-    problem: SmearProblem, F: Array, stated_px: Array, cutoff: float, rng: np.random.Generator
+    problem: SmearProblem,
+    F: Array,
+    backward: NDArray[np.bool_],
+    stated_px: Array,
+    cutoff: float,
+    rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Return two F at the stated standard deviations (N,); F is the best single one.
 
@@ -166,7 +177,7 @@ def _two_motions(
     where no F is found.
     """
     chosen = rng.permutation(len(stated_px))[:SMEARS]
-    stated = problem.with_sigma(stated_px).subset(chosen)
+    stated, backward = problem.with_sigma(stated_px).subset(chosen), backward[chosen]
     one = _search(stated, cutoff, rng)
     if one is None:
         return None
@@ -174,7 +185,7 @@ def _two_motions(
     stated = stated.rescaled(max(residual_scale(one, stated.weighted, cutoff), 1.0))
     (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
     explains = float(max(single[0], alone[0]))
-    if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, cutoff, FIRMLY):
+    if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, cutoff, FIRMLY):
         gain = 2 * (reached - likelihood)
         return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one), cutoff)), cutoff, rng)
@@ -186,7 +197,7 @@ def _two_motions(
         one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shares)
     (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
-    residual = np.where(mine, *(coherent_residuals(stated, f) for f in (one, other)))
+    residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
     gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
     pair = (one, other) if first >= second else (other, one)

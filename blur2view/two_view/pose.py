@@ -23,7 +23,7 @@ from blur2view.robust.refinement import WeightedPoint
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
-from blur2view.two_view.model_selection import Fit, fit_best
+from blur2view.two_view.model_selection import Fit, fit_best, measured_sigma_px
 from blur2view.two_view.options import CUTOFF, EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
@@ -148,7 +148,8 @@ def with_essential(
         reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model=MotionModel.CALIBRATED if geometry.F is not None else geometry.model,
-        inlier_mask=serrmin(F, matches.ends) < options.tolerance_px(problem.sigma_px) ** 2,
+        inlier_mask=serrmin(F, matches.ends)
+        < options.tolerance_px(measured_sigma_px(pose.essential, problem)) ** 2,
         swapped=fit.oriented.swapped,
     )
 

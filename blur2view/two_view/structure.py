@@ -104,9 +104,9 @@ def assess(
         return Verdict(structure=structure, sentence="no homography fits", fit=fit)
     evidence = evidence_of(matches, problem, fit, plane, sample)
     if not no_consensus:
-        motions = find_two_motions(
-            problem, fit.point.matrix(), evidence.on_plane, matches.sampson_px, CUTOFF, rng
-        )
+        ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
+        backward = np.abs(ordered.backward) < np.abs(ordered.forward)
+        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, CUTOFF, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
@@ -169,17 +169,18 @@ def no_parallax(
 def evidence_of(
     matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
 ) -> Evidence:
-    """Return the evidence for parallax where lengths may err by more than directions, as sigma admits.
+    """Return the evidence for parallax.
 
     Standard deviations are those stated: what F leaves is smaller where few smears are independent, for F
-    takes up errors that neighbours share.
+    takes up errors that neighbours share. Where lengths err together they may err by more than directions, as
+    far as sigma admits.
     """
     stated = problem.subset(sample)
     whole = matches.sigma_px[sample]
     scale = problem.noise_scale
     stated = stated.with_sigma(scale * np.maximum(0.5 * whole, matches.sampson_px[sample]))
     against = deviations(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
-    return parallax_evidence(against, 0.5**0.5 * scale * whole)
+    return parallax_evidence(against, 0.5**0.5 * scale * whole if problem.shared.length else None)
 
 
 def within_errors(matches: SmearMatches) -> bool:

@@ -26,7 +26,6 @@ RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6)
 SMEARS = 300  # looked at, or up to twice as many
 STEPS = 6  # of reweighting
 FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
-LEAST = 0.03  # share of its length to which a network's smear is on its line at best
 ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears
 KNOWN_DEG = 30.0  # deviation below which a translation is given
 STEP_DEG = 4.5  # distance of the directions of the grid
@@ -52,8 +51,10 @@ class DirectionLikelihood:
         """Return the smears of a problem, thinned, whose errors across have deviations (N,), pixels."""
         every = slice(None, None, max(1, len(problem.ends) // SMEARS))
         part = problem.subset(every)
-        least = LEAST if problem.data_weight < 1 else 0.0
-        return cls(problem=part, across=np.hypot(across_px[every] / np.maximum(part.length_px, TINY), least))
+        return cls(
+            problem=part,
+            across=np.hypot(across_px[every] / np.maximum(part.length_px, TINY), problem.shared.least),
+        )
 
     def at(self, directions: Array) -> tuple[Array, Array]:
         """Return rotation vectors (G, 3) and twice the negative log-posteriors (G,) of directions (G, 3)."""

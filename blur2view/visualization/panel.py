@@ -1,6 +1,5 @@
 """The panel below the overlay: the verdict in plain words, the key of the colours, a map of sigma."""
 
-import cv2
 import numpy as np
 
 from blur2view.geometry.two_view_geometry import TwoViewGeometry

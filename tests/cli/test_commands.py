@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import onnx
 import pytest
+from blur2view.smears.sampling import SelectOptions
 
 from blur2view import pipeline
 from blur2view.camera.image import read_image
@@ -23,7 +24,6 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.tiles import TileOptions
 from blur2view.pipeline import estimate
 from blur2view.smears.field import smear_ends
-from blur2view.smears.sampling import SelectOptions
 from blur2view.smears.stored import load_smears
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.overlay import draw_overlay

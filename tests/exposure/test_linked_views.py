@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from blur2view.smears.sampling import SelectOptions, select_matches
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
@@ -18,7 +19,6 @@ from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import make_scene
 from tools.datasets.synthetic_matches import layered_depth, project_smears

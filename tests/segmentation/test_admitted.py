@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from blur2view.robust.independence import BLOCKS, cells
 from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
-from blur2view.robust.independence import BLOCKS, cells
 from blur2view.segmentation import admitted, mask
 from blur2view.segmentation.admitted import admitted_motions, least_score
 from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment

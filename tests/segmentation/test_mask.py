@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from blur2view.smears.sampling import GridSmears, grid_pixels
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
@@ -15,7 +16,6 @@ from blur2view.segmentation import score as motion_score
 from blur2view.segmentation.admitted import least_score
 from blur2view.segmentation.mask import MotionLabel, MotionMask, SegmentOptions, moving_regions
 from blur2view.smears.field import SmearField, smear_ends
-from blur2view.smears.sampling import GridSmears, grid_pixels
 from blur2view.visualization import mask_overlay
 from tests.support.motion_scenes import (
     BOX,

@@ -77,36 +77,32 @@ def test_upsampling_keeps_a_single_channel() -> None:
     assert upsample_grid(np.ones((3, 5, 1), np.float32), 4).shape == (12, 20, 1)
 
 
-def test_field_reports_shape_and_length() -> None:
-    d = np.full((3, 4, 2), (3, 4), np.float32)
-    field = SmearField(displacement=d, sigma_px=np.ones((3, 4), np.float32))
-    assert field.shape == (3, 4)
-    np.testing.assert_array_equal(field.length_px, np.full((3, 4), 5, np.float32))
+def field(shape: tuple[int, ...] = (3, 4), **arrays: np.ndarray) -> SmearField:
+    sigmas = {name: np.ones(shape) for name in ("sigma_px", "sigma_rad")}
+    return SmearField(**({"displacement": np.zeros((*shape, 2))} | sigmas | arrays))
 
 
-def test_field_converts_to_float32() -> None:
-    field = SmearField(displacement=np.zeros((2, 2, 2)), sigma_px=np.ones((2, 2)))  # type: ignore[arg-type]
-    assert field.displacement.dtype == field.sigma_px.dtype == np.float32
+@pytest.mark.parametrize("shape", [(3, 4), (7,), (0,)])
+def test_field_reports_shape_and_length(shape: tuple[int, ...]) -> None:
+    smears = field(shape, displacement=np.full((*shape, 2), (3, 4)))
+    assert smears.shape == shape
+    np.testing.assert_array_equal(smears.length_px, np.full(shape, 5, np.float32))
+    assert {array.dtype.name for array in vars(smears).values()} == {"float32"}
 
 
-@pytest.mark.parametrize(
-    ("shape", "sigma_shape"), [((3, 4, 2), (4, 3)), ((3, 4), (3, 4)), ((12, 2), (12,)), ((0, 0, 2), (0, 0))]
-)
-def test_field_refuses_shapes_that_disagree(shape: tuple[int, ...], sigma_shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match="shape"):
-        SmearField(displacement=np.zeros(shape, np.float32), sigma_px=np.zeros(sigma_shape, np.float32))
+@pytest.mark.parametrize("name", ["displacement", "sigma_px", "sigma_rad"])
+@pytest.mark.parametrize("shape", [(4, 3), (3, 4, 3), (12,)])
+def test_field_refuses_shapes_that_disagree(name: str, shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        field(**{name: np.zeros(shape)})
 
 
-@pytest.mark.parametrize(("value", "sigma"), [(np.nan, 1), (np.inf, 1), (1, np.nan), (1, np.inf), (1, -1)])
-def test_field_refuses_values_that_mean_nothing(value: float, sigma: float) -> None:
-    displacement, sigma_px = np.ones((2, 2, 2), np.float32), np.ones((2, 2), np.float32)
-    displacement[1, 0, 1], sigma_px[0, 1] = value, sigma
-    with pytest.raises(ValueError, match=r"finite|negative"):
-        SmearField(displacement=displacement, sigma_px=sigma_px)
-
-
-@pytest.mark.parametrize("sigma_rad", [np.zeros((4, 5)), np.full((4, 6), -0.1), np.full((4, 6), np.nan)])
-def test_sigma_of_the_direction_must_fit_the_field(sigma_rad: np.ndarray) -> None:
-    displacement, sigma_px = np.zeros((4, 6, 2), np.float32), np.zeros((4, 6), np.float32)
-    with pytest.raises(ValueError, match="sigma_rad"):
-        SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+@pytest.mark.parametrize("name", ["displacement", "sigma_px", "sigma_rad"])
+def test_field_refuses_values_that_mean_nothing(name: str, value: float) -> None:
+    if name == "displacement" and value < 0:
+        return
+    values = getattr(field(), name).copy()
+    values[1, 0] = value
+    with pytest.raises(ValueError, match="finite"):
+        field(**{name: values})

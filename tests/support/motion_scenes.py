@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from blur2view.smears.sampling import select_matches
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
@@ -11,7 +12,6 @@ from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate, Timings
 from blur2view.segmentation.mask import MotionMask, SegmentOptions, segment
 from blur2view.smears.field import SmearField
-from blur2view.smears.sampling import select_matches
 
 HEIGHT, WIDTH = 240, 320
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # epipolar lines are horizontal

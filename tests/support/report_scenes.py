@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from blur2view.smears.sampling import SelectOptions, select_matches
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
@@ -17,7 +18,6 @@ from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.field import SmearField
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.report_pack import Packed
 

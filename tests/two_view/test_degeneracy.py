@@ -9,18 +9,19 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import collinear
-from blur2view.two_view.degeneracy import within_errors
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.planarity import judged
+from blur2view.two_view.structure import NoParallax, within_errors
 from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 
 SEEDS = range(6)
+ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)  # as a network's
 
 
 def solve(scene: DegenerateScene) -> TwoViewGeometry:
@@ -47,11 +48,10 @@ def test_no_parallax_gives_H_and_no_F(kind: Kind, config: Configuration, model: 
         assert geometry.F is None and geometry.H is not None
         assert geometry.config is config and geometry.parallax is Parallax.ABSENT
         assert geometry.model == model
-        assert model in geometry.reason and "explains" in geometry.reason
+        assert "no parallax" in geometry.reason
         assert np.isclose(np.linalg.norm(geometry.H), 1)
         assert transfer_px(geometry.H, scene) < 0.3
         assert 0.65 < geometry.support <= 1  # 0 to 30 % outliers
-        assert geometry.scores[0][0] == model
 
 
 def test_orders_are_those_of_the_homography() -> None:
@@ -73,8 +73,7 @@ def test_parallax_gives_F_and_no_H() -> None:
         assert geometry.F is not None and geometry.H is None
         assert np.median(rho(geometry.F, scene.true_ends)) < 0.03
         assert geometry.parallax is Parallax.PROVEN
-        assert geometry.reason.startswith("parallax is proven: it gains")
-        assert dict(geometry.scores)[MotionModel.PLANE] > dict(geometry.scores)[geometry.model]
+        assert geometry.reason.startswith("parallax is proven")
 
 
 def test_still_camera_is_no_motion_whatever_its_noise() -> None:
@@ -128,7 +127,7 @@ def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
                 length_share=0.15,
             )
             sigma_px = 0.17 * scene.length_px + 0.1
-            matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+            matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=ALIKE)
             geometry = estimate_two_view(matches)
             if np.isinf(share):
                 assert geometry.config is not Configuration.UNCALIBRATED
@@ -149,12 +148,12 @@ def test_with_overstated_errors_F_is_given_but_parallax_is_open() -> None:
             length_share=0.15,
         )
         sigma_px = 0.8 * scene.length_px
-        matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+        matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=ALIKE)
         geometry = estimate_two_view(matches)
-        assert geometry.config is Configuration.PLANAR_OR_PANORAMIC
+        assert geometry.config in (Configuration.PLANAR_OR_PANORAMIC, Configuration.PANORAMIC)
         assert geometry.F is not None and geometry.H is not None
         assert geometry.parallax is Parallax.OPEN
-        assert geometry.reason.startswith("parallax is open")
+        assert geometry.reason.startswith("parallax is undecided")
 
 
 def test_without_an_image_size_a_rotation_is_not_told_from_a_plane() -> None:
@@ -179,7 +178,7 @@ def test_similarity_of_the_pixels_carries_H_along() -> None:
     S = np.diag([2.0, 2.0, 1.0])
     back = unit_norm(np.linalg.inv(S) @ other.H @ S)
     inverse = unit_norm(np.asarray(np.linalg.inv(one.H)))
-    assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 1e-5
+    assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 5e-4
 
 
 def refused(matches: SmearMatches, words: str) -> None:
@@ -222,7 +221,7 @@ def test_some_smears_of_no_length_break_nothing() -> None:
     assert np.isfinite(geometry.F).all()
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 7, 29])
+@pytest.mark.parametrize("count", [0, 1, 3, 7, 19])
 def test_few_smears_are_degenerate(count: int) -> None:
     scene = draw_scene("general", 1)
     refused(scene.matches.subset(np.arange(count)), "too few smears")
@@ -233,7 +232,7 @@ def test_parallax_is_absent_only_where_nothing_moved_and_else_not_told() -> None
     still = replace(scene.matches, still_share=0.9)
     points = np.random.default_rng(0).uniform(0, 400, (200, 2))
     short = SmearMatches.from_points(points, points + 0.1, image_size=IMAGE_SIZE)
-    unseen = replace(scene.matches, sure_share=0.001)
+    unseen = replace(scene.matches, directed_share=0.001)
     few = scene.matches.subset(np.arange(7))
     middle, half = points * [1.0, 0.2], points[::-1] / 40
     middle[:, 1] = 0.2 * middle[:, 0]
@@ -289,9 +288,9 @@ def test_every_structure_has_a_configuration() -> None:
 
 
 def test_a_sentence_has_no_negative_zero() -> None:
-    one: Any = SimpleNamespace(score=1.0, generator=lambda: np.eye(3))
-    assert (
-        judged(-0.2, 25.0, one, one).sentence
-        == "parallax is open: it gains 0 over one homography (25 needed)"
-    )
-    assert "gains -3 over" in judged(-3.1, 25.0, one, one).sentence
+    one: Any = SimpleNamespace(generator=lambda: np.eye(3))
+    gains = {
+        gain: NoParallax(plane=one, rotation=one, rotation_gain=gain, needed=20.0) for gain in (-0.2, 40)
+    }
+    assert "gains 0 over" in gains[-0.2].sentence and gains[-0.2].is_rotation
+    assert gains[40].is_rotation is False

@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
-from blur2view.two_view.degeneracy import LEAST_BALANCE, LEAST_GAIN, motions_of, swapped_by
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import Fit
 from blur2view.two_view.multiple_motions import (
-    ENOUGH,
+    LEAST_BALANCE,
+    LEAST_GAIN,
     TwoMotions,
     explained,
     find_two_motions,
+    independence,
     leaves_structure,
-    suspicious,
 )
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import search_and_fit
@@ -27,19 +27,22 @@ from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 
 
-def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, Array, NDArray[np.bool_]]:
-    """Problem and best fit of a scene, stated standard deviations, orders of the best homography."""
+def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, NDArray[np.bool_]]:
+    """Problem and best fit of a scene, orders of the best homography."""
     rng = np.random.default_rng(0)
     problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
     plane = find_plane(problem.weighted, 3.0, True, rng)
     assert plane is not None
-    best = min(fits, key=lambda fit: fit.score)
-    return problem, best, 0.5 * scene.matches.sigma_px, swapped_by(problem, plane)
+    ordered = transfer_orders(plane.generator(), problem.weighted)
+    backward = np.abs(ordered.backward) < np.abs(ordered.forward)
+    return problem, min(fits, key=lambda fit: fit.score), backward
 
 
 def two(kind: Kind, seed: int) -> TwoMotions | None:
-    problem, fit, stated_px, backward = fitted(draw_scene(kind, seed))
-    return motions_of(problem, fit, stated_px, backward, 3.0, np.random.default_rng(0))
+    scene = draw_scene(kind, seed)
+    problem, fit, backward = fitted(scene)
+    F, stated_px = fit.point.matrix(), scene.matches.sampson_px
+    return find_two_motions(problem, F, backward, 0.5, stated_px, 3.0, np.random.default_rng(0))
 
 
 @pytest.mark.slow
@@ -64,16 +67,18 @@ def test_one_motion_is_not_taken_for_two(kind: Kind) -> None:
 
 def test_errors_far_below_the_stated_are_not_suspicious() -> None:
     scene = draw_scene("several or none", 2)
-    problem, fit, stated_px, backward = fitted(scene)
-    F = fit.point.matrix()
-    assert suspicious(problem, F, stated_px, backward, 3.0)
-    assert not suspicious(problem, F, 10 * stated_px, backward, 3.0)
+    (problem, fit, backward), rng = fitted(scene), np.random.default_rng(0)
+    F, stated_px = fit.point.matrix(), scene.matches.sampson_px
+    assert find_two_motions(problem, F, backward, 0.5, stated_px, 3.0, rng) is not None
+    assert find_two_motions(problem, F, backward, 0.5, 10 * stated_px, 3.0, rng) is None
+    assert (
+        find_two_motions(problem, F, backward, 0.9, stated_px, 3.0, rng) is None
+    )  # one homography explains them
 
 
 def test_shares_follow_the_truth() -> None:
     scene = draw_scene("general", 3)
-    problem, fit, _, backward = fitted(scene)
-    assert len(backward) == len(scene.matches)
+    problem, fit, _ = fitted(scene)
     shares, _ = explained(problem, [fit.point.matrix()])
     wrong = np.random.default_rng(0).normal(size=(3, 3))
     both, _ = explained(problem, [fit.point.matrix(), wrong])
@@ -84,7 +89,7 @@ def test_shares_follow_the_truth() -> None:
 def test_a_wrong_F_leaves_structure_and_the_true_one_does_not() -> None:
     for seed in range(4):
         scene = draw_scene("general", seed)
-        problem, fit, _, backward = fitted(scene)
+        problem, fit, backward = fitted(scene)
         inverse = np.asarray(np.linalg.inv(problem.T), float)
         true = inverse.T @ fundamental_from_pose(scene.K, scene.R, scene.t) @ inverse
         turned = fit.point.step(np.concatenate([[0.2, 0.2], np.zeros(fit.point.dimension - 2)])).matrix()
@@ -106,12 +111,11 @@ def test_the_F_of_several_motions_is_that_of_the_larger_one() -> None:
     assert named >= 2
 
 
-def test_no_second_motion_is_sought_where_one_F_explains_nearly_all() -> None:
-    options = SyntheticOptions(kind="smooth", outliers=0.0, second_motion=0.15)
-    scene = synthetic_smears(10100, options)
+def test_independent_values_and_those_that_neighbours_share() -> None:
     rng = np.random.default_rng(0)
-    problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
-    F, none = min(fits, key=lambda fit: fit.score).point.matrix(), np.zeros(len(scene.matches), bool)
-    found = find_two_motions(problem, F, 0.5 * scene.matches.sigma_px, none, 3.0, rng)
-    assert found is not None
-    assert found.single >= ENOUGH and found.second == 0
+    middle = rng.uniform(0, 600, (2000, 2))
+    values, used = rng.normal(size=(1, 2000)), np.ones(2000, bool)
+    shared = np.sign(np.sin(middle[:, 0] / 60))[None] + 0.1 * values
+    assert independence(values, used, middle) > 0.5
+    assert independence(shared, used, middle) < 0.1
+    assert independence(values, ~used, middle) == 1

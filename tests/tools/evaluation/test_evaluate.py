@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from blur2view.smears.sampling import select_matches
 
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import SmearField
-from blur2view.smears.sampling import select_matches
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate

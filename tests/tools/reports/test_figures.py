@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from blur2view.smears.sampling import select_matches
 
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import sampson, serrmin
@@ -14,7 +15,6 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.field import SmearField
-from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets import testset
 from tools.datasets.testset import TestScene, read_test_set
