@@ -193,7 +193,7 @@ def cepstra_of(windows: Floats) -> Floats:
     """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
     taper, trendless, ring = filters()
     power = np.log(power_spectra(windows) + np.float32(NOISE_FLOOR))
-    cepstra: Floats = np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)) * trendless
+    cepstra = np.asarray(np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)), np.float32) * trendless
     flat = cepstra.reshape(len(cepstra), -1)
     mean, square = flat @ ring, (flat * flat) @ ring
     deviation = np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)

@@ -47,7 +47,7 @@ class OctaveReader:
         return refine_on_cepstrum(read_smears(joint), pictures, self.threads)
 
     def read_octave(self, grey: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
-        """Return logits (h, w, 32, 20) and features (h, w, 32, C) of an octave, given those of the smaller."""
+        """Return logits (h, w, 32, 20) and features (h, w, 32, C) of an octave, given the smaller one's."""
         size = (grey.shape[0] // STEP, grey.shape[1] // STEP)
         shape = (*size, DIRECTIONS, self.features)
         above = np.zeros(shape, np.float32) if coarser is None else doubled(coarser, size)

@@ -13,7 +13,7 @@ and these are multiplied by the samples of directions 0 to 45 degrees alone: a q
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -105,7 +105,7 @@ def polar_cepstra(grey: Floats, threads: int = 1) -> tuple[Floats, Floats]:
 
     def transform(part: slice) -> None:
         power = power_spectra(windows[rows[part], columns[part]])
-        cepstra[part], scales[part] = polar_features(power[:, kept, : FREQUENCIES + 1])
+        scales[part] = fill_cepstra(cepstra[part], power[:, kept, : FREQUENCIES + 1])
 
     in_batches(transform, h * w, threads)
     return cepstra.reshape(h, w, DIRECTIONS, LAGS), scales.reshape(h, w, SCALES)
@@ -147,20 +147,23 @@ def hann() -> Floats:
     return np.outer(side, side).astype(np.float32)
 
 
-def polar_features(power: Floats) -> tuple[Floats, Floats]:
-    """Return polar cepstra (n, 32, 45) and scales (n, 3) of power spectra (n, 81, 41)."""
+def fill_cepstra(cepstra: Floats, power: Floats) -> Floats:
+    """Write polar cepstra (n, 32, 45) of power spectra (n, 81, 41); return their scales (n, 3)."""
     polar = polar_map()
     eighths = power.reshape(len(power), -1)[:, polar.index.ravel()]
-    mean = (eighths @ polar.mean)[:, None]
-    cepstra, scales = [], []
-    for floor, samples in zip((NOISE_FLOOR, RELATIVE_FLOOR * mean + 1e-4), polar.samples, strict=True):
-        values = sampled(np.log(eighths + np.float32(floor)), samples)
+    mean = eighths @ polar.mean
+    relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
+    floors = np.full_like(relative, NOISE_FLOOR), relative
+    places = np.split(cepstra, [len(PEAK_LAGS_PX)], axis=-1)
+    scales = []
+    for floor, samples, place in zip(floors, polar.samples, places, strict=True):
+        values = sampled(np.log(eighths + floor), samples)
         values -= values.mean((1, 2), keepdims=True)
-        flat = values.reshape(len(values), -1)
-        deviation = np.sqrt(np.einsum("ij,ij->i", flat, flat) / (flat.shape[1] - 1)) + np.float32(1e-3)
-        cepstra.append(values / deviation[:, None, None])
+        square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)
+        deviation = np.sqrt(square) + np.float32(1e-3)
+        np.divide(values, deviation[:, None, None], out=place)
         scales.append(np.log(deviation) + 3)
-    return np.concatenate(cepstra, -1), np.stack([*scales, np.log(mean[:, 0] + 1e-3) / 3], -1)
+    return np.stack([*scales, np.log(mean + np.float32(1e-3)) / 3], -1)
 
 
 def sampled(logs: Floats, samples: Floats) -> Floats:

@@ -51,8 +51,9 @@ class ExportedOctave(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, grey: Tensor, cepstra: Tensor, scales: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the outputs ``logits`` and ``features``."""
+        cepstra, scales, coarser = inputs
         scalars = torch.cat([scales, clipped_shares(padded_picture(grey))], -1)
         return self.network.octave(self.network.windows(cepstra, scalars), coarser)
 
@@ -139,8 +140,8 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
         expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
     cepstra, scales = polar_cepstra(grey[0, 0].numpy())
-    inputs = {"grey": grey.numpy(), "cepstra": cepstra[None], "scales": scales[None], "coarser": coarser.numpy()}
-    actual, _ = session.run(None, inputs)
+    inputs = grey.numpy(), cepstra[None], scales[None], coarser.numpy()
+    actual, _ = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
     return float(np.abs(actual - expected.numpy()).max())
 
 

@@ -14,7 +14,6 @@ from torch.nn import functional as nnf
 
 from blur2view.networks.spectra import (
     FREQUENCIES,
-    LAGS,
     LEAST_FREQUENCY,
     NOISE_FLOOR,
     PEAK_LAGS_PX,

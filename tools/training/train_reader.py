@@ -27,12 +27,12 @@ from torch import Tensor
 
 from blur2view.errors import ModelError
 from blur2view.metrics import DIRECTION_MIN_PX
+from blur2view.networks.spectra import PEAK_LAGS_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
 from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
-from blur2view.networks.spectra import PEAK_LAGS_PX
 
 Batch = dict[str, Tensor]
 
