@@ -44,8 +44,8 @@ def names_of(node: bytes) -> list[str]:
 
 
 def text(value: bytes) -> str:
-    """Return bytes as text; what is none is escaped."""
-    return value.decode(errors="backslashreplace")
+    """Return bytes as text; what is none is replaced."""
+    return value.decode(errors="replace")
 
 
 def fields(message: bytes) -> Iterator[tuple[int, bytes]]:
