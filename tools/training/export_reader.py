@@ -89,6 +89,7 @@ def export(checkpoint: Path, target: Path) -> None:
     temporary = target.with_suffix(".tmp.onnx")
     write_graph(network, temporary)
     graph = onnx.load(temporary)
+    separate_weights(graph)
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()
     onnx.helper.set_model_props(graph, metadata(state, digest))
     onnx.checker.check_model(graph)
@@ -122,6 +123,16 @@ def write_graph(network: Reader, path: Path) -> None:
             do_constant_folding=False,
             dynamo=False,
         )
+
+
+def separate_weights(model: onnx.ModelProto) -> None:
+    """Store equal weights, as those of a fresh network are, once for each name."""
+    weights = {tensor.name: tensor for tensor in model.graph.initializer}
+    for node in [node for node in model.graph.node if node.op_type == "Identity"]:
+        copy = model.graph.initializer.add()
+        copy.CopyFrom(weights[node.input[0]])
+        copy.name = node.output[0]
+        model.graph.node.remove(node)
 
 
 def sample_picture() -> Tensor:
