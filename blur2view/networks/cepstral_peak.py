@@ -11,14 +11,13 @@ likelihood of the peak (Bayes).
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
-from scipy.special import erf
 
 from blur2view.networks.spectra import (
     NOISE_FLOOR,
@@ -230,7 +229,7 @@ def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
-    inside = erf(a[..., -1] / 2**0.5) * erf(b[..., -1] / 2**0.5)
+    inside = within(a[..., -1]) * within(b[..., -1])
     density *= (inside / density.sum((-2, -1)))[..., None, None]
     log_posterior = np.log(density + 1e-30) + evidence_of(peaks)
     most = log_posterior.max((-2, -1))
@@ -286,8 +285,18 @@ def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
     return mean, np.maximum(weights @ values**2 - mean**2, 0)
 
 
+def within(deviations: Floats) -> Floats:
+    """Return the probability that a normal deviate is within so many deviations; SciPy is slow to import."""
+    shares = [math.erf(value) for value in (deviations / 2**0.5).ravel().tolist()]
+    return np.array(shares, np.float32).reshape(deviations.shape)
+
+
 def over_neighbours(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
-    down = convolve1d(values, weights, axis=0, mode="constant")
-    summed: Floats = convolve1d(down, weights, axis=1, mode="constant")
+    height, width = values.shape[:2]
+    reach = len(weights) // 2
+    band = [sum(w * np.eye(n, k=k - reach) for k, w in enumerate(weights)) for n in (height, width)]
+    rows, columns = (np.asarray(matrix, np.float32) for matrix in band)
+    down = (rows @ values.reshape(height, -1)).reshape(height, width, -1)
+    summed: Floats = (columns @ down).reshape(values.shape)
     return summed
