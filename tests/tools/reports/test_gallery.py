@@ -27,7 +27,7 @@ def test_plain_page_shows_smears_but_no_photograph(
     right = shown[shown.shape[0] * 2 // 3 :, gallery.TILE_PX :]
     assert (right == 0).all()  # three photographs leave the last place empty
     saturation = [page[40:400, 8:632].astype(float).std(2) for page in (shown, plain)]
-    assert np.median(saturation[0]) > 5 and np.median(saturation[1]) == 0  # only smears are coloured
+    print(saturation[0].mean(), saturation[1].mean(), (saturation[0]>5).mean(), (saturation[1]>5).mean()); assert 0  # only smears are coloured
 
 
 def test_photograph_alone_has_the_page_to_itself() -> None:
