@@ -194,10 +194,9 @@ def cepstra_of(windows: Floats) -> Floats:
     power = np.log(power_spectra(windows) + np.float32(NOISE_FLOOR))
     cepstra = np.asarray(np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)), np.float32) * trendless
     flat = cepstra.reshape(len(cepstra), -1)
-    mean, square = flat @ ring, (flat * flat) @ ring
-    deviation = np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    flat -= mean[:, None]
-    flat /= deviation[:, None]
+    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
+    flat -= mean
+    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
     return cepstra
 
 
@@ -295,8 +294,9 @@ def over_neighbours(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
     height, width = values.shape[:2]
     reach = len(weights) // 2
-    band = [sum(w * np.eye(n, k=k - reach) for k, w in enumerate(weights)) for n in (height, width)]
-    rows, columns = (np.asarray(matrix, np.float32) for matrix in band)
+    rows, columns = (
+        np.asarray(sum(w * np.eye(n, k=k - reach) for k, w in enumerate(weights)), np.float32)
+        for n in (height, width)
+    )
     down = (rows @ values.reshape(height, -1)).reshape(height, width, -1)
-    summed: Floats = (columns @ down).reshape(values.shape)
-    return summed
+    return np.asarray((columns @ down).reshape(values.shape))
