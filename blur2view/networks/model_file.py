@@ -91,6 +91,7 @@ def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
+    options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
     options.log_severity_level = 4  # only what is fatal: the exception says the rest
     try:
         # with its fallback ONNX Runtime would print to stdout and try once more
