@@ -8,23 +8,22 @@ from typing import Any
 
 from blur2view.errors import ModelError
 from blur2view.input_files import read_regular
+from blur2view.networks.onnx_operators import operators
+from blur2view.networks.spectra import STEP
 
-_Nodes = list[tuple[str, str, int, int | None]]  # name, type, axes, channels where the file fixes them
-FORMATS: dict[str, tuple[_Nodes, list[_Nodes], str]] = {
-    "1": (
-        [("image", "tensor(float)", 4, 3)],
-        [[("smear", "tensor(float)", 4, channels)] for channels in (3, 4)],
-        "image (N, 3, H, W) and smear (N, 3 or 4, h, w)",
-    ),
-    "2": (
-        [("grey", "tensor(float)", 4, 1), ("coarser", "tensor(float)", 5, None)],
-        [[("logits", "tensor(float)", 5, None), ("features", "tensor(float)", 5, None)]],
-        "grey (1, 1, H, W), coarser (1, h, w, 32, C), logits (1, h, w, 32, B) and features (1, h, w, 32, C)",
-    ),
-}
-"""Inputs, outputs, both in words: of a network that gives smears, of one that reads likelihoods."""
+FORMAT = "3"
+OLDER_FORMATS = ("1", "2")
+INPUTS, OUTPUTS = ("grey", "cepstra", "scales", "coarser"), ("logits", "features")
+AXES = {"grey": 4, "cepstra": 5, "scales": 4, "coarser": 5, "logits": 5, "features": 5}
+"""Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
+logits (1, h, w, 32, 20) and features (1, h, w, 32, C)."""
+OPERATORS = frozenset(
+    ("Abs", "Add", "AveragePool", "Cast", "Concat", "Constant", "ConstantOfShape", "Div", "Equal", "Expand")
+    + ("Gather", "Greater", "LayerNormalization", "Less", "LessOrEqual", "MatMul", "Mul", "Pad", "Range")
+    + ("ReduceMean", "Relu", "Reshape", "Shape", "Sigmoid", "Slice", "Sub", "Transpose", "Unsqueeze", "Where")
+)
+"""What the exporter writes: nothing that repeats, chooses or calls."""
 SHIPPED = {"default": "smear.onnx"}
-MOST_PX = 1024  # photographs are padded to a multiple of this at most
 REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
 
 
@@ -40,12 +39,8 @@ class ModelInfo:
         Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
     multiple_of : int
         Height and width of the input must be multiples of this.
-    format : str
-        "1": the network gives a smear per cell; "2": it reads the likelihood of smears in one octave of a
-        photograph.
-    channels : int
-        Of the field: the double angle's x and y, sigma in pixels and, if four, sigma of the direction in
-        radians.
+    features : int
+        Numbers per cell and direction that one octave hands to the next larger one.
     license : str
         Licence of the weights.
     training : dict
@@ -55,8 +50,7 @@ class ModelInfo:
     model_id: str
     stride: int
     multiple_of: int
-    format: str = "1"
-    channels: int = 3
+    features: int
     license: str = ""
     training: dict[str, Any] = field(default_factory=dict)
 
@@ -81,15 +75,23 @@ def shipped_file(name: str) -> Path:
 
 def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
     """Open an ONNX Runtime session or raise ModelError, which names the remedy."""
-    onnxruntime = _onnxruntime()
     try:
         content = read_regular(path)
     except OSError as error:
         raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
+    try:
+        foreign = operators(content) - OPERATORS
+    except ValueError:
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+    if foreign:  # a loop could run for ever, even while it is loaded
+        names = ", ".join(sorted(map(ascii, foreign))[:3])
+        raise ModelError(f"{path}: has operators that no blur2view network has ({names:.80}); {remedy}")
+    onnxruntime = _onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
+    options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
     options.log_severity_level = 4  # only what is fatal: the exception says the rest
     try:
         # with its fallback ONNX Runtime would print to stdout and try once more
@@ -134,36 +136,31 @@ def read_info(path: Path, session: Any) -> ModelInfo:
     """Return the metadata of a network of our format; refuse any other."""
     try:
         metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-        inputs, outputs = (
-            [(n.name, n.type, len(n.shape), _fixed(n.shape)) for n in nodes]
-            for nodes in (session.get_inputs(), session.get_outputs())
-        )
+        nodes = [*session.get_inputs(), *session.get_outputs()]
+        given = [(node.name, node.type, len(node.shape)) for node in nodes]
     except UnicodeDecodeError:
         raise ModelError(f"{path}: has damaged metadata (names that are no text); {REMEDY}") from None
     kind = metadata.get("blur2view_format", "")
-    if kind not in FORMATS:
-        formats = " or ".join(FORMATS)
-        raise ModelError(f"{path}: is not a blur2view smear network of format {formats}; {REMEDY}")
-    expected_inputs, possible_outputs, words = FORMATS[kind]
-    if inputs != expected_inputs or outputs not in possible_outputs:
-        raise ModelError(f"{path}: has other inputs or outputs than {words}; {REMEDY}")
+    if kind in OLDER_FORMATS:
+        raise ModelError(f"{path}: is a network of format {kind}, of an earlier version; {REMEDY}")
+    if kind != FORMAT:
+        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {REMEDY}")
+    if given != [(name, "tensor(float)", axes) for name, axes in AXES.items()]:
+        raise ModelError(f"{path}: has other inputs or outputs than {', '.join(AXES)}; {REMEDY}")
+    features = nodes[INPUTS.index("coarser")].shape[-1]
+    if not isinstance(features, int):
+        raise ModelError(f"{path}: does not fix the number of its features; {REMEDY}")
     try:
         info = ModelInfo(
             model_id=metadata["model_id"],
             stride=int(metadata["stride"]),
             multiple_of=int(metadata["multiple_of"]),
-            format=kind,
-            channels=int(outputs[0][3] or 4),
+            features=features,
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
     except (KeyError, ValueError, RecursionError) as error:
         raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
-    if not 1 <= info.stride <= info.multiple_of <= MOST_PX or info.multiple_of % info.stride:
-        raise ModelError(f"{path}: has damaged metadata (stride, multiple_of); {REMEDY}")
+    if info.stride != STEP or info.multiple_of != STEP:
+        raise ModelError(f"{path}: reads windows {info.stride} px apart instead of {STEP}; {REMEDY}")
     return info
-
-
-def _fixed(shape: list[Any]) -> int | None:
-    """Return the size of the second axis, the channels, if the file fixes it."""
-    return shape[1] if len(shape) > 1 and isinstance(shape[1], int) else None

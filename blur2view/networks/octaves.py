@@ -16,7 +16,7 @@ class PyramidOptions:
     """Which smaller copies of a photograph are read beside it.
 
     The network reads smears of 2 to 38 px; in a copy of half the size a smear of twice that length is within
-    its reach. A network that gives smears by itself (format 1) is shown the photograph alone.
+    its reach.
 
     Parameters
     ----------

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
+from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import PyramidOptions
-from blur2view.networks.readers import LEAST_PX, reader_of
+from blur2view.networks.spectra import STEP
 from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
 from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
@@ -31,8 +32,7 @@ class SmearNetwork:
     path : path-like, optional
         An ONNX file written by ``tools/training/export_reader.py``; the shipped one by default.
     threads : int, optional
-        Threads of one inference; all cores this process may use by default. The result is
-        reproducible for a given number of threads.
+        Threads of one inference; all cores this process may use by default. The result is the same.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class SmearNetwork:
         self.path = model_path(path)
         session = open_session(self.path, threads or usable_cores())
         self.info = read_info(self.path, session)
-        self._reader = reader_of(self.path, session, self.info)
+        self._reader = OctaveReader(self.path, session, self.info)
         self.tiles_at_once = 1  # the result is the same; each takes the memory of one
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
@@ -98,33 +98,31 @@ class SmearNetwork:
         grid = self._predict_grid(image, options or TileOptions(), pyramid or PyramidOptions())
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        stride = self._reader.stride
-        grid[_flat(image, stride)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)[: self.info.channels]
+        grid[_flat(image, STEP)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
         height, width = image.shape[:2]
-        return SmearGrid(cells=grid, stride=stride, shape=(height, width))
+        return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
 
     def _predict_grid(
         self, image: NDArray[np.float32], options: TileOptions, pyramid: PyramidOptions
     ) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the network's grid, (h, w, C), tiles blended."""
+        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended."""
         height, width = image.shape[:2]
-        stride = self._reader.stride
         tiling = options if height * width > options.max_pixels else None
         piece = min(height, width, options.tile_px) if tiling else min(height, width)
         levels = pyramid.count((piece, piece))
-        step = self._reader.multiple_of(levels)
+        step = STEP << levels - 1  # whole windows in the smallest octave
         rows, columns = (spans(max(side, LEAST_PX << levels - 1), step, tiling) for side in (height, width))
-        shape = rows[-1].stop // stride, columns[-1].stop // stride
-        total = np.zeros((*shape, self.info.channels), np.float32)
+        shape = rows[-1].stop // STEP, columns[-1].stop // STEP
+        total = np.zeros((*shape, 4), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
-        tiles = list(product(ramps(rows, stride), ramps(columns, stride)))
+        tiles = list(product(ramps(rows, STEP), ramps(columns, STEP)))
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
         try:
             read = pool.map(lambda t: self._reader.read(reflected(image, t[0][0], t[1][0]), levels), tiles)
             for done, (tile, grid) in enumerate(zip(tiles, read, strict=True), 1):
                 (row, row_weight), (column, column_weight) = tile
-                window = cells(row, stride), cells(column, stride)
+                window = cells(row, STEP), cells(column, STEP)
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
                 total[window] += grid * tile_weight
                 weight[window] += tile_weight
@@ -133,7 +131,7 @@ class SmearNetwork:
             pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
-        return total[: -(-height // stride), : -(-width // stride)]
+        return total[: -(-height // STEP), : -(-width // STEP)]
 
 
 def predict(

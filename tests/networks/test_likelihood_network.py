@@ -1,4 +1,4 @@
-"""A network that reads likelihoods (format 2): on whole photographs, tiles, octaves; and the shipped one."""
+"""A network that reads likelihoods: on whole photographs, tiles, octaves; and the shipped one."""
 
 from pathlib import Path
 
@@ -116,7 +116,7 @@ def test_network_that_breaks_its_promise_is_named_in_one_line(
 
 def test_network_without_a_fixed_number_of_features_is_refused(tmp_path: Path) -> None:
     model = grey_code_network()
-    model.graph.input[1].type.tensor_type.shape.dim[4].dim_param = "C"
+    model.graph.input[3].type.tensor_type.shape.dim[4].dim_param = "C"
     onnx.save(model, tmp_path / "wrong.onnx")
     with pytest.raises(ModelError, match="does not fix the number of its features"):
         SmearNetwork(tmp_path / "wrong.onnx")
@@ -133,12 +133,6 @@ def test_octaves_may_be_smaller_than_a_window(grey_model: Path) -> None:
             side,
             side,
         )
-
-
-def test_other_format_has_other_inputs(tmp_path: Path) -> None:
-    onnx.save(grey_code_network(blur2view_format="1"), tmp_path / "wrong.onnx")
-    with pytest.raises(ModelError, match="has other inputs or outputs than image"):
-        SmearNetwork(tmp_path / "wrong.onnx")
 
 
 def smeared_photograph(length: float, angle_deg: float) -> NDArray[np.float32]:
@@ -163,7 +157,7 @@ def test_shipped_network_reads_an_evenly_blurred_photograph(
 ) -> None:
     angle_deg = 32.0
     network = SmearNetwork()
-    assert network.info.format == "2" and network.info.license
+    assert network.info.license
     field = network.predict(smeared_photograph(length, angle_deg))
     assert field.sigma_rad is not None
     certain = field.sigma_rad <= np.median(field.sigma_rad)

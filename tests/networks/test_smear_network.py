@@ -14,20 +14,23 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.networks.model_file import model_path, open_session
+from blur2view.networks.model_file import OPERATORS, model_path, open_session
+from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks.onnx_operators import operators
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, check_image, predict
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
-from tests.support.colour_code import CODE_RANGE_PX, SIGMA_RANGE_PX, colour_code, colour_code_network
+from tests.support.colour_code import colour_code, colour_code_network
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
+ONE = PyramidOptions(levels=1)
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
-    """Return smears that turn and grow smoothly over the image, (H, W, 2)."""
-    y, x = np.mgrid[:height, :width] / 100
-    length, phi = 20 + 8 * np.sin(y), 0.5 * x + 0.8 * y
+    """Return smears too short to be refined, which turn and grow smoothly over the image, (H, W, 2)."""
+    y, x = np.mgrid[:height, :width] / 400
+    length, phi = 8 + 3 * np.sin(y), 0.5 * x + 0.8 * y
     return np.stack([length * np.cos(phi), length * np.sin(phi)], -1)
 
 
@@ -39,32 +42,22 @@ def difference(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDA
     return apart
 
 
-@pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (300, 5)])
+@pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (300, 50)])
 def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: tuple[int, int]) -> None:
     true = turning_field(*size)
-    field = predict(colour_code(true, 2.0), tiny_model)
-    assert field.shape == size
-    # bilinear between cells 4 px apart; half a cell of extrapolation along the border
-    assert difference(field.displacement, true).max() < 2.0
-    assert np.median(difference(field.displacement, true)) < 0.7
-    np.testing.assert_allclose(field.sigma_px, 2.0, atol=1e-4)
-
-
-def test_cell_centres_are_where_the_convention_says(tiny_model: Path) -> None:
-    x = np.arange(128.0)
-    true = np.zeros((64, 128, 2))
-    true[..., 0] = 10 + x / 8  # linear in x, so averaging and interpolating are exact
     field = predict(colour_code(true, 1.0), tiny_model)
-    np.testing.assert_allclose(field.displacement[32, 2:-2, 0], 10 + x[2:-2] / 8, atol=1e-3)
+    assert field.shape == size and field.sigma_rad is not None
+    assert np.median(difference(field.displacement, true)) < 1.0  # a bin's likelihood is 10 % wide
+    np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
 
 
 @pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
     network = SmearNetwork(tiny_model)
-    whole, tiled = network.predict(image), network.predict(image, TILED)
+    whole, tiled = (network.predict(image, options, ONE) for options in (None, TILED))
     assert difference(whole.displacement, tiled.displacement).max() < 1e-3
-    np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-4)
+    np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
 
 
 def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
@@ -104,19 +97,14 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
 
 
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
-    image = colour_code(turning_field(320, 448), 1.0)
-    network = SmearNetwork(blurring_model)
-    whole, tiled = network.predict(image), network.predict(image, TILED)
-    error = difference(whole.displacement, tiled.displacement)
-    seam_px = 8  # the network sees one cell to each side, and decoding adds a half
-    starts = np.array([64, 128, 192, 256, 320, 384])  # tiles of 128 px every 64 px
-    y, x = np.ogrid[:320, :448]
-    near = np.abs(y[..., None] - starts).min(-1) <= seam_px
-    near = near | (np.abs(x[..., None] - starts).min(-1) <= seam_px)
-    assert (~near).mean() > 0.5
-    assert error[~near].max() < 1e-3
-    # at a tile's own border the zero padding is worth several px; its weight there is nearly zero
-    assert error.max() < 0.2
+    image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
+    tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
+    whole, tiled = (network.predict_grid(image, options, ONE).cells[..., :2] for options in (None, tiles))
+    error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
+    # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
+    seam = np.isin(np.arange(40), [12, 15, 24, 27])
+    assert error[:, ~seam].max() < 1e-3
+    assert 0 < error[:, seam].max() < 0.2  # their weight is nearly zero there
 
 
 @pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
@@ -136,40 +124,6 @@ def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest
         np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
 
 
-def biased_network(bias: list[float]) -> onnx.ModelProto:
-    """Return the tiny network with another bias of x, y and sigma."""
-    model = colour_code_network()
-    model.graph.initializer[1].CopyFrom(onnx.numpy_helper.from_array(np.array(bias, np.float32), "bias"))
-    return model
-
-
-@pytest.mark.parametrize(("offset", "expected"), [(0.0, 0.25), (-0.75, 0.0)])
-def test_sigma_is_kept_but_never_negative(tmp_path: Path, offset: float, expected: float) -> None:
-    onnx.save(biased_network([-CODE_RANGE_PX, -CODE_RANGE_PX, offset]), tmp_path / "biased.onnx")
-    field = predict(colour_code(turning_field(64, 64), 0.25), tmp_path / "biased.onnx")
-    np.testing.assert_allclose(field.sigma_px, expected, atol=1e-4)
-
-
-def test_sigma_of_the_direction_is_what_the_fourth_channel_says(tmp_path: Path, tiny_model: Path) -> None:
-    onnx.save(colour_code_network(channels=4), tmp_path / "four.onnx")
-    sigma = np.random.default_rng(0).uniform(1, 7, (64, 96))
-    image = colour_code(turning_field(64, 96), sigma)
-    field, without = predict(image, tmp_path / "four.onnx"), predict(image, tiny_model)
-    assert without.sigma_rad is None and field.sigma_rad is not None
-    np.testing.assert_allclose(field.sigma_rad, 1 - field.sigma_px / SIGMA_RANGE_PX, atol=1e-4)
-    np.testing.assert_array_equal(field.sigma_px, without.sigma_px)
-    plain = predict(np.full((64, 64, 3), 0.5, np.float32), tmp_path / "four.onnx")
-    assert plain.sigma_rad is not None and (plain.sigma_rad == np.float32(np.pi / 2)).all()
-
-
-def test_neighbouring_opposite_codes_blend_without_cancelling(tiny_model: Path) -> None:
-    up_and_down = np.zeros((64, 64, 2))
-    up_and_down[..., 1] = np.where(np.arange(64) % 2, 10, -10)  # one smear, two signs
-    texture = np.random.default_rng(0).uniform(1, 2, (64, 64))
-    field = predict(colour_code(up_and_down, texture), tiny_model)
-    np.testing.assert_allclose(field.length_px, 10, atol=1e-3)
-
-
 def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
     field = predict(np.zeros((1, 1, 3), np.float32), tiny_model)
     assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
@@ -184,11 +138,11 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
 
 
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
-    image = colour_code(turning_field(160, 200), 1.0)
-    image[:, 100:] = image[80, 150]
+    image = colour_code(turning_field(160, 320), 1.0)
+    image[:, 160:] = image[80, 250]
     field = predict(image, tiny_model)
-    assert (field.sigma_px[:, :112] < 2).all()
-    assert (field.sigma_px[:, 120:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 120:] == 0).all()
+    assert (field.sigma_px[:, :144] < 2).all()
+    assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
 
 
 def test_prediction_is_reproducible(blurring_model: Path) -> None:
@@ -206,7 +160,7 @@ def test_image_is_not_changed(tiny_model: Path) -> None:
 
 def test_network_tells_what_it_is(tiny_model: Path) -> None:
     info = SmearNetwork(tiny_model).info
-    assert (info.model_id, info.stride, info.multiple_of) == ("colour-code", 4, 64)
+    assert (info.model_id, info.stride, info.multiple_of) == ("colour-code", 32, 32)
     assert info.training == {"seed": 0}
 
 
@@ -249,16 +203,47 @@ def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
         TileOptions(**options)
 
 
-def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
-    """Return a network of our format's metadata whose signature is chosen freely."""
-    ends = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", channels, "h", "w"]) for name in names
-    ]
-    graph = helper.make_graph([helper.make_node("Identity", names[:1], names[1:])], "g", ends[:1], ends[1:])
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(
-        model, {"blur2view_format": "1", "stride": "4", "multiple_of": "64", "model_id": "x"}
+def renamed_network(old: str, new: str) -> onnx.ModelProto:
+    """Return the tiny network with another name for an input or output."""
+    model = colour_code_network()
+    for value in (*model.graph.input, *model.graph.output):
+        value.name = new if value.name == old else value.name
+    for node in model.graph.node:
+        for names in (node.input, node.output):
+            names[:] = [new if name == old else name for name in names]
+    return model
+
+
+def endless_network() -> onnx.ModelProto:
+    """Return the tiny network with a loop that never ends, though nobody asks for what it computes."""
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["on"])],
+        "body",
+        [
+            helper.make_tensor_value_info(n, t, [])
+            for n, t in (("i", TensorProto.INT64), ("go", TensorProto.BOOL))
+        ],
+        [helper.make_tensor_value_info("on", TensorProto.BOOL, [])],
     )
+    model = colour_code_network()
+    model.graph.node.append(helper.make_node("Loop", ["", "true"], [], body=body))
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array(True), "true"))
+    return model
+
+
+def with_domain(domain: str) -> onnx.ModelProto:
+    """Return the tiny network with a node of somebody else's."""
+    model = colour_code_network()
+    model.graph.node[0].domain = domain
+    return model
+
+
+def with_function() -> onnx.ModelProto:
+    """Return the tiny network with a function of its own, whose body may hold anything."""
+    model = colour_code_network()
+    opset = [helper.make_opsetid("", 17)]
+    node = helper.make_node("Identity", ["x"], ["y"])
+    model.functions.append(helper.make_function("own", "Relu", ["x"], ["y"], [node], opset))
     return model
 
 
@@ -269,20 +254,23 @@ def identity_network(names: tuple[str, str], channels: int) -> onnx.ModelProto:
         (b"", "not an ONNX network"),
         (b"not a network", "not an ONNX network"),
         (colour_code_network().SerializeToString()[:200], "not an ONNX network"),
-        (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
+        (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "operators"),
         (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "damaged metadata"),
-        (colour_code_network().SerializeToString().replace(b"smear", b"smea\xff"), "damaged metadata"),
-        (colour_code_network(blur2view_format="3").SerializeToString(), "of format 1 or 2"),
-        (colour_code_network(blur2view_format="").SerializeToString(), "of format 1 or 2"),
-        (colour_code_network(blur2view_format="2").SerializeToString(), r"than grey \(1, 1, H, W\)"),
-        (identity_network(("x", "smear"), 3).SerializeToString(), "other inputs or outputs"),
-        (identity_network(("image", "smear"), 1).SerializeToString(), "other inputs or outputs"),
+        (colour_code_network().SerializeToString().replace(b"logits", b"logit\xff"), "damaged metadata"),
+        (colour_code_network(blur2view_format="4").SerializeToString(), "is not .* of format 3"),
+        (colour_code_network(blur2view_format="").SerializeToString(), "is not .* of format 3"),
+        (colour_code_network(blur2view_format="2").SerializeToString(), "of format 2, of an earlier version"),
+        (renamed_network("logits", "smear").SerializeToString(), "other inputs or outputs than grey, cep"),
+        (renamed_network("scales", "image").SerializeToString(), "other inputs or outputs than grey, cep"),
+        (endless_network().SerializeToString(), "operators that no blur2view network has .*Loop"),
+        (with_domain("com.microsoft").SerializeToString(), "operators .*com.microsoft.Slice"),
+        (with_domain("\x1b[31m\n").SerializeToString(), r"operators .*x1b\[31m.n.Slice"),
+        (with_function().SerializeToString(), "operators .*function"),
         (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),
-        (colour_code_network(stride="0").SerializeToString(), "damaged metadata"),
-        (colour_code_network(multiple_of="30").SerializeToString(), "damaged metadata"),
+        (colour_code_network(stride="16").SerializeToString(), "windows 16 px apart instead of 32"),
+        (colour_code_network(multiple_of="4000000000").SerializeToString(), "instead of 32"),
         (colour_code_network(training="{").SerializeToString(), "damaged metadata"),
         (colour_code_network(training="[" * 200_000).SerializeToString(), "damaged metadata"),
-        (colour_code_network(multiple_of="4000000000").SerializeToString(), "damaged metadata"),
     ],
 )
 def test_wrong_network_file_is_named_in_one_line(
@@ -320,25 +308,35 @@ def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_pat
     assert list(tmp_path.rglob("*")) == []  # its device id and what it sends lie there
 
 
-def test_network_that_breaks_its_promise_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "identity.onnx"
-    onnx.save(identity_network(("image", "smear"), 3), path)
-    with pytest.raises(ModelError, match=r"gives shape \(1, 3, 64, 64\)"):
-        predict(np.zeros((64, 64, 3), np.float32), path)
-
-
 def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
     model = colour_code_network()
-    model.graph.node[0].attribute[0].ints[:] = [400, 400]  # a window larger than the picture
+    (pool, *_) = (node for node in model.graph.node if node.op_type == "AveragePool")
+    pool.attribute[0].ints[:] = [400, 400]  # a window larger than the picture
     onnx.save(model, tmp_path / "wide.onnx")
     with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
         predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")
 
 
 def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
-    onnx.save(biased_network([np.nan] * 3), tmp_path / "nan.onnx")
+    model = colour_code_network()
+    for constant in model.graph.initializer:
+        if constant.name == "scale":
+            constant.CopyFrom(onnx.numpy_helper.from_array(np.full(1, np.nan, np.float32), "scale"))
+    onnx.save(model, tmp_path / "nan.onnx")
     with pytest.raises(ModelError, match="not finite"):
         predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")
+
+
+def test_operators_are_read_off_the_shipped_network() -> None:
+    path = model_path(None)
+    content = path.read_bytes()
+    assert operators(content) == {node.op_type for node in onnx.load(path).graph.node} == OPERATORS
+    for length in range(0, 4000, 7):  # what is cut or damaged is read, or refused
+        for damaged in (content[:length], content[:length] + b"\xff" * 12 + content[length + 12 : 5000]):
+            try:
+                assert all(isinstance(name, str) for name in operators(damaged))
+            except ValueError:
+                continue
 
 
 def test_a_network_is_run_deterministically(tiny_model: Path) -> None:

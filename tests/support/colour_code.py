@@ -1,8 +1,10 @@
 """A tiny network of the shipped format, and pictures that it turns into a known smear field.
 
-The network reads the smear from the colours: with RGB averaged over 4x4 pixels, the double-angle vector
-is ``CODE_RANGE_PX * (2 R - 1, 2 G - 1)`` and sigma is ``SIGMA_RANGE_PX * B``. So a test that paints a
-picture knows what the network will see in it.
+A picture is grey with three fine patterns, columns, rows and squares of one pixel that alternate, whose
+strengths tell the smear: the network reads, as means over each cell of 32 px, the double-angle vector
+``CODE_RANGE_PX * (columns, rows)`` and sigma, ``SIGMA_RANGE_PX * squares``, and gives the likelihood of such
+a smear. Smaller octaves, where the patterns average out, say nothing. So a test that paints a picture knows
+what the network will see in it.
 """
 
 from pathlib import Path
@@ -13,17 +15,27 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
+from blur2view.networks.model_file import FORMAT, INPUTS
+from blur2view.networks.spectra import LAGS, SCALES
 from blur2view.smears.field import to_double_angle
+from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, STILL_PX, lengths_px
 
 CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0
+STRENGTH = 1 / 6
+"""Of a pattern at the end of its range: three of them fill the range of greys."""
+BIN_WIDTH = 0.6 * np.log(2) / PER_OCTAVE
+"""Standard deviation of a likelihood, of the length, where sigma is 0: as the shipped network's."""
+LEAST_SHARE = 0.01
+"""Strength of the squares, of its range, from which on a cell says something."""
+CHANNELS = 2
 HEIGHT, WIDTH = 240, 320
 EPIPOLE = np.array([150.0, 100.0])
 
 METADATA = {
-    "blur2view_format": "1",
-    "stride": "4",
-    "multiple_of": "64",
+    "blur2view_format": FORMAT,
+    "stride": "32",
+    "multiple_of": "32",
     "model_id": "colour-code",
     "license": "CC0-1.0",
     "training": '{"seed": 0}',
@@ -35,8 +47,13 @@ def colour_code(
 ) -> NDArray[np.float32]:
     """Return the picture, (H, W, 3) float32 RGB, in which the tiny network sees this field."""
     vectors = to_double_angle(displacement) / CODE_RANGE_PX
-    sigma = np.broadcast_to(np.asarray(sigma_px), vectors.shape[:2]) / SIGMA_RANGE_PX
-    return np.dstack([(vectors + 1) / 2, sigma]).astype(np.float32)
+    height, width = vectors.shape[:2]
+    squares = np.clip(
+        np.broadcast_to(np.asarray(sigma_px) / SIGMA_RANGE_PX, (height, width)), 2 * LEAST_SHARE, 1
+    )
+    rows, columns = (1 - 2 * (i % 2) for i in np.indices((height, width)))
+    code = vectors[..., 0] * columns + vectors[..., 1] * rows + squares * rows * columns
+    return np.repeat(0.5 + STRENGTH * code[..., None], 3, -1).astype(np.float32)
 
 
 def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
@@ -46,29 +63,80 @@ def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
     return path
 
 
-def colour_code_network(blur: bool = False, channels: int = 3, **metadata: str) -> onnx.ModelProto:
-    """Return the tiny network; with ``blur`` it averages 3x3 cells, zero-padded as a trained one would be.
-
-    A fourth channel, the direction's sigma in radians, is 1 - B.
-    """
-    code = np.diag([2 * CODE_RANGE_PX, 2 * CODE_RANGE_PX, SIGMA_RANGE_PX])
-    scale = np.vstack([code, [0.0, 0.0, -1.0]])[:channels].astype(np.float32)
-    size = 3 if blur else 1
-    kernel = np.repeat(np.repeat(scale[..., None, None], size, 2), size, 3) / size**2
-    bias = np.array([-CODE_RANGE_PX, -CODE_RANGE_PX, 0, 1], np.float32)[:channels]
+def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
+    """Return the tiny network; with ``blur`` it averages 3x3 cells, as a trained one looks at neighbours."""
+    signs = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]) / (
+        4 * STRENGTH
+    )  # by phase and pattern
+    read = signs * [CODE_RANGE_PX, CODE_RANGE_PX, SIGMA_RANGE_PX]
+    length = lengths_px(BINS).astype(float)
+    doubled = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)[:, None]
+    x, y = (length * (np.arange(BINS) > 0) * f(doubled) for f in (np.cos, np.sin))
+    apart = np.stack([-2 * x, -2 * y, np.ones_like(x), np.ones_like(x)])  # |v - e|^2 = (v - 2 e) v + e^2
+    spread = np.where(np.arange(BINS), BIN_WIDTH * length, 2 * STILL_PX) ** 2
+    constants = {
+        "read": read,
+        "apart": apart.reshape(4, -1),
+        "ends": (x**2 + y**2).ravel(),
+        "spread": np.broadcast_to(spread, x.shape).ravel(),
+        "scale": np.array([-0.5]),
+        "least": np.array([LEAST_SHARE * SIGMA_RANGE_PX]),
+        "none": np.zeros((BINS, CHANNELS)),
+        "xy": np.array([0, 1]),
+        "last": np.array([2]),
+        "bins": np.array([0, 0, 0, DIRECTIONS, BINS]),
+        **{f"from{k}": np.array(divmod(k, 2)) for k in range(4)},
+        "to": np.array([1 << 31, 1 << 31]),
+        "axes": np.array([2, 3]),
+        "steps": np.array([2, 2]),
+    }
+    make = helper.make_node
     nodes = [
-        helper.make_node("AveragePool", ["image"], ["cells"], kernel_shape=[4, 4], strides=[4, 4]),
-        helper.make_node("Conv", ["cells", "kernel", "bias"], ["smear"], pads=[size // 2] * 4),
+        *(make("Slice", ["grey", f"from{k}", "to", "axes", "steps"], [f"phase{k}"]) for k in range(4)),
+        make("Concat", [f"phase{k}" for k in range(4)], ["phases"], axis=1),
+        make("AveragePool", ["phases"], ["own"], kernel_shape=[16, 16], strides=[16, 16]),
+        make("AveragePool", ["own"], ["cells"], kernel_shape=[3 if blur else 1] * 2, pads=[int(blur)] * 4),
+        make("Transpose", ["cells"], ["phases_last"], perm=[0, 2, 3, 1]),
+        make("MatMul", ["phases_last", "read"], ["code"]),
+        make("Gather", ["code", "xy"], ["vector"], axis=3),
+        make("Gather", ["code", "last"], ["sigma"], axis=3),
+        make("Mul", ["vector", "vector"], ["squared"]),
+        make("Concat", ["vector", "squared"], ["powers"], axis=3),
+        make("MatMul", ["powers", "apart"], ["relative"]),
+        make("Add", ["relative", "ends"], ["distance"]),
+        make("Mul", ["sigma", "sigma"], ["variance"]),
+        make("Add", ["variance", "spread"], ["spreads"]),
+        make("Div", ["distance", "spreads"], ["ratio"]),
+        make("Greater", ["sigma", "least"], ["coded"]),
+        make("Cast", ["coded"], ["gate"], to=TensorProto.FLOAT),
+        make("Mul", ["gate", "scale"], ["weight"]),
+        make("Mul", ["ratio", "weight"], ["flat"]),
+        make("Reshape", ["flat", "bins"], ["logits"]),
+        make("MatMul", ["logits", "none"], ["features"]),
     ]
-    graph = helper.make_graph(
-        nodes,
-        "colour_code",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 3, "h", "w"])],
-        [helper.make_tensor_value_info("smear", TensorProto.FLOAT, ["n", channels, "h4", "w4"])],
-        [onnx.numpy_helper.from_array(kernel, "kernel"), onnx.numpy_helper.from_array(bias, "bias")],
-    )
+    return model_of(nodes, constants, CHANNELS, **(METADATA | metadata))
+
+
+def model_of(
+    nodes: list[onnx.NodeProto], constants: dict[str, NDArray[np.generic]], channels: int, **metadata: str
+) -> onnx.ModelProto:
+    """Return a network of the shipped inputs and outputs."""
+    ends: dict[str, list[str | int | None]] = {
+        "grey": [1, 1, "H", "W"],
+        "cepstra": [1, "h", "w", DIRECTIONS, LAGS],
+        "scales": [1, "h", "w", SCALES],
+        "coarser": [1, "h", "w", DIRECTIONS, channels],
+        "logits": [1, "h2", "w2", "d", "b"],
+        "features": [1, "h2", "w2", "d", "c"],
+    }
+    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items()]
+    arrays = [
+        onnx.numpy_helper.from_array(a.astype(np.int64 if a.dtype.kind == "i" else np.float32), name)
+        for name, a in constants.items()
+    ]
+    graph = helper.make_graph(nodes, "code", infos[: len(INPUTS)], infos[len(INPUTS) :], arrays)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, METADATA | metadata)
+    helper.set_model_props(model, metadata)
     return model
 
 

@@ -1,4 +1,4 @@
-"""A tiny network of format 2, and pictures whose grey tells it the direction of a smear.
+"""A tiny network of the shipped format, and pictures whose grey tells it the direction of a smear.
 
 The logits of a cell are those of a smear of ``CODE_LENGTH_PX`` whose direction is 180 degrees times the mean
 grey of the cell's own 32x32 pixels. Every smaller octave is sure of the direction, not of the length.
@@ -7,14 +7,16 @@ grey of the cell's own 32x32 pixels. Every smaller octave is sure of the directi
 import numpy as np
 import onnx
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
+from onnx import helper
 
+from blur2view.networks.model_file import FORMAT
 from blur2view.smears.likelihood import DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
+from tests.support.colour_code import model_of
 
 CODE_LENGTH_PX, BINS, CHANNELS = 8.0, 20, 2
 
 METADATA = {
-    "blur2view_format": "2",
+    "blur2view_format": FORMAT,
     "stride": "32",
     "multiple_of": "32",
     "model_id": "grey-code",
@@ -55,18 +57,4 @@ def grey_code_network(
         helper.make_node("Add", ["sum", "nothing"], ["logits"]),
         helper.make_node("Mul", ["cells", "ones"], ["features"]),
     ]
-    ends: dict[str, list[str | int | None]] = {
-        "grey": [1, 1, "H", "W"],
-        "coarser": [1, "h", "w", DIRECTIONS, CHANNELS],
-        "logits": [1, "h2", "w2", rows, bins],
-        "features": [1, "h2", "w2", rows, channels],
-    }
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items()]
-    arrays = [
-        onnx.numpy_helper.from_array(a if a.dtype == np.int64 else a.astype(np.float32), name)
-        for name, a in constants.items()
-    ]
-    graph = helper.make_graph(nodes, "grey_code", infos[:2], infos[2:], arrays)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, METADATA | metadata)
-    return model
+    return model_of(nodes, constants, CHANNELS, **(METADATA | metadata))

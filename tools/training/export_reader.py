@@ -21,21 +21,22 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import ModelError
-from blur2view.networks.comb import STEP
+from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
+from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra
+from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import existing, target
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
-from tools.training.spectra import Spectra, SpectraByProducts
-from tools.training.train_reader import WEIGHTS, load_average
+from tools.training.spectra import Spectra, clipped_shares, padded_picture
+from tools.training.train_reader import load_average
 
-FORMAT = "2"
 LARGEST_DIFFERENCE = 2e-3
 """Between logits of ONNX Runtime and torch."""
-LARGE_BYTES = 1_000_000
 CONVENTION = (
     "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
-    "multiples of 32 and at least 64; "
+    "multiples of 32 and at least 64; cepstra (1,H/32,W/32,32,45) and scales (1,H/32,W/32,3) of its windows "
+    "of 96 px as blur2view.networks.spectra gives them; "
     "coarser (1,H/32,W/32,32,C): features of the octave half the size, each cell repeated 2 x 2, or zeros; "
     "outputs: logits (1,H/32,W/32,32,20) over direction (180 k / 32 degrees) and length (shorter, 2 px "
     "and up, four an octave, longer), "
@@ -44,15 +45,17 @@ CONVENTION = (
 
 
 class ExportedOctave(nn.Module):
-    """What the ONNX file computes: the reader of one octave."""
+    """What the ONNX file computes: all that is learned, for one octave."""
 
     def __init__(self, network: Reader) -> None:
         super().__init__()
-        self.network, self.spectra = network, SpectraByProducts()
+        self.network = network
 
-    def forward(self, grey: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the outputs ``logits`` and ``features``."""
-        return self.network.octave(self.network.windows(*self.spectra(grey)), coarser)
+        cepstra, scales, coarser = inputs
+        scalars = torch.cat([scales, clipped_shares(padded_picture(grey))], -1)
+        return self.network.octave(self.network.windows(cepstra, scalars), coarser)
 
 
 def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
@@ -86,9 +89,8 @@ def export(checkpoint: Path, target: Path) -> None:
     temporary = target.with_suffix(".tmp.onnx")
     write_graph(network, temporary)
     graph = onnx.load(temporary)
-    store_half(graph)
+    separate_weights(graph)
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()
-    store_weights(graph, network)
     onnx.helper.set_model_props(graph, metadata(state, digest))
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
@@ -100,45 +102,37 @@ def export(checkpoint: Path, target: Path) -> None:
 
 
 def write_graph(network: Reader, path: Path) -> None:
-    """Trace one octave's reader into an ONNX file, dynamic in height and width."""
+    """Trace one octave's reader into an ONNX file, dynamic in height and width.
+
+    The weights keep their names, so that a training can start from the file; ONNX Runtime rearranges them
+    when it loads it.
+    """
     cells = {1: "rows", 2: "columns"}
+    windows = (1, 4, 6)
+    shown = torch.rand(*windows, DIRECTIONS, LAGS), torch.rand(*windows, SCALES)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
         torch.onnx.export(
             ExportedOctave(network).eval(),
-            (torch.rand(1, 1, 128, 192), torch.zeros(1, 4, 6, 32, network.options.region)),
+            (torch.rand(1, 1, 128, 192), *shown, torch.zeros(*windows, DIRECTIONS, network.options.region)),
             str(path),
-            input_names=["grey", "coarser"],
-            output_names=["logits", "features"],
-            dynamic_axes={
-                "grey": {2: "height", 3: "width"},
-                "coarser": cells,
-                "logits": cells,
-                "features": cells,
-            },
+            input_names=INPUTS,
+            output_names=OUTPUTS,
+            dynamic_axes={name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
             opset_version=17,
+            do_constant_folding=False,
             dynamo=False,
         )
 
 
-def store_half(model: onnx.ModelProto) -> None:
-    """Store large constants in float16, to which they were rounded before training: half the file."""
-    nodes = model.graph.node
-    for k, node in reversed(list(enumerate(nodes))):
-        if node.op_type != "Constant" or len(node.attribute[0].t.raw_data) < LARGE_BYTES:
-            continue
-        half = onnx.numpy_helper.to_array(node.attribute[0].t).astype(np.float16)
-        (name,) = node.output
-        node.output[:] = [f"{name}_half"]
-        node.attribute[0].t.CopyFrom(onnx.numpy_helper.from_array(half))
-        cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
-        nodes.insert(k + 1, cast)
-
-
-def store_weights(model: onnx.ModelProto, network: Reader) -> None:
-    """Store the network's own weights beside the graph, which holds them rearranged, to train on from."""
-    for name, value in network.state_dict().items():
-        model.graph.initializer.append(onnx.numpy_helper.from_array(value.numpy(), f"{WEIGHTS}{name}"))
+def separate_weights(model: onnx.ModelProto) -> None:
+    """Store equal weights, as those of a fresh network are, once for each name."""
+    weights = {tensor.name: tensor for tensor in model.graph.initializer}
+    for node in [node for node in model.graph.node if node.op_type == "Identity"]:
+        copy = model.graph.initializer.add()
+        copy.CopyFrom(weights[node.input[0]])
+        copy.name = node.output[0]
+        model.graph.node.remove(node)
 
 
 def sample_picture() -> Tensor:
@@ -149,16 +143,16 @@ def sample_picture() -> Tensor:
 
 
 def difference(model: Path, network: Reader, grey: Tensor) -> float:
-    """Return the largest difference of logits between ONNX Runtime and torch, which uses the FFT."""
+    """Return the largest difference of logits between NumPy with ONNX Runtime and torch alone."""
     network.eval()
     shape = (1, grey.shape[2] // STEP, grey.shape[3] // STEP, 32, network.options.region)
     coarser = torch.rand(shape, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
         expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3  # or it warns of every stored weight
-    session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-    actual, _ = session.run(None, {"grey": grey.numpy(), "coarser": coarser.numpy()})
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    cepstra, scales = polar_cepstra(grey[0, 0].numpy())
+    inputs = grey.numpy(), cepstra[None], scales[None], coarser.numpy()
+    actual, _ = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
     return float(np.abs(actual - expected.numpy()).max())
 
 

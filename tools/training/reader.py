@@ -16,8 +16,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
+from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
-from tools.training.spectra import SAMPLES, SCALARS
+from tools.training.spectra import SCALARS
 
 HIDDEN_WEIGHT = 0.25
 """Weight of truth where an end of the smear is hidden: it is known, but shows less."""
@@ -131,7 +132,7 @@ class Reader(nn.Module):
         angles = torch.arange(DIRECTIONS) * math.pi / DIRECTIONS
         lattice = torch.stack([torch.cos(4 * angles), torch.cos(8 * angles)], 1)
         self.register_buffer("lattice", lattice, persistent=False)
-        self.first = Circular(SAMPLES + 2 + SCALARS, o.window, 2)
+        self.first = Circular(LAGS + 2 + SCALARS, o.window, 2)
         self.second = Circular(o.window, o.window, 1)
         self.gather1 = Gathering(o.window, (1, 2))
         self.third = Circular(3 * o.window, o.region, 1)

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blur2view.networks.comb import STEP
+from blur2view.networks.spectra import STEP
 from tools.arguments import existing
 from tools.datasets.shards import Scenes, decode_linear, require_shards
 from tools.rendering import textures

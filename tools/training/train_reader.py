@@ -27,16 +27,16 @@ from torch import Tensor
 
 from blur2view.errors import ModelError
 from blur2view.metrics import DIRECTION_MIN_PX
+from blur2view.networks.spectra import PEAK_LAGS_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
 from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
-from tools.training.spectra import COMB_LAGS_PX
 
 Batch = dict[str, Tensor]
 
-WEIGHTS = "weights."
+WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
 FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
 PICTURE_CELLS = 80
@@ -159,7 +159,7 @@ def octaves_of(row: Mapping[str, Any]) -> int:
 
 def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
     """Return an example, or a batch, that shows only the comb's cepstrum, or only the trend's, or both."""
-    hidden = {"comb": slice(len(COMB_LAGS_PX), None), "trend": slice(len(COMB_LAGS_PX))}
+    hidden = {"comb": slice(len(PEAK_LAGS_PX), None), "trend": slice(len(PEAK_LAGS_PX))}
     shown = dict(row)
     if cepstra == "both":
         return shown

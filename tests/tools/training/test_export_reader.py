@@ -15,7 +15,7 @@ from tools.training.export_reader import difference, export, sample_picture
 from tools.training.reader import Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
 
-pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
+pytestmark = pytest.mark.slow
 SMALL = ReaderOptions(window=8, region=12)
 
 
@@ -48,7 +48,7 @@ def test_file_computes_what_torch_does_in_every_size(exported: Path, checkpoint:
 def test_package_reads_it(exported: Path) -> None:
     network = SmearNetwork(exported, threads=1)
     info = network.info
-    assert (info.format, info.stride, info.multiple_of, info.license) == ("2", 32, 32, "Apache-2.0")
+    assert (info.stride, info.multiple_of, info.features, info.license) == (32, 32, 12, "Apache-2.0")
     assert info.model_id.startswith("smear-") and info.training["pictures"] == 640
     assert info.training["figures"] == {"held": {"loss": 1.5}} and info.training["seed"] == 3
     image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 from tools.training.reader import (
     HIDDEN_WEIGHT,
@@ -17,7 +18,7 @@ from tools.training.reader import (
     loss_of,
     target_of,
 )
-from tools.training.spectra import SAMPLES, SCALARS
+from tools.training.spectra import SCALARS
 
 SMALL = ReaderOptions(window=8, region=12)
 
@@ -26,7 +27,7 @@ def some_octaves(n: int = 1, rows: int = 4, columns: int = 5) -> list[tuple[torc
     """Return features of two octaves, of any values."""
     torch.manual_seed(1)
     sizes = ((rows, columns), (rows // 2, -(-columns // 2)))
-    return [(torch.randn(n, h, w, DIRECTIONS, SAMPLES), torch.randn(n, h, w, SCALARS)) for h, w in sizes]
+    return [(torch.randn(n, h, w, DIRECTIONS, LAGS), torch.randn(n, h, w, SCALARS)) for h, w in sizes]
 
 
 @pytest.fixture

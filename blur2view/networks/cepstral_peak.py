@@ -1,7 +1,7 @@
-"""Smears put where the comb stands: between the network's bins, with the deviations that are left.
+"""Smears refined on the cepstral peak: between the network's bins, with the deviations that are left.
 
-An even smear d leaves a comb in a picture's log power spectrum, and in its inverse transform, the cepstrum, a
-negative peak at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees and 19 % of the
+An even smear d leaves evenly spaced zeros in a picture's power spectrum, and in its cepstrum a negative peak
+at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees and 19 % of the
 length, robustly: it knows false peaks. Here the cepstra of the windows are sampled about the network's
 smears, by how far these would be turned and scaled, and summed over neighbouring windows, whose errors are
 alike and whose textures are not. The smear is then the mean over the network's own distribution times the
@@ -11,23 +11,27 @@ likelihood of the peak (Bayes).
 from __future__ import annotations
 
 import functools
-from concurrent.futures import ThreadPoolExecutor
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.ndimage import convolve1d
-from scipy.special import erf
 
+from blur2view.networks.spectra import (
+    NOISE_FLOOR,
+    TAPERS,
+    TREND,
+    WINDOW,
+    in_batches,
+    power_spectra,
+    windows_of,
+)
 from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
 
-WINDOW, STEP = 96, 32
-"""Side of a Hann window and the distance of windows, pixels: those of the network."""
 SHORTEST_PX, LONGEST_PX = 14.0, 28.0
 """Lengths, in an octave's pixels, that are read there: longer ones in the next octave, but for the smallest.
 Of shorter ones the network knows as much (tools/results/training_log.md, seventh)."""
@@ -45,16 +49,8 @@ TEMPER = 0.5
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, along and across, in an octave's pixels (24
 development scenes, peaks above six deviations)."""
-NOISE_FLOOR = 0.02
-"""Power below which a frequency says nothing: noise of half a grey level."""
-TREND = 8.0
-"""Width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its comb."""
-TAPER = 0.28
-"""Width, of the window's side, of the taper towards high frequencies, which are noise."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
-BATCH = 32
-"""Windows transformed at a time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,8 +100,8 @@ class Correction:
         return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
 
 
-def put_on_comb(cells: Floats, octaves: list[Floats], threads: int = 1) -> Floats:
-    """Return smears with those that are long and sure put where the comb stands.
+def refine_on_cepstrum(cells: Floats, octaves: list[Floats], threads: int = 1) -> Floats:
+    """Return smears with those that are long and sure moved to their peaks in the cepstrum.
 
     Parameters
     ----------
@@ -169,14 +165,13 @@ def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Flo
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
     peaks = np.zeros((*usable.shape, len(steps)), np.float32)
 
-    def sample(cells: NDArray[np.intp]) -> None:
-        rows, columns = cells.T
-        lags = prior.smear[rows, columns][:, None] * steps
-        peaks[rows, columns] = -values_at(cepstra_of(windows[rows, columns]), lags)
+    rows, columns = np.nonzero(usable)
 
-    cells = np.argwhere(usable)
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(sample, [cells[first : first + BATCH] for first in range(0, len(cells), BATCH)]))
+    def sample(part: slice) -> None:
+        cells = rows[part], columns[part]
+        peaks[cells] = -values_at(cepstra_of(windows[cells]), prior.smear[cells][:, None] * steps)
+
+    in_batches(sample, len(rows), threads)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
@@ -193,49 +188,35 @@ def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
     return np.asarray(values, np.float32)
 
 
-def windows_of(grey: Floats) -> Floats:
-    """Return the windows (h, w, 96, 96) about the cells of a picture (32 h, 32 w), less one half.
-
-    It is mirrored beyond its border.
-    """
-    padded = np.pad(grey - np.float32(0.5), (WINDOW - STEP) // 2, mode="reflect")
-    windows: Floats = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))[::STEP, ::STEP]
-    return windows
-
-
 def cepstra_of(windows: Floats) -> Floats:
     """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
-    hann, taper, comb, ring = filters()
-    spectrum = fft.rfft2(windows * hann)
-    power = np.log(spectrum.real**2 + spectrum.imag**2 + np.float32(NOISE_FLOOR))
-    cepstra: Floats = fft.irfft2(power * taper, s=(WINDOW, WINDOW), overwrite_x=True) * comb
+    taper, trendless, ring = filters()
+    power = np.log(power_spectra(windows) + np.float32(NOISE_FLOOR))
+    cepstra = np.asarray(np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)), np.float32) * trendless
     flat = cepstra.reshape(len(cepstra), -1)
-    mean, square = flat @ ring, (flat * flat) @ ring
-    deviation = np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    flat -= mean[:, None]
-    flat /= deviation[:, None]
+    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
+    flat -= mean
+    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
     return cepstra
 
 
 @functools.cache
-def filters() -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the Hann window, the taper of log spectra, which puts lag 0 in the middle, and factors by lag.
+def filters() -> tuple[Floats, Floats, Floats]:
+    """Return the taper of log spectra, which puts lag 0 in the middle, and factors by lag.
 
-    These are 0 where a spectrum's trend is and 1 where combs are, (96, 96), and the weights of the mean over
+    These are 0 where a spectrum's trend is and 1 where peaks are, (96, 96), and the weights of the mean over
     CEPSTRUM_RANGE_PX, (96 * 96,).
     """
-    hann = np.hanning(WINDOW)
-    rows, columns = fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
+    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
     radius = np.hypot(rows, columns)
-    taper = np.exp(-((radius / (TAPER * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
+    taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
     taper *= np.where((rows + columns) % 2, -1, 1)
     lag = np.arange(-WINDOW // 2, WINDOW // 2)
     distance = np.hypot(lag[:, None], lag)
-    comb = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
+    trendless = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
     ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
-    factors = np.outer(hann, hann), taper, comb, ring.ravel() / ring.sum()
-    window, high, far, mean = (values.astype(np.float32) for values in factors)
-    return window, high, far, mean
+    high, far, mean = (f.astype(np.float32) for f in (taper, trendless, ring.ravel() / ring.sum()))
+    return high, far, mean
 
 
 def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
@@ -243,11 +224,11 @@ def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
 
     The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). Beyond the samples
     lies what the network's distribution, taken for normal, has there, with the evidence for half the smear: a
-    comb has a second, shallower peak at twice its smear.
+    smear has a second, shallower peak at twice its length.
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
-    inside = erf(a[..., -1] / 2**0.5) * erf(b[..., -1] / 2**0.5)
+    inside = within(a[..., -1]) * within(b[..., -1])
     density *= (inside / density.sum((-2, -1)))[..., None, None]
     log_posterior = np.log(density + 1e-30) + evidence_of(peaks)
     most = log_posterior.max((-2, -1))
@@ -303,8 +284,19 @@ def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
     return mean, np.maximum(weights @ values**2 - mean**2, 0)
 
 
+def within(deviations: Floats) -> Floats:
+    """Return the probability that a normal deviate is within so many deviations; SciPy is slow to import."""
+    shares = [math.erf(value) for value in (deviations / 2**0.5).ravel().tolist()]
+    return np.array(shares, np.float32).reshape(deviations.shape)
+
+
 def over_neighbours(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
-    down = convolve1d(values, weights, axis=0, mode="constant")
-    summed: Floats = convolve1d(down, weights, axis=1, mode="constant")
-    return summed
+    height, width = values.shape[:2]
+    reach = len(weights) // 2
+    rows, columns = (
+        np.asarray(sum(w * np.eye(n, k=k - reach) for k, w in enumerate(weights)), np.float32)
+        for n in (height, width)
+    )
+    down = (rows @ values.reshape(height, -1)).reshape(height, width, -1)
+    return np.asarray((columns @ down).reshape(values.shape))

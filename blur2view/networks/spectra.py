@@ -1,0 +1,243 @@
+"""What is read of a picture before anything is learned: polar cepstra of its windows.
+
+A straight, even smear d multiplies a picture's spectrum by sinc(f . d); the log power spectrum then has
+evenly spaced zeros, and its inverse transform, the cepstrum, a negative peak at d and -d whatever the
+texture. Every window's cepstrum is sampled on a polar grid of directions and log lengths: a rotation of the
+picture is a circular shift of the grid, a change of scale a shift along the lengths.
+
+The samples are linear in the log spectrum, and the frequency lattice is symmetric under reflections at its
+axes and diagonals. So each log spectrum is split into its four symmetric parts on an eighth of the plane,
+and these are multiplied by the samples of directions 0 to 45 degrees alone: a quarter of the products.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.smears.likelihood import DIRECTIONS, SHORTEST_PX
+
+Floats = NDArray[np.float32]
+
+WINDOW, STEP = 96, 32
+"""Side of a Hann window and the distance of windows, pixels."""
+NOISE_FLOOR = 0.02
+"""Power below which a frequency says nothing: noise of half a grey level."""
+RELATIVE_FLOOR = 1e-3
+"""The floor of the second cepstrum, as a share of the window's mean power."""
+TREND = 8.0
+"""Width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros."""
+TAPERS = 0.28, 0.4
+"""Widths, of the window's side, of the tapers of both cepstra towards high frequencies, which are noise."""
+FREQUENCIES = 40
+"""Frequencies that are kept along each axis, in bins of 1 / 96 px."""
+PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
+"""Lags of the first cepstrum, 2 to 38 px: eight an octave from 8 px on, where peaks are narrower."""
+TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
+"""Lags of the second cepstrum, 1 to 19 px, which keeps the spectrum's trend."""
+LEAST_FREQUENCY = 4
+"""Least frequency, in bins, of those whose mean power is told beside the cepstra."""
+EIGHTH = DIRECTIONS // 4
+"""Directions in 45 degrees."""
+LAGS = len(PEAK_LAGS_PX) + len(TREND_LAGS_PX)
+SCALES = 3
+"""Numbers beside the cepstra of a window: logs of both deviations and of the mean power."""
+BATCH = 40
+"""Windows transformed at a time, which a core's cache holds: bytes do not depend on the threads."""
+
+
+@dataclass(frozen=True, eq=False)
+class PolarMap:
+    """The linear map from log spectra to polar samples, split by symmetry.
+
+    Attributes
+    ----------
+    index : ndarray of shape (4, n), intp
+        Places in a half plane of frequencies (81, 41), row 0 at -40, of (x, y), (y, x), (x, -y) and (y, -x)
+        for the n frequencies with 0 <= y <= x that say something.
+    mean : ndarray of shape (4 n,)
+        Weights of the mean power from 4 to 40 bins.
+    samples : tuple of ndarray of shape (4, n, 9 * lags)
+        Of both cepstra, in directions 0 to 45 degrees: of what is even under both reflections, odd at the
+        x axis alone, odd at the diagonal alone, odd under both.
+    """
+
+    index: NDArray[np.intp]
+    mean: Floats
+    samples: tuple[Floats, Floats]
+
+
+def in_batches(work: Callable[[slice], None], count: int, threads: int) -> None:
+    """Call `work` with slices of BATCH of `count` windows, in any order, on some threads."""
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, [slice(first, first + BATCH) for first in range(0, count, BATCH)]))
+
+
+def polar_cepstra(grey: Floats, threads: int = 1) -> tuple[Floats, Floats]:
+    """Return the polar cepstra (h, w, 32, 45) of the windows of a picture, and their scales (h, w, 3).
+
+    Parameters
+    ----------
+    grey : ndarray of shape (32 h, 32 w), float32
+        sRGB-coded luma in [0, 1].
+    threads : int
+        That share the work; the result is the same.
+
+    Returns
+    -------
+    cepstra : ndarray of float32
+        Both, each of mean 0 and deviation 1.
+    scales : ndarray of float32
+        Logs of both deviations and of the mean power.
+    """
+    windows = windows_of(grey)
+    h, w = windows.shape[:2]
+    rows, columns = np.divmod(np.arange(h * w), w)
+    kept = np.arange(-FREQUENCIES, FREQUENCIES + 1)
+    cepstra = np.empty((h * w, DIRECTIONS, LAGS), np.float32)
+    scales = np.empty((h * w, SCALES), np.float32)
+
+    def transform(part: slice) -> None:
+        power = power_spectra(windows[rows[part], columns[part]])
+        scales[part] = fill_cepstra(cepstra[part], power[:, kept, : FREQUENCIES + 1])
+
+    in_batches(transform, h * w, threads)
+    return cepstra.reshape(h, w, DIRECTIONS, LAGS), scales.reshape(h, w, SCALES)
+
+
+def windows_of(grey: Floats) -> Floats:
+    """Return the windows (h, w, 96, 96) about the cells of a picture (32 h, 32 w), less one half.
+
+    It is mirrored beyond its border.
+    """
+    padded = np.pad(grey - np.float32(0.5), (WINDOW - STEP) // 2, mode="reflect")
+    windows: Floats = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))[::STEP, ::STEP]
+    return windows
+
+
+def power_spectra(windows: Floats) -> Floats:
+    """Return the power spectra (n, 96, 49) of windows (n, 96, 96) under a Hann window.
+
+    Of frequencies 0 to 48 along x and, as of an FFT, 0 to 47 and -48 to -1 along y.
+    """
+    packed = np.empty_like(windows)
+    for window, spectrum in zip(windows * hann(), packed, strict=True):
+        cv2.dft(window, spectrum)  # a third of the time of NumPy's; SciPy takes 0.2 s to import
+    packed *= packed
+    half = WINDOW // 2
+    power = np.empty((len(windows), WINDOW, half + 1), np.float32)
+    np.add(packed[:, :, 1:-1:2], packed[:, :, 2:-1:2], out=power[:, :, 1:-1])
+    for column in (0, -1):  # real ones, whose rows are packed in turn
+        power[:, 0, column], power[:, half, column] = packed[:, 0, column], packed[:, -1, column]
+        power[:, 1:half, column] = packed[:, 1:-1:2, column] + packed[:, 2:-1:2, column]
+        power[:, half + 1 :, column] = power[:, half - 1 : 0 : -1, column]
+    return power
+
+
+@functools.cache
+def hann() -> Floats:
+    """Return the window, (96, 96)."""
+    side = np.hanning(WINDOW)
+    return np.outer(side, side).astype(np.float32)
+
+
+def fill_cepstra(cepstra: Floats, power: Floats) -> Floats:
+    """Write polar cepstra (n, 32, 45) of power spectra (n, 81, 41); return their scales (n, 3)."""
+    polar = polar_map()
+    eighths = power.reshape(len(power), -1)[:, polar.index.ravel()]
+    mean = eighths @ polar.mean
+    relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
+    floors = np.full_like(relative, NOISE_FLOOR), relative
+    places = np.split(cepstra, [len(PEAK_LAGS_PX)], axis=-1)
+    scales = []
+    for floor, samples, place in zip(floors, polar.samples, places, strict=True):
+        values = sampled(np.log(eighths + floor), samples)
+        values -= values.mean((1, 2), keepdims=True)
+        square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)
+        deviation = np.sqrt(square) + np.float32(1e-3)
+        np.divide(values, deviation[:, None, None], out=place)
+        scales.append(np.log(deviation) + 3)
+    return np.stack([*scales, np.log(mean + np.float32(1e-3)) / 3], -1)
+
+
+def sampled(logs: Floats, samples: Floats) -> Floats:
+    """Return polar samples (n, 32, lags) of log spectra on four eighths of the plane (n, 4 * f)."""
+    a, a_turned, b, b_turned = np.moveaxis(logs.reshape(len(logs), 4, -1), 1, 0)
+    even_a, odd_a, even_b, odd_b = a + a_turned, a - a_turned, b + b_turned, b - b_turned
+    parts = even_a + even_b, even_a - even_b, odd_a + odd_b, odd_a - odd_b
+    products = (part @ matrix for part, matrix in zip(parts, samples, strict=True))
+    ee, oe, eo, oo = (product.reshape(len(logs), EIGHTH + 1, -1) for product in products)
+    even, odd, even_turned, odd_turned = ee + eo, oe + oo, ee - eo, oe - oo
+    values = np.empty((len(logs), DIRECTIONS, ee.shape[-1]), np.float32)
+    values[:, : EIGHTH + 1] = even + odd
+    values[:, EIGHTH : 2 * EIGHTH + 1] = (even_turned + odd_turned)[:, ::-1]
+    values[:, 2 * EIGHTH : 3 * EIGHTH + 1] = even_turned - odd_turned
+    values[:, 3 * EIGHTH :] = (even - odd)[:, :0:-1]
+    return values
+
+
+@functools.cache
+def polar_map() -> PolarMap:
+    """Return the map from log spectra to both cepstra, split by symmetry."""
+    y, x = (i.ravel() for i in np.indices((FREQUENCIES + 1,) * 2))
+    keep = (y <= x) & (x > 1) & (np.hypot(x, y) <= FREQUENCIES)
+    x, y = x[keep], y[keep]
+    places = (x, y), (y, x), (x, -y), (y, -x)
+    index = np.stack([(FREQUENCIES + row) * (FREQUENCIES + 1) + column for column, row in places])
+    share = np.where(x == y, 0.5, 1) * np.ones((4, 1))  # what stands in two eighths counts half in each
+    share[::2] *= np.where(y == 0, 0.5, 1)
+    mean = share * (np.hypot(x, y) >= LEAST_FREQUENCY)
+    # of (x, y), (y, x), (x, -y), (y, -x): all alike, odd at the axis, at the diagonal, at both
+    signs = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]], np.float32) / 4
+    samples = []
+    for cepstrum in range(2):
+        entries = polar_samples(cepstrum, range(EIGHTH + 1))[index.ravel()].reshape(*index.shape, -1)
+        entries *= share[..., None].astype(np.float32)
+        samples.append(np.einsum("sp,pfk->sfk", signs, entries))
+    first, second = samples
+    weights = (mean / mean.sum()).astype(np.float32).ravel()
+    return PolarMap(index=index, mean=weights, samples=(first, second))
+
+
+def polar_samples(cepstrum: int, directions: range = range(DIRECTIONS)) -> Floats:
+    """Return the matrix (81 * 41, directions * lags) from half a log power spectrum to polar samples.
+
+    Columns: the inverse transform at a polar bin (Gaussian footprint 0.6 px + 4 % of the lag) of the spectrum
+    tapered towards high frequencies. To subtract the spectrum's trend, as the first cepstrum (0) does and the
+    second (1) does not, is in the cepstrum a factor that vanishes at no lag. Entries are rounded to float16,
+    as the network saw them in training.
+    """
+    rows, columns = np.arange(-FREQUENCIES, FREQUENCIES + 1), np.arange(FREQUENCIES + 1)
+    radius = np.hypot(rows[:, None], columns)
+    taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
+    taper *= (radius <= FREQUENCIES) & ~((columns <= 1) & (abs(rows[:, None]) <= 1))  # the window's own mean
+    taper *= np.where(columns == 0, 1, 2) / WINDOW**2  # the other half plane is the same
+    lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
+    angles = np.pi / DIRECTIONS * np.asarray(directions)
+    sigma = np.tile(0.6 + 0.04 * lags, len(angles))[:, None]
+    place = np.arange(-WINDOW // 2, WINDOW // 2)
+    x, y = (place - np.outer(f(angles), lags).reshape(-1, 1) for f in (np.cos, np.sin))
+    x, y = (np.exp(-(apart**2) / (2 * sigma**2)) for apart in (x, y))
+    total = (x.sum(1) * y.sum(1))[:, None, None]
+    wave_x, wave_y = (np.exp(2j * np.pi * np.outer(place, f) / WINDOW) for f in (columns, rows))
+    result = real_outer(y @ wave_y, x @ wave_x)
+    if cepstrum == 0:
+        trend = np.exp(-2 * (np.pi * TREND / WINDOW * place) ** 2)
+        result -= real_outer((y * trend) @ wave_y, (x * trend) @ wave_x)
+    result *= taper
+    result /= total
+    rounded = result.reshape(len(result), -1).T.astype(np.float16)
+    return rounded.astype(np.float32)
+
+
+def real_outer(y: NDArray[np.complex128], x: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the real parts of products (n, rows, columns) of complex rows (n, rows) and (n, columns)."""
+    real = y.real[..., None] * x.real[:, None]
+    real -= y.imag[..., None] * x.imag[:, None]
+    return np.asarray(real)
