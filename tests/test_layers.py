@@ -22,7 +22,7 @@ ROWS = [
     "input_files output_files",
     "camera smears",
     "geometry networks",
-    "robust metrics",
+    "robust",
     "two_view",
     "pipeline",
     "segmentation exposure",
@@ -40,7 +40,7 @@ SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})
 
 NUMERIC = {"numpy", "scipy", "cv2"}
-ARRAYS_ONLY = {"arrays", "smears", "geometry", "robust", "metrics", "two_view"}
+ARRAYS_ONLY = {"arrays", "smears", "geometry", "robust", "two_view"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
 EXTRAS = {

@@ -10,7 +10,6 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import collinear
 from blur2view.two_view.degeneracy import within_errors
@@ -19,6 +18,7 @@ from blur2view.two_view.planarity import judged
 from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
+from tools.metrics import rho
 
 SEEDS = range(6)
 

@@ -12,7 +12,6 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.metrics import epipole_angle_deg, rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import agreement, constant_field
 from blur2view.two_view.estimate import estimate_two_view
@@ -27,6 +26,7 @@ from tests.support.scenes import (
     with_outliers,
     with_second_motion,
 )
+from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
 

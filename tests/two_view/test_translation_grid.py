@@ -8,9 +8,9 @@ import pytest
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
-from blur2view.metrics import translation_direction_error_deg
 from blur2view.two_view.calibrated_start import rotations_given, translation_search, unit_lines
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene, with_outliers
+from tools.metrics import translation_direction_error_deg
 
 
 def rays_of(scene: Scene) -> Array:

@@ -21,7 +21,6 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.sampling import select_matches
@@ -32,6 +31,7 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
+from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
 
 
 @dataclass(frozen=True, kw_only=True)

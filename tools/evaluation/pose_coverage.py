@@ -13,16 +13,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import get_args
 
 import numpy as np
 
-from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of, target
+from tools.datasets.degenerate_scenes import with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     Kind,
@@ -30,8 +30,8 @@ from tools.datasets.synthetic_matches import (
     SyntheticSmears,
     synthetic_smears,
 )
-from tools.evaluation.correlated_noise import smooth_noise
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rotation_error, translation_direction_error_deg
 
 SEEDS = 200
 PARTS = {"pose": slice(0, 5), "rotation": slice(0, 3), "translation": slice(3, 5)}
@@ -47,28 +47,22 @@ class Case:
     direction_deg: float = 0.0
     length_share: float = 0.0
 
-    @property
-    def correlated(self) -> bool:
-        """Whether neighbours err as one."""
-        return self.direction_deg > 0
 
-
+KINDS: tuple[Kind, ...] = get_args(Kind)
 CASES = (
-    Case(name="white, smooth depth", kind="smooth"),
-    Case(name="white, smooth depth, 30 % outliers", kind="smooth", outliers=0.3),
-    Case(name="white, scattered depth", kind="scattered"),
-    Case(name="white, scattered depth, 30 % outliers", kind="scattered", outliers=0.3),
-    Case(
-        name="correlated, smooth depth, 2 degrees, 5 %", kind="smooth", direction_deg=2.0, length_share=0.05
+    *(
+        Case(name=f"white, {kind} depth{', 30 % outliers' * bool(share)}", kind=kind, outliers=share)
+        for kind in KINDS
+        for share in (0.0, 0.3)
     ),
-    Case(
-        name="correlated, smooth depth, 4 degrees, 10 %", kind="smooth", direction_deg=4.0, length_share=0.1
-    ),
-    Case(
-        name="correlated, scattered depth, 4 degrees, 10 %",
-        kind="scattered",
-        direction_deg=4.0,
-        length_share=0.1,
+    *(
+        Case(
+            name=f"correlated, {kind} depth, {degrees} degrees, {length:.0%}".replace("%", " %"),
+            kind=kind,
+            direction_deg=degrees,
+            length_share=length,
+        )
+        for kind, degrees, length in ((KINDS[0], 2, 0.05), *((kind, 4, 0.1) for kind in KINDS))
     ),
 )
 
@@ -85,24 +79,15 @@ class Outcome:
 
 def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
     """Return the smears of a seed, and what is seen of them."""
-    if not case.correlated:
+    if not case.direction_deg:
         scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=case.outliers))
         return scene, scene.matches
     scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=0.0, noise_px=0.0))
-    ends = correlated(scene.ends, case, np.random.default_rng([seed, 1]))
+    rng = np.random.default_rng([seed, 1])
+    ends = with_shared_errors(scene.ends, rng, case.direction_deg, case.length_share)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
     return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
-
-
-def correlated(ends: Array, case: Case, rng: np.random.Generator) -> Array:
-    """Return smears (N, 2, 2) turned and stretched about their midpoints by noise smooth over the image."""
-    middle = ends.mean(axis=1)
-    angle = np.radians(case.direction_deg) * smooth_noise(rng, middle, IMAGE_SIZE)
-    stretch = np.exp(case.length_share * smooth_noise(rng, middle, IMAGE_SIZE))
-    x, y = (ends[:, 1] - middle).T * stretch
-    half = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
-    return np.stack([middle - half, middle + half], axis=1)
 
 
 def outcome(case: Case, seed: int) -> Outcome:

@@ -11,9 +11,9 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.image import read_image
-from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
+from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from blur2view.metrics import epe_s, sparsification_curve
 from tools.evaluation.smear_figures import SmearFigures, Smears
+from tools.metrics import epe_s, sparsification_curve
 from tools.reports.figure_style import new_figure, save
 
 

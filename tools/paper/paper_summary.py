@@ -99,13 +99,8 @@ def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
 
 def label(variant: Variant) -> tuple[str, str]:
     """Return the names of a variant's network and loss for people."""
-    networks = {
-        "stem": "stem, paper's outputs",
-        "plain": "the paper's plain U-Net",
-        "factored": "ours, factored",
-    }
-    loss = f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
-    return networks[variant.network], "ours" if variant.network == "factored" else loss
+    network = "the paper's plain U-Net" if variant.network == "plain" else "stem, paper's outputs"
+    return network, f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
 
 
 def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
@@ -130,47 +125,21 @@ def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list
 
 
 def verdicts(found: dict[str, VariantFigures]) -> list[str]:
-    """Return which of the six is best, by either measure, and whether it is the paper's."""
-    lines = []
+    """Return which of the six is best by every measure, and whether it is the paper's."""
     present = [variant for variant in SIX if variant.name in found]
     if len(present) < len(SIX):
         return [f"{len(present)} of the six variants are trained."]
+    lines = []
     for measure, words in RANKED.items():
         best, second = sorted(present, key=lambda variant: found[variant.name].mean[measure])[:2]
-        again = "as in the paper" if best.name == BEST else "in the paper: double, with map"
-        (first, spread), (next_, _) = (measured(found[v.name], measure) for v in (best, second))
-        gap = (
-            "within its deviation over seeds"
-            if next_ - first <= spread
-            else "beyond its deviation over seeds"
-        )
+        mean, spread = (getattr(found[best.name], of)[measure] for of in ("mean", "deviation"))
+        next_ = found[second.name].mean[measure]
         lines.append(
-            f"- Best of the six by {words}: {label(best)[1]} ({again}), {first:.3f}; "
-            f"next {label(second)[1]}, {next_:.3f}: {gap}."
+            f"- Best of the six by {words}: {label(best)[1]} (in the paper: {label(VARIANTS[BEST])[1]}), "
+            f"{mean:.3f}; next {label(second)[1]}, {next_:.3f}: "
+            f"{'within' if next_ - mean <= spread else 'beyond'} its deviation over seeds."
         )
-    return lines + why_not_by_area(found)
-
-
-def measured(figures: VariantFigures, measure: str) -> tuple[float, float]:
-    """Return a mean over seeds and its deviation."""
-    return figures.mean[measure], figures.deviation[measure]
-
-
-def why_not_by_area(found: dict[str, VariantFigures]) -> list[str]:
-    """Return how the paper's variant compares with the one of the smallest area in px, if it is another."""
-    best = min(SIX, key=lambda variant: found[variant.name].mean["sparsification_area"])
-    if best.name == BEST:
-        return []
-    cells = [
-        f"{label(VARIANTS[name])[1]}, leaves {found[name].mean['epe_s_left']:.2f} px and its oracle "
-        f"{found[name].mean['epe_s_oracle']:.2f} px"
-        for name in (BEST, best.name)
-    ]
-    return [
-        "- Why not by area: it is the gap to the oracle over the mean error of all. "
-        f"{cells[0]}; {cells[1]}. Errors of one size leave a sigma less to rank: the former has small ones "
-        "that the latter lacks."
-    ]
+    return lines
 
 
 def plot(found: dict[str, VariantFigures], study: dict[str, VariantFigures], path: Path) -> None:

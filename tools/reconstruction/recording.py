@@ -31,8 +31,6 @@ class Recording:
         During each exposure; where the exposure is not known, during the time from frame to frame.
     exposure_known : bool
         False: true motions hold up to one factor for the whole recording.
-    displacement : ndarray of shape (N, H/4, W/4, 2) or None
-        True smears, where they are known.
     """
 
     name: str
@@ -41,17 +39,13 @@ class Recording:
     poses: Array
     motion: Motion
     exposure_known: bool
-    displacement: Array | None = None
 
     def first(self, count: int | None) -> Recording:
         """Return the first frames only."""
         motion = Motion(
             rotations=self.motion.rotations[:count], translations=self.motion.translations[:count]
         )
-        displacement = None if self.displacement is None else self.displacement[:count]
-        return replace(
-            self, paths=self.paths[:count], poses=self.poses[:count], motion=motion, displacement=displacement
-        )
+        return replace(self, paths=self.paths[:count], poses=self.poses[:count], motion=motion)
 
 
 def rendered_recording(folder: Path) -> Recording:
@@ -64,7 +58,6 @@ def rendered_recording(folder: Path) -> Recording:
         poses=truth.poses[:, 1],
         motion=Motion.between(truth.poses[:, 0], truth.poses[:, 2]),
         exposure_known=True,
-        displacement=truth.displacement,
     )
 
 

@@ -2,15 +2,13 @@ r"""Reconstruct videos of blurred frames with COLMAP, without and with the views
 
     python -m tools.reconstruction.sequence render/sequence --seed 1 --photos KODAK
     python -m tools.reconstruction.sfm_experiment --sequence render/sequence \
-        --out tools/results/sfm_experiment --redkitchen ../shared/data/redkitchen_sequence
+        --out tools/results/sfm_experiment.md --redkitchen ../shared/data/redkitchen_sequence
 
 Each video goes through SIFT, sequential matching and incremental mapping with COLMAP's defaults and the true
 intrinsics. Then ``blur2view to-colmap --link --sequence`` adds the views. `blur2view.colmap.placement` places
-them in that model; the mapper adds them to it under ``mapper_options(linked=True, keep_photographs=True)``;
-and all is mapped anew globally. The report has
-what was registered, errors against the true poses after one similarity, and the motion during every exposure:
-of the models' virtual views, and of the single photographs as they were estimated. The rendered video is also
-run with its true smears in place of the network's. Writes OUT.md and OUT.png.
+them in that model; the mapper adds them to it under ``mapper_options(linked=True, keep_photographs=True)``.
+The report has what was registered, errors against the true poses after one similarity, and the motion during
+every exposure: of the models' virtual views, and of the single photographs as they were estimated.
 """
 
 from __future__ import annotations
@@ -28,17 +26,16 @@ import numpy as np
 
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.cli.commands import main as blur2view_main
-from blur2view.colmap.mapping import global_options, mapper_options
+from blur2view.colmap.mapping import mapper_options
 from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_vector
+from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import existing, parser_of, target
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.recording import Recording, redkitchen_recording, rendered_recording
-from tools.reconstruction.sfm_report import markdown
-from tools.reconstruction.sfm_result import Result, read_model
-from tools.reconstruction.true_smears import link_true
+from tools.reconstruction.sfm_report import Result, markdown, read_model
 
 OVERLAP = 6
 """Frames ahead that a frame is matched with."""
@@ -75,26 +72,20 @@ def fresh_database(path: Path, recording: Recording) -> None:
 def run_mapper(
     database: Path, images: Path, options: Any, out: Path, start: Path | None = None
 ) -> Path | None:
-    """Return the largest model of incremental mapping (from a model on disk, if given) or of global mapping.
+    """Return the largest model of incremental mapping; None if COLMAP builds none.
 
     Returns
     -------
     Path or None
-        The folder of the largest model: a numbered one below ``out``, or of a continued model ``out`` itself.
-        None if COLMAP builds none.
+        A numbered folder below ``out``; where a model on disk, ``start``, was continued, ``out`` itself.
     """
     import pycolmap
 
     options.num_threads = 1
     out.mkdir()
-    if isinstance(options, pycolmap.IncrementalPipelineOptions):
-        models = pycolmap.incremental_mapping(database, images, out, options, str(start or ""))
-    else:
-        models = pycolmap.global_mapping(database, images, out, options)
-    if not models:
-        return None
-    if start is not None:
-        return out
+    models = pycolmap.incremental_mapping(database, images, out, options, str(start or ""))
+    if not models or start is not None:
+        return out if models else None
     return out / str(max(models, key=lambda key: int(models[key].num_reg_images())))
 
 
@@ -151,10 +142,8 @@ def place(database: Path, model: Path, recording: Recording, out: Path) -> Path:
     return out
 
 
-def experiment(recording: Recording, model: Path | None, true_smears: bool = False) -> Result:
-    """Return the reconstructions of a recording without and with views, of a network or true smears."""
-    from blur2view.networks.smear_network import SmearNetwork
-
+def experiment(recording: Recording, model: Path | None) -> Result:
+    """Return the reconstructions of a recording without and with views."""
     images = recording.paths[0].parent
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -162,27 +151,19 @@ def experiment(recording: Recording, model: Path | None, true_smears: bool = Fal
         fresh_database(database, recording)
         without = run_mapper(database, images, plain_options(), folder / "without")
         shutil.copy(database, linked)
-        if true_smears and recording.displacement is not None:
-            facts = link_true(linked, recording.paths, recording.K, recording.displacement)
-        else:
-            facts = link(linked, recording, model)
+        photographs = link(linked, recording, model)
         options = mapper_options(linked=True, keep_photographs=without is not None, refine_intrinsics=False)
         options.mapper.init_min_tri_angle = INITIAL_ANGLE_DEG
         placed = None if without is None else place(linked, without, recording, folder / "placed")
-        joined = run_mapper(linked, images, options, folder / "joined", start=without)
-        averaged = run_mapper(linked, images, global_options(refine_intrinsics=False), folder / "averaged")
-        estimated = estimated_motion(linked, [path.name for path in recording.paths])
-        models = [read_model(model) for model in (without, placed, joined, averaged)]
-    return Result(
-        recording=recording,
-        without=models[0],
-        placed=models[1],
-        joined=models[2],
-        averaged=models[3],
-        estimated=estimated,
-        facts=facts,
-        model_id="true smears" if true_smears else f"network {SmearNetwork(model).info.model_id}",
-    )
+        mapped = run_mapper(linked, images, options, folder / "mapped", start=without)
+        folders = {"without views": without, "views placed": placed, "views mapped": mapped}
+        return Result(
+            recording=recording,
+            models={name: read_model(where) for name, where in folders.items()},
+            estimated=estimated_motion(linked, [path.name for path in recording.paths]),
+            time_known=sum(bool(one["time_known"]) for one in photographs),
+            model_id=f"network {SmearNetwork(model).info.model_id}",
+        )
 
 
 def main() -> None:
@@ -192,21 +173,16 @@ def main() -> None:
     parser.add_argument("--redkitchen", type=existing, help="folder of redkitchen_sequence")
     parser.add_argument("--frames", type=int, help="only so many frames of each")
     parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=target, help="write OUT.md and OUT.png")
+    parser.add_argument("--out", type=target, help="Markdown file to write")
     arguments = parser.parse_args()
     recordings = [] if arguments.sequence is None else [rendered_recording(arguments.sequence)]
     recordings += [] if arguments.redkitchen is None else [redkitchen_recording(arguments.redkitchen)]
-    results = []
+    text = HEADER
     for recording in recordings:
-        for true_smears in (True, False) if recording.displacement is not None else (False,):
-            results.append(experiment(recording.first(arguments.frames), arguments.model, true_smears))
-            print(markdown(results[-1]), flush=True)
-    text = "\n".join([HEADER, *(markdown(result) for result in results)])
+        text += "\n" + markdown(experiment(recording.first(arguments.frames), arguments.model))
+    print(text)
     if arguments.out is not None:
-        from tools.reconstruction.sfm_plot import plot
-
-        arguments.out.with_suffix(".md").write_text(text)
-        plot(results, arguments.out.with_suffix(".png"))
+        arguments.out.write_text(text)
 
 
 if __name__ == "__main__":

@@ -1,114 +1,149 @@
-"""The tables of the videos' reconstructions."""
+"""What COLMAP and we made of a video, beside its truth, and the tables of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
 import numpy as np
 
-from tools.reconstruction.alignment import MotionErrors, centres, rotation_errors_deg
-from tools.reconstruction.sfm_result import Model, Result
+from blur2view.arrays import AnyArray as Array
+from blur2view.exposure.views import CLOSE, OPEN
+from tools.reconstruction.alignment import (
+    Motion,
+    MotionErrors,
+    Similarity,
+    align,
+    centres,
+    common_scale,
+    rotation_errors_deg,
+)
+from tools.reconstruction.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """What COLMAP built: poses cam_from_world by image name."""
+
+    poses: dict[str, Array]
+    points: int
+    error_px: float
+
+    def of(self, names: Sequence[str]) -> Array:
+        """Return the poses (N, 3, 4) of images; NaN where one is not registered."""
+        return np.stack([self.poses.get(name, np.full((3, 4), np.nan)) for name in names])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """A recording reconstructed, and every photograph's own estimate.
+
+    Parameters
+    ----------
+    recording : Recording
+    models : dict of str to Model
+        "without views", "views placed" (by `place_views`), "views mapped" (by the incremental mapper).
+    estimated : Motion
+        From the database: single photographs, translations of unit length; NaN without a pose.
+    time_known : int
+        Photographs whose time direction ``to-colmap`` calls known.
+    model_id : str
+    """
+
+    recording: Recording
+    models: dict[str, Model]
+    estimated: Motion
+    time_known: int
+    model_id: str
+
+    @property
+    def names(self) -> list[str]:
+        """Return the names of the photographs."""
+        return [path.name for path in self.recording.paths]
+
+    def motion_of(self, model: Model) -> Motion:
+        """Return the motion during the exposures by a model's views, in the true scale; NaN without one."""
+        first, last = (model.of([name + end for name in self.names]) for end in (OPEN, CLOSE))
+        scale = self.alignment_of(model).scale if model.poses else 1.0
+        return Motion.between(first, last).scaled(1.0, scale)
+
+    def alignment_of(self, model: Model) -> Similarity:
+        """Return the alignment of a model's photographs to the truth."""
+        poses = model.of(self.names)
+        seen = np.isfinite(poses).all(axis=(1, 2))
+        return align(poses[seen], self.recording.poses[seen])
+
+    def exposure(self, estimated: Motion) -> float:
+        """Return exposure over frame interval, or over the true one if known, by the estimated rotations."""
+        return common_scale(estimated.rotations, self.recording.motion.rotations)
+
+    def errors(self, estimated: Motion) -> MotionErrors:
+        """Return the errors of a motion; of unknown exposures the truth is scaled to it by one factor."""
+        factor = 1.0 if self.recording.exposure_known else self.exposure(estimated)
+        return MotionErrors.of(estimated, self.recording.motion.scaled(factor, factor))
+
+
+def read_model(folder: Path | None) -> Model:
+    """Return the poses of a model that COLMAP wrote, none without a model."""
+    import pycolmap
+
+    if folder is None:
+        return Model(poses={}, points=0, error_px=float("nan"))
+    model = pycolmap.Reconstruction(folder)
+    posed = {image.name: image.cam_from_world().matrix() for image in model.images.values() if image.has_pose}
+    error_px = model.compute_mean_reprojection_error()
+    return Model(poses=posed, points=model.num_points3D(), error_px=error_px)
 
 
 def markdown(result: Result) -> str:
     """Return both tables of a recording."""
-    photographs = len(result.names)
-    joined, single = result.errors(result.motion), result.errors(result.estimated)
-    placed = result.motion_of(result.placed)
-    registered = np.isfinite(joined.rotation)
-    known = np.array([bool(fact["time_known"]) for fact in result.facts])
-    what = "the true one" if result.recording.exposure_known else "the frame interval"
+    what = "true exposure" if result.recording.exposure_known else "frame interval"
+    motions = {name: result.motion_of(model) for name, model in result.models.items()}
+    motions["single photographs"] = result.estimated
     rows = [
-        f"## {result.recording.name}: {photographs} frames, {result.model_id}",
+        f"## {result.recording.name}: {len(result.names)} frames, {result.model_id}",
         "",
-        "| | without views | views placed | views mapped | with views, global mapping |",
-        "|---|---|---|---|---|",
-        *model_rows(result),
+        "| model | photographs | views | points | reprojection error, px "
+        "| median rotation error, degrees | median position error, of the path's extent |",
+        "|---" * 7 + "|",
+        *(model_row(name, result, model) for name, model in result.models.items()),
         "",
-        f"Both views of {registered.sum()} photographs are registered; time direction called known for "
-        f"{known.sum()}. Exposure over {what}: {result.exposure(result.motion):.3f} by the model's "
-        f"rotations, {result.exposure(placed):.3f} as views were placed, "
-        f"{result.exposure(result.estimated):.3f} by those of single photographs.",
+        f"Time direction called known for {result.time_known} photographs.",
         "",
         "| motion during the exposure, median | photographs | rotation error | time direction right "
-        "| translation's direction, degrees | translation error |",
-        "|---|---|---|---|---|---|",
-        *placed_row(result),
-        motion_row("model with views", joined),
-        *global_row(result),
-        motion_row("single photographs", single, scaled=False),
-        "",
-        "| frame | configuration | usable | true rotation, degrees | placed | mapped | single | time right |",
-        "|---|---|---|---|---|---|---|---|",
-        *frame_rows(result, result.errors(placed), joined, single),
+        f"| translation's direction, degrees | translation error | exposure over {what} |",
+        "|---" * 7 + "|",
+        *(motion_row(name, result, motion) for name, motion in motions.items()),
         "",
     ]
     return "\n".join(rows)
 
 
-def model_rows(result: Result) -> list[str]:
-    """Return sizes and pose errors of the models."""
-    models = (result.without, result.placed, result.joined, result.averaged)
-    columns = [model_column(result, model) for model in models]
-    labels = ["photographs registered", "views registered", "points", "reprojection error, px"]
-    labels += ["median rotation error, degrees", "median position error, of the path's extent"]
-    return [f"| {label} | {' | '.join(cells)} |" for label, *cells in zip(labels, *columns, strict=True)]
-
-
-def model_column(result: Result, model: Model) -> list[str]:
+def model_row(name: str, result: Result, model: Model) -> str:
     """Return size and pose errors of a model."""
     if not model.poses:
-        return ["0", "0", "0", "-", "-", "-"]
+        return f"| {name} | 0 | 0 | 0 | - | - | - |"
     extent = float(np.linalg.norm(np.ptp(centres(result.recording.poses), axis=0)))
     poses = model.of(result.names)
     seen = np.isfinite(poses).all(axis=(1, 2))
     aligned, true = result.alignment_of(model).poses(poses[seen]), result.recording.poses[seen]
     off = np.linalg.norm(centres(aligned) - centres(true), axis=1) / extent
-    return [
-        f"{seen.sum()}",
-        f"{len(model.poses) - seen.sum()}",
-        f"{model.points}",
-        f"{model.error_px:.3f}",
-        f"{np.median(rotation_errors_deg(aligned, true)):.3f}",
-        f"{np.median(off):.2%}",
-    ]
-
-
-def placed_row(result: Result) -> list[str]:
-    """Return the motion by the model in which views were placed, if there is one."""
-    if not result.placed.poses:
-        return []
-    return [motion_row("views placed by the trajectory", result.errors(result.motion_of(result.placed)))]
-
-
-def global_row(result: Result) -> list[str]:
-    """Return the motion by the model of global mapping, if there is one."""
-    if not result.averaged.poses:
-        return []
-    return [motion_row("model with views, global mapping", result.errors(result.motion_of(result.averaged)))]
-
-
-def motion_row(name: str, errors: MotionErrors, scaled: bool = True) -> str:
-    """Return medians over the frames with a motion; translations of single photographs have no length."""
-    seen = np.isfinite(errors.rotation)
-    if not seen.any():
-        return f"| {name} | 0 | - | - | - | - |"
-    rotation = f"{np.median(errors.rotation[seen]):.1%}"
-    translation = f"{np.median(errors.translation[seen]):.0%}" if scaled else "-"
+    sizes = f"{seen.sum()} | {len(model.poses) - seen.sum()} | {model.points} | {model.error_px:.3f}"
     return (
-        f"| {name} | {seen.sum()} | {rotation} | {np.mean(errors.forward[seen]):.0%} "
-        f"| {np.median(errors.heading_deg[seen]):.1f} | {translation} |"
+        f"| {name} | {sizes} | {np.median(rotation_errors_deg(aligned, true)):.3f} | {np.median(off):.2%} |"
     )
 
 
-def frame_rows(result: Result, placed: MotionErrors, joined: MotionErrors, single: MotionErrors) -> list[str]:
-    """Return a row per photograph: rotation errors, and whether placed views are in the right order."""
-    rows, true = [], np.degrees(np.linalg.norm(result.true_motion.rotations, axis=1))
-    facts = {fact["name"]: fact for fact in result.facts}
-    for k, name in enumerate(result.names):
-        fact = facts.get(name, {"config": "-", "num_matches": 0})
-        cells = ["-" if np.isnan(e.rotation[k]) else f"{e.rotation[k]:.0%}" for e in (placed, joined, single)]
-        right = "-" if np.isnan(placed.forward[k]) else "yes" if placed.forward[k] else "no"
-        rows.append(
-            f"| {name} | {fact['config']} | {fact['num_matches']} | {true[k]:.2f} "
-            f"| {' | '.join(cells)} | {right} |"
-        )
-    return rows
+def motion_row(name: str, result: Result, motion: Motion) -> str:
+    """Return medians over the frames with a motion; translations of single photographs have no length."""
+    errors = result.errors(motion)
+    seen = np.isfinite(errors.rotation)
+    if not seen.any():
+        return f"| {name} | 0 | - | - | - | - | - |"
+    translation = f"{np.median(errors.translation[seen]):.0%}" if motion is not result.estimated else "-"
+    return (
+        f"| {name} | {seen.sum()} | {np.median(errors.rotation[seen]):.1%} "
+        f"| {np.mean(errors.forward[seen]):.0%} | {np.median(errors.heading_deg[seen]):.1f} | {translation} "
+        f"| {result.exposure(motion):.3f} |"
+    )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tools.datasets import motion_kinds
-from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, parallax_share
+from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, off_plane
 from tools.datasets.testset import read_test_set
 from tools.rendering.render import Rendering
 
@@ -21,7 +21,8 @@ def median_px(scene: Rendering) -> float:
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_is_what_it_says(kind: str) -> None:
     scene = motion_scene(kind, 3, None, SIZE)
-    share = parallax_share(scene.displacement, scene.valid, scene.K)
+    deviation, length = off_plane(scene.displacement, scene.valid, scene.K)
+    share = deviation.mean() / length.mean()
     median = median_px(scene)
     assert scene.static.all()
     assert (scene.F is None) == (kind == "rotation" or not scene.t.any())

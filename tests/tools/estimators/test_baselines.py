@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.metrics import rho
 from tests.support.scenes import disturb, make_scene
 from tools.estimators import baselines
+from tools.metrics import rho
 
 SOLVERS = [
     baselines.opencv_magsac,

@@ -11,9 +11,7 @@ from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
 from tools.reconstruction.alignment import Motion
 from tools.reconstruction.recording import Recording, motion_per_frame, redkitchen_recording
-from tools.reconstruction.sfm_plot import plot
-from tools.reconstruction.sfm_report import markdown
-from tools.reconstruction.sfm_result import Model, Result, read_model
+from tools.reconstruction.sfm_report import Model, Result, markdown, read_model
 
 COUNT, SHARE = 8, 0.5
 
@@ -48,71 +46,51 @@ def model(reverse: bool = False) -> Model:
 
 
 def result(known: bool = True, reverse: bool = False) -> Result:
-    truth = recording(known)
-    facts = [
-        {"name": path.name, "config": "CALIBRATED", "num_matches": 9, "time_known": True}
-        for path in truth.paths
-    ]
-    lone = Motion(rotations=truth.motion.rotations * 1.1, translations=truth.motion.translations)
-    joined = model(reverse)
+    truth, joined = recording(known), model(reverse)
     return Result(
         recording=truth,
-        without=model(),
-        placed=joined,
-        joined=joined,
-        averaged=joined,
-        estimated=lone,
-        facts=facts,
+        models={"without views": model(), "views placed": joined, "views mapped": joined},
+        estimated=truth.motion.scaled(1.1, 1.0),
+        time_known=COUNT,
         model_id="net",
     )
 
 
+def mapped(found: Result) -> Motion:
+    return found.motion_of(found.models["views mapped"])
+
+
 def test_exact_model_has_no_error_in_any_frame_and_scale() -> None:
     found = result()
-    errors = found.errors(found.motion)
+    errors = found.errors(mapped(found))
     assert np.nanmax(errors.rotation) < 1e-6 and np.nanmax(errors.translation) < 1e-6
     np.testing.assert_array_equal(np.isnan(errors.rotation), [False] * (COUNT - 1) + [True])
-    assert found.alignment_of(found.joined).scale == pytest.approx(4)
-    assert found.exposure(found.motion) == pytest.approx(1)
+    assert found.alignment_of(found.models["views mapped"]).scale == pytest.approx(4)
+    assert found.exposure(mapped(found)) == pytest.approx(1)
     assert np.nanmean(errors.forward) == 1
 
 
 def test_reversed_views_are_told() -> None:
     found = result(reverse=True)
-    errors = found.errors(found.motion)
+    errors = found.errors(mapped(found))
     assert np.nanmean(errors.forward) == 0 and np.nanmin(errors.rotation) > 1.9
 
 
 def test_unknown_exposure_is_found_from_the_rotations() -> None:
     found = result(known=False)
-    assert found.exposure(found.motion) == pytest.approx(SHARE, rel=1e-3)
-    errors = found.errors(found.motion)
+    assert found.exposure(mapped(found)) == pytest.approx(SHARE, rel=1e-3)
+    errors = found.errors(mapped(found))
     assert found.exposure(found.estimated) == pytest.approx(1.1)  # of the whole interval, as made above
     assert np.nanmedian(errors.rotation) < 0.01 and np.nanmedian(errors.translation) < 0.05
 
 
-def test_tables_and_picture_say_it(tmp_path: Path) -> None:
-    text = markdown(result())
-    assert "| photographs registered | 8 | 8 | 8 | 8 |" in text
-    assert "| views registered | 14 | 14 | 14 | 14 |" in text
-    assert "Both views of 7 photographs" in text
+def test_tables_say_it_of_missing_models_too() -> None:
+    text, found = markdown(result()), result()
+    assert text.count("| 8 | 14 | 7 | 0.500 | 0.000 | 0.00% |") == 3
+    assert "| views mapped | 7 | 0.0% | 100% |" in text
     assert "| single photographs | 8 | 10.0% | 100% |" in text
-    assert "| model with views, global mapping | 7 |" in text
-    assert "| views placed by the trajectory | 7 | 0.0% | 100% |" in text
-    plot([result(), result(known=False)], tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 10_000
-
-
-def test_missing_models_are_told_not_raised(tmp_path: Path) -> None:
-    nothing, found = read_model(None), result()
-    empty = replace(found, without=nothing, placed=nothing, joined=nothing, averaged=nothing)
-    text = markdown(empty)
-    assert "| photographs registered | 0 | 0 | 0 | 0 |" in text and "Both views of 0 photographs" in text
-    assert "| model with views | 0 |" in text and "global mapping | 0" not in text
-    assert "| views registered | 0 | 0 | 14 | 0 |" in markdown(
-        replace(found, without=nothing, placed=nothing, averaged=nothing)
-    )
-    plot([replace(empty, recording=recording())], tmp_path / "a.png")
+    text = markdown(replace(found, models=dict.fromkeys(found.models, read_model(None))))
+    assert "| views placed | 0 | 0 | 0 | - |" in text and "| views placed | 0 | - |" in text
 
 
 def test_motion_per_frame_is_that_of_the_neighbours() -> None:
