@@ -1,6 +1,6 @@
-"""Whether smears put photographs in the order of their blur, and what blur costs their features.
+r"""Whether smears put photographs in the order of their blur, and what blur costs their features.
 
-    python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held \\
+    python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held \
         --out tools/results/triage.md
 
 writes a table of two parts. Order: Spearman's rank correlation with the true median smear, of our median
