@@ -1,15 +1,9 @@
-r"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
+"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
 
-    python -m tools.datasets.shards --out render/train --scenes 4050 --photos KODAK
-    python -m tools.datasets.shards --out render/val --scenes 100 --first-seed 900000 --split test \
-        --photos KODAK
-    python -m tools.paper.paper_variants --train render/train --val render/val --out runs/paper/variants
-
-trains 7 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 2000 steps of 16 crops
-of 128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71 (--plain-steps). Runs
-of one seed share crops and stem features, which are computed once: about 6.5 minutes of one core for each
-run. A stopped run goes on from its checkpoint; finished ones (NAME_SEED.json in OUT) are not trained again;
-two processes may share the work (--seeds, --only). :mod:`tools.paper.paper_report` makes the tables of them.
+7 variants and 3 more of the alpha study, with 3 seeds each. Budget of one run: 2000 steps of 16 crops of
+128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71. Runs of one seed share
+crops and stem features, which are computed once: about 6.5 minutes of one core for each run. A stopped run
+goes on from its checkpoint; finished ones (NAME_SEED.json in `TrainOptions.out`) are not trained again.
 """
 
 from __future__ import annotations
@@ -26,7 +20,6 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import Blur2ViewError
-from tools.arguments import parser_of
 from tools.datasets.shards import Scenes, load_shards
 from tools.metrics import DIRECTION_MIN_PX, sparsification_area, sparsification_curve
 from tools.paper.crops import TrainOptions, batches_of, validation_crops
@@ -226,29 +219,3 @@ def run_all(
                 }  # fmt: skip
                 result = options.out / f"{run.variant.name}_{seed}.json"
                 result.write_text(json.dumps(document, indent=1) + "\n")
-
-
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    for name in ("train", "val", "out"):
-        parser.add_argument(f"--{name}", type=Path, required=True)
-    parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="SEED")
-    parser.add_argument("--steps", type=int, default=STEPS, help="(default: %(default)s)")
-    parser.add_argument(
-        "--plain-steps", type=int, default=PLAIN_STEPS, help="of the plain U-Net (default: %(default)s)"
-    )
-    parser.add_argument("--batch", type=int, default=16)
-    parser.add_argument("--side", type=int, default=128)
-    parser.add_argument("--workers", type=int, default=1)
-    words = vars(parser.parse_args())
-    only, seeds, plain_steps = (words.pop(name) for name in ("only", "seeds", "plain_steps"))
-    try:
-        run_all([VARIANTS[name] for name in only], seeds, TrainOptions(**words), plain_steps)
-    except Blur2ViewError as error:
-        raise SystemExit(str(error)) from None
-
-
-if __name__ == "__main__":
-    main()

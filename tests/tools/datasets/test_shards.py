@@ -1,6 +1,5 @@
 """Shards of rendered scenes: stored values, resuming, loading."""
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +8,9 @@ import pytest
 from blur2view.errors import Blur2ViewError
 from tools.datasets.shards import (
     Scenes,
-    add_scene_arguments,
     decode_linear,
     encode_linear,
     load_shards,
-    scene_arguments,
     training_record,
     write_shards,
 )
@@ -75,12 +72,3 @@ def test_stopped_dataset_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.tmp*"))
     with np.load(tmp_path / "train_00000000.npz") as kept:
         assert kept["linear"].max() == 3
-
-
-def test_defaults_of_the_command_are_those_of_the_options(tmp_path: Path) -> None:
-    parser = argparse.ArgumentParser()
-    add_scene_arguments(parser)
-    assert scene_arguments(parser.parse_args([])) == (range(12), RenderOptions())
-    words = f"--scenes 3 --first-seed 5 --split test --size 64 48 --photos {tmp_path}".split()
-    options = RenderOptions(size=(64, 48), split="test", photos=tmp_path)
-    assert scene_arguments(parser.parse_args(words)) == (range(5, 8), options)

@@ -17,7 +17,6 @@ from tools.evaluation import evaluate
 from tools.evaluation.smear_figures import (
     SmearFigures,
     block_errors,
-    coherence,
     evaluate_smears,
     pooled,
     smear_tables,
@@ -144,12 +143,4 @@ def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> No
     assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
     assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
     assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
-    assert len(smear_tables(figures)) == 12 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
-
-
-def test_coherence_tells_stripes_from_noise() -> None:
-    rng = np.random.default_rng(0)
-    stripes = np.repeat(rng.random((1, 128, 1), dtype=np.float32), 64, axis=0).repeat(3, axis=2)
-    noise = rng.random((64, 128, 1), dtype=np.float32).repeat(3, axis=2)
-    assert coherence(stripes).shape == (16, 32)
-    assert coherence(stripes).min() > 0.99 and np.median(coherence(noise)) < 0.3
+    assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)

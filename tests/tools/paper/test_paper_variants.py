@@ -259,20 +259,16 @@ def test_learning_rate_warms_up_over_a_tenth_and_falls_to_a_hundredth(tmp_path: 
 
 @pytest.mark.usefixtures("small")
 def test_every_kind_of_variant_is_trained_once(
-    shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = ["stem_local_nomap_0.01", "plain_double_map_0.01"]
-    words = f"variants --train {shards} --val {shards} --out {tmp_path} --seeds 0 --steps 2 --plain-steps 1"
-    words += f" --batch 2 --side 64 --workers 0 --only {' '.join(names)}"
-    monkeypatch.setattr("sys.argv", words.split())
-    paper_variants.main()
+    variants = [VARIANTS[name] for name in names]
+    options = TrainOptions(train=shards, val=shards, out=tmp_path, steps=2, batch=2, side=64, workers=0)
+    paper_variants.run_all(variants, [0], options, 1)
     assert capsys.readouterr().out.count("_0: step") == 2
     found = {name: json.loads((tmp_path / f"{name}_0.json").read_text()) for name in names}
     assert [document["steps"] for document in found.values()] == [2, 1]
     for document in found.values():
         assert np.isfinite(document["epe_s_top50"]) and len(document["by_sigma"]) == 20
-    paper_variants.main()
+    paper_variants.run_all(variants, [0], options, 1)
     assert capsys.readouterr().out == ""
-    monkeypatch.setattr("sys.argv", words.replace(str(shards), str(tmp_path / "none")).split())
-    with pytest.raises(SystemExit, match="no scenes"):
-        paper_variants.main()
