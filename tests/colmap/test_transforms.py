@@ -18,8 +18,8 @@ from blur2view.cli import commands as cli
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.geometry.rotation import rotation_vector
-from tools.reconstruction.sequence import SequenceOptions, SequenceTruth, render_sequence
 from tools.rendering.exposure import grid_points
+from tools.rendering.sequence import SequenceOptions, SequenceTruth, render_sequence
 
 OPTIONS = SequenceOptions(frames=3, size=(96, 64), smear_px=4.0, cards=2, detail=1.0)
 EXPOSURE_S = 0.02

@@ -21,7 +21,6 @@ ROOT = Path(__file__).resolve().parents[2]
         "datasets.sample sample.jpg --photos nowhere",
         "evaluation.even_blur nowhere",
         "evaluation.gyroscope nowhere",
-        "reconstruction.sfm_experiment --sequence nowhere",
         "reports.gallery nowhere/a.jpg --out a.webp",
         "reports.report_screenshot nowhere/a.jpg",
         "database_safety.malformed_projects --model nowhere",

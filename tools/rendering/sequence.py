@@ -1,6 +1,6 @@
 """Render a video of blurred frames: one scene, one long camera path, the exact pose at every instant.
 
-    python -m tools.reconstruction.sequence render/sequence --frames 16 --photos KODAK
+    python -m tools.rendering.sequence render/sequence --frames 16 --photos KODAK
 
 writes ``frame_000.png``, ... and ``truth.npz`` (K; cam_from_world at shutter-open, at mid exposure and at
 shutter-close; true smears on the stride-4 grid). The scene is described in the frame of time 0, as every
@@ -20,12 +20,12 @@ from blur2view.arrays import AnyArray as Array
 from blur2view.errors import Blur2ViewError
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import sharp_photograph
-from tools.reconstruction.wandering import sample_path
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import KNOTS, Exposure, grid_points
 from tools.rendering.render import compose, mean_frame
 from tools.rendering.scene import Layer, Plane, sample_card, sample_illumination, tilted_normal
 from tools.rendering.textures import photographs
+from tools.rendering.wandering import sample_path
 
 LARGEST_TILT, GROUND = 0.3, 0.3
 """Tilt of the wall, radians; height above the ground: no more than the path allows without a look behind."""
@@ -293,7 +293,7 @@ def read_sequence(folder: Path) -> tuple[list[Path], SequenceTruth]:
     Blur2ViewError if there is none.
     """
     if not (folder / "truth.npz").exists():
-        raise Blur2ViewError(f"{folder}: no sequence; run python -m tools.reconstruction.sequence {folder}")
+        raise Blur2ViewError(f"{folder}: no sequence; run python -m tools.rendering.sequence {folder}")
     with np.load(folder / "truth.npz") as truth:
         return sorted(folder.glob("frame_*.png")), SequenceTruth(**truth)
 

@@ -10,7 +10,9 @@ import pytest
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import sampson
-from tools.reconstruction.sequence import (
+from tools.rendering.exposure import KNOTS, grid_points
+from tools.rendering.render import compose
+from tools.rendering.sequence import (
     SequenceOptions,
     Video,
     instants,
@@ -19,8 +21,6 @@ from tools.reconstruction.sequence import (
     relative_pose,
     render_sequence,
 )
-from tools.rendering.exposure import KNOTS, grid_points
-from tools.rendering.render import compose
 
 OPTIONS = SequenceOptions(frames=4, size=(160, 128), smear_px=4.0, cards=4, exposure_share=0.5, detail=1.0)
 MIDDLE = len(KNOTS) // 2
@@ -85,5 +85,5 @@ def test_written_video_is_read_back_and_repeats(tmp_path: Path) -> None:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     np.testing.assert_array_equal(read.poses, truth.poses)
     assert read.relative.shape == (2, 3, 4) and read.smear_px.shape == (2,)
-    with pytest.raises(Blur2ViewError, match="tools.reconstruction.sequence"):
+    with pytest.raises(Blur2ViewError, match="tools.rendering.sequence"):
         read_sequence(tmp_path)
