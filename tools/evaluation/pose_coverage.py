@@ -1,6 +1,6 @@
 """How often the 90 % regions of poses hold the truth, for independent and for correlated errors.
 
-    python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage
+    python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md
 
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from
 smears without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and
@@ -10,7 +10,6 @@ the standard deviation of every displacement is stated truly, that errors are co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import get_args
@@ -33,48 +32,35 @@ from tools.datasets.synthetic_matches import (
 from tools.evaluation.processes import single_threaded_pool
 from tools.metrics import rotation_error, translation_direction_error_deg
 
-SEEDS = 200
-PARTS = {"pose": slice(0, 5), "rotation": slice(0, 3), "translation": slice(3, 5)}
+PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """A kind of scene and of noise: outliers' share, or the direction's and the length's errors."""
 
-    name: str
     kind: Kind
     outliers: float = 0.0
     direction_deg: float = 0.0
     length_share: float = 0.0
 
+    @property
+    def name(self) -> str:
+        """What the table calls it."""
+        if self.direction_deg:
+            errors = f"{self.direction_deg:g} degrees, {100 * self.length_share:g} %"
+            return f"correlated, {self.kind} depth, {errors}"
+        return f"white, {self.kind} depth{f', {100 * self.outliers:g} % outliers' if self.outliers else ''}"
 
-KINDS: tuple[Kind, ...] = get_args(Kind)
+
 CASES = (
-    *(
-        Case(name=f"white, {kind} depth{', 30 % outliers' * bool(share)}", kind=kind, outliers=share)
-        for kind in KINDS
-        for share in (0.0, 0.3)
-    ),
-    *(
-        Case(
-            name=f"correlated, {kind} depth, {degrees} degrees, {length:.0%}".replace("%", " %"),
-            kind=kind,
-            direction_deg=degrees,
-            length_share=length,
-        )
-        for kind, degrees, length in ((KINDS[0], 2, 0.05), *((kind, 4, 0.1) for kind in KINDS))
-    ),
+    *(Case(kind=kind, outliers=share) for kind in get_args(Kind) for share in (0.0, 0.3)),
+    Case(kind="smooth", direction_deg=2.0, length_share=0.05),
+    *(Case(kind=kind, direction_deg=4.0, length_share=0.1) for kind in get_args(Kind)),
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """Which regions held the truth (pose, rotation, translation), and the errors; None without a pose."""
-
-    case: Case
-    held: tuple[bool, bool, bool] | None
-    rotation: float = float("nan")  # relative
-    translation_deg: float = float("nan")
+Outcome = tuple[bool, bool, bool, float, float]
+"""Whether the regions of pose, rotation and translation held the truth; the relative error of the rotation
+and that of the translation's direction, degrees."""
 
 
 def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
@@ -90,41 +76,39 @@ def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
     return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
 
 
-def outcome(case: Case, seed: int) -> Outcome:
-    """Return whether the regions of one seed hold its pose."""
+def outcome(case: Case, seed: int) -> Outcome | None:
+    """Return whether the regions of one seed hold its pose; None without a pose."""
     scene, matches = observed(seed, case)
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or covariance is None or not pose.translation.any():
-        return Outcome(case=case, held=None)
+        return None
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
-    pose_held, rotation_held, translation_held = (
+    whole, rotation, translation = (
         covariance.squared_distance(pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
-        for part in PARTS.values()
+        for part in PARTS
     )
-    return Outcome(
-        case=case,
-        held=(pose_held, rotation_held, translation_held),
-        rotation=rotation_error(pose.rotation, scene.R)[1],
-        translation_deg=translation_direction_error_deg(pose.translation, scene.t),
+    errors = (
+        rotation_error(pose.rotation, scene.R)[1],
+        translation_direction_error_deg(pose.translation, scene.t),
     )
+    return whole, rotation, translation, *errors
 
 
-def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
+def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
     """Return a table of the shares of seeds whose regions hold the truth."""
     rows = [
-        f"Share of seeds 0 to {seeds - 1} whose nominal 90 % region holds the truth, and median errors.",
+        f"Share of {max(map(len, outcomes.values()))} seeds whose nominal 90 % region holds the truth, and "
+        "median errors.",
         "",
         "| smears | poses | pose | rotation | translation | rotation error | translation error, degrees |",
         "|---|---|---|---|---|---|---|",
     ]
-    for case in CASES:
-        found = [o for o in outcomes if o.case == case and o.held is not None]
-        held = np.array([o.held for o in found]).reshape(-1, len(PARTS)).mean(axis=0)
-        shares = " | ".join(f"{share:.2f}" for share in held)
-        rotation = np.median([o.rotation for o in found])
-        translation = np.median([o.translation_deg for o in found])
+    for case, of_seeds in outcomes.items():
+        found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
+        shares = " | ".join(f"{share:.2f}" for share in found[:, :3].mean(axis=0))
+        rotation, translation = np.median(found[:, 3:], axis=0)
         rows.append(f"| {case.name} | {len(found)} | {shares} | {rotation:.0%} | {translation:.1f} |")
     return "\n".join([*rows, ""])
 
@@ -132,18 +116,15 @@ def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("--out", type=target, help="write the table to OUT.md")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--out", type=target, help="Markdown file to write")
+    parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    outcomes: list[Outcome] = []
     with single_threaded_pool(arguments.jobs) as pool:
-        for case in CASES:
-            outcomes += pool.map(partial(outcome, case), range(arguments.seeds))
-    table = markdown(outcomes, arguments.seeds)
+        table = markdown({c: pool.map(partial(outcome, c), range(arguments.seeds)) for c in CASES})
     print(table)
     if arguments.out is not None:
-        arguments.out.with_suffix(".md").write_text(table)
+        arguments.out.write_text(table)
 
 
 if __name__ == "__main__":
