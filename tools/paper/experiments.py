@@ -21,7 +21,7 @@ from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.paper import failure_cases, paper_summary, paper_tables
 from tools.paper.crops import TrainOptions
 from tools.paper.paper_report import report
-from tools.paper.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
+from tools.paper.paper_variants import ALPHA_STUDY, PLAIN_STEPS, STEPS, VARIANTS, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
 
@@ -62,7 +62,8 @@ def train(plan: Plan) -> None:
 def summarise(plan: Plan) -> None:
     """Store and draw what is finished of Table 1."""
     runs = plan.work / "variants"
-    found, study = paper_summary.read_runs(runs), paper_summary.read_alpha_study(runs)
+    found = paper_summary.read_runs(runs, VARIANTS.values())
+    study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
     if found:
         write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
         write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))

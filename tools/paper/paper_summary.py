@@ -46,45 +46,31 @@ class VariantFigures:
 def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
     """Return the averaged results of one variant."""
     values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
-    curves = {
-        key: np.mean([d[key] for d in documents], axis=0).tolist()
-        for key in ("removed", "by_sigma", "by_error")
-    }
+    curves = ("removed", "by_sigma", "by_error")
     return VariantFigures(
         name=name,
         seeds=len(documents),
         steps=int(documents[0]["steps"]),
         mean={measure: float(np.mean(v)) for measure, v in values.items()},
         deviation={measure: float(np.std(v)) for measure, v in values.items()},
-        **curves,
+        **{key: np.mean([d[key] for d in documents], axis=0).tolist() for key in curves},
     )
 
 
-def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, VariantFigures]:
-    """Return what is finished of all variants, by name: of all seeds, or of those given."""
-    found = {}
-    for name in VARIANTS:
-        paths = {seed_of(path): path for path in sorted(folder.glob(f"{name}_[0-9]*.json"))}
-        documents = [
-            json.loads(path.read_text()) for seed, path in paths.items() if seeds is None or seed in seeds
-        ]
-        if documents:
-            found[name] = figures_of(name, documents)
-    return found
-
-
-def seed_of(path: Path) -> int:
-    """Return the seed of a finished run's file."""
-    return int(path.stem.rsplit("_", 1)[1])
-
-
-def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
-    """Return the study of alpha, with the seeds that all of it has."""
-    seeds = [
-        {seed_of(path) for path in folder.glob(f"{variant.name}_[0-9]*.json")} for variant in ALPHA_STUDY
-    ]
-    names = {variant.name for variant in ALPHA_STUDY}
-    return {k: v for k, v in read_runs(folder, set.intersection(*seeds)).items() if k in names}
+def read_runs(folder: Path, variants: Collection[Variant], shared: bool = False) -> dict[str, VariantFigures]:
+    """Return what is finished of variants, by name; ``shared``: with the seeds that all of them have."""
+    runs = {
+        variant.name: {
+            path.stem.rsplit("_", 1)[1]: path for path in folder.glob(f"{variant.name}_[0-9]*.json")
+        }
+        for variant in variants
+    }
+    seeds = set.intersection(*map(set, runs.values())) if shared else set().union(*runs.values())
+    documents = {
+        name: [json.loads(paths[seed].read_text()) for seed in sorted(seeds & set(paths))]
+        for name, paths in runs.items()
+    }
+    return {name: figures_of(name, found) for name, found in documents.items() if found}
 
 
 def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:

@@ -192,13 +192,6 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
     }
 
 
-def kinds_of(variants: Sequence[Variant]) -> list[list[Variant]]:
-    """Return the variants behind our stem and the plain U-Nets; empty parts are left out."""
-    plain = [variant for variant in variants if variant.network == "plain"]
-    stem = [variant for variant in variants if variant.network == "stem"]
-    return [kind for kind in (stem, plain) if kind]
-
-
 def run_all(
     variants: Sequence[Variant], seeds: Sequence[int], options: TrainOptions, plain_steps: int
 ) -> None:
@@ -208,8 +201,11 @@ def run_all(
     scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
     for seed in seeds:
         left = [v for v in variants if not (options.out / f"{v.name}_{seed}.json").exists()]
-        for kind in kinds_of(left):
-            steps = plain_steps if kind[0].network == "plain" else options.steps
+        for network in ("stem", "plain"):  # each shares its inputs
+            kind = [variant for variant in left if variant.network == network]
+            if not kind:
+                continue
+            steps = plain_steps if network == "plain" else options.steps
             own = TrainOptions(**(vars(options) | {"steps": steps, "seed": seed}))
             for run in train(kind, seed, own, scenes):
                 document = {
