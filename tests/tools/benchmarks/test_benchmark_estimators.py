@@ -122,13 +122,6 @@ def test_only_photographs_need_a_folder() -> None:
         benchmark.network_instance(Instance(seed=0, cell="network", kind="network"), None)
 
 
-def test_digest_follows_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = benchmark.code_digest()
-    assert before == benchmark.code_digest() and len(before) == 12
-    monkeypatch.setattr(benchmark, "MEASURED_CODE", benchmark.MEASURED_CODE[:-1])
-    assert benchmark.code_digest() != before
-
-
 def test_unordered_ends_do_not_come_in_true_order() -> None:
     problem = synthetic_problem(EASY)
     seen: list[np.ndarray] = []

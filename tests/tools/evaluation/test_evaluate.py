@@ -1,6 +1,7 @@
 """The evaluation: what perfect and absent answers score, and that the command writes both tables."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,20 +109,17 @@ def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScen
 
 @pytest.mark.slow
 def test_command_writes_both_tables(
-    tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tiny_model: Path, tmp_path: Path, call_tool: Callable[[str], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     testset.write_scene(4, tmp_path, testset.test_options(None, SIZE))  # its camera translates
-    words = f"evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result".split()
-    monkeypatch.setattr("sys.argv", words)
-    evaluate.main()
+    call_tool(f"evaluation.evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result")
     text = (tmp_path / "tables" / "result.md").read_text()
     assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
     assert cv2.imread(str(tmp_path / "tables" / "result.png")) is not None
     stored = json.loads((tmp_path / "tables" / "result.json").read_text())
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
-    monkeypatch.setattr("sys.argv", ["evaluate", str(tmp_path / "tables")])
     with pytest.raises(SystemExit, match="no scenes"):
-        evaluate.main()
+        call_tool(f"evaluation.evaluate {tmp_path}/tables")
 
 
 def test_stretched_smears_are_stretched_in_every_octave_that_has_any(scene: TestScene) -> None:
