@@ -1,6 +1,6 @@
 """Photographs of four kinds of motion: each is what it says, the same for the same seed; its table counts."""
 
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,10 +38,8 @@ def test_the_same_seed_gives_the_same_picture_and_another_another() -> None:
     assert one.tobytes() == again.tobytes() != other.tobytes()
 
 
-def test_command_writes_what_the_test_set_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = [str(tmp_path), "--scenes", "1", "--size", "96", "72", "--jobs", "1"]
-    monkeypatch.setattr(sys, "argv", ["motion_kinds", *arguments])
-    motion_kinds.main()
+def test_command_writes_what_the_test_set_reads(tmp_path: Path, call_tool: Callable[[str], None]) -> None:
+    call_tool(f"datasets.motion_kinds {tmp_path} --scenes 1 --size 96 72 --jobs 1")
     for kind in KINDS:
         (scene,) = read_test_set(tmp_path / kind)
         assert scene.image_path.exists() and scene.displacement.shape == (18, 24, 2)

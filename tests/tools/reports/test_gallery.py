@@ -1,33 +1,45 @@
 """The page of overlays: every photograph once, and none of its content where it must not be shown."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.support.colour_code import colour_code, write_picture
 from tools.reports import gallery
+from tools.reports.figure_style import MAX_BYTES, new_figure, save, save_picture
 
 
 def test_plain_page_shows_smears_but_no_photograph(
-    tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tiny_model: Path, call_tool: Callable[[str], None]
 ) -> None:
     phi = np.mgrid[:96, :128].sum(0) * 0.01
     picture = colour_code(12 * np.stack([np.cos(phi), np.sin(phi)], -1), 1.0)
-    paths = [write_picture(tmp_path / f"{k}.png", picture) for k in range(3)]
-    pages: list[gallery.Picture] = []
-    monkeypatch.setattr(gallery, "save_picture", lambda picture, path: pages.append(picture))
+    paths = " ".join(str(write_picture(tmp_path / f"{k}.png", picture)) for k in range(3))
+    pages = []
     for flags in ("", "--plain"):
-        words = f"gallery {' '.join(map(str, paths))} --out page.webp --model {tiny_model} {flags}"
-        monkeypatch.setattr("sys.argv", words.split())
-        gallery.main()
+        call_tool(f"reports.gallery {paths} --out {tmp_path}/page.webp --model {tiny_model} {flags}")
+        pages.append(np.asarray(Image.open(tmp_path / "page.webp").convert("RGB"), float))
     shown, plain = pages
     assert shown.shape == plain.shape
     assert shown.shape[1] == gallery.COLUMNS * gallery.TILE_PX
-    right = shown[shown.shape[0] * 2 // 3 :, gallery.TILE_PX :]
-    assert (right == 0).all()  # three photographs leave the last place empty
-    saturation = [page[40:400, 8:632].astype(float).std(2) for page in (shown, plain)]
-    assert np.median(saturation[0]) > 5 and np.median(saturation[1]) == 0  # only smears are coloured
+    right = shown[shown.shape[0] * 2 // 3 + 8 :, gallery.TILE_PX + 8 :]
+    assert right.max() < 8  # three photographs leave the last place empty
+    saturation = [page[40:400, 8:632].std(2) for page in pages]
+    assert np.median(saturation[0]) > 5 > 3 > np.median(saturation[1])  # only smears are coloured
+
+
+def test_pictures_that_hold_photographs_are_webp_and_plots_are_light(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=".webp"):
+        save_picture(np.zeros((4, 4, 3), np.uint8), tmp_path / "a.png")
+    figure = new_figure(3, 3)
+    figure.subplots().imshow(np.random.default_rng(0).random((600, 600)))
+    save(figure, tmp_path / "a.png", dpi=200)
+    first = (tmp_path / "a.png").read_bytes()
+    save(figure, tmp_path / "a.png", dpi=200)
+    assert (tmp_path / "a.png").read_bytes() == first and len(first) <= MAX_BYTES
 
 
 def test_photograph_alone_has_the_page_to_itself() -> None:
