@@ -31,86 +31,13 @@ Viksten), called "the paper" in this package.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
-    from blur2view.camera.camera import Camera as Camera
-    from blur2view.camera.image import read_image as read_image
-    from blur2view.colmap.database import write_database as write_database
-    from blur2view.colmap.mapping import global_options as global_options
-    from blur2view.colmap.mapping import mapper_options as mapper_options
-    from blur2view.colmap.mapping import triangulate_exposure as triangulate_exposure
-    from blur2view.colmap.placement import Placement as Placement
-    from blur2view.colmap.placement import place_views as place_views
-    from blur2view.errors import Blur2ViewError as Blur2ViewError
-    from blur2view.errors import CameraError as CameraError
-    from blur2view.errors import DatabaseError as DatabaseError
-    from blur2view.errors import ImageError as ImageError
-    from blur2view.errors import ModelError as ModelError
-    from blur2view.errors import OutputError as OutputError
-    from blur2view.exposure.views import ExposureViews as ExposureViews
-    from blur2view.exposure.views import TimeDirection as TimeDirection
-    from blur2view.exposure.views import views_of as views_of
-    from blur2view.geometry.pose import PoseCovariance as PoseCovariance
-    from blur2view.geometry.pose import RigidTransform as RigidTransform
-    from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
-    from blur2view.geometry.two_view_geometry import Configuration as Configuration
-    from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
-    from blur2view.geometry.two_view_geometry import Parallax as Parallax
-    from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeometry
-    from blur2view.networks.model_file import ModelInfo as ModelInfo
-    from blur2view.networks.octaves import PyramidOptions as PyramidOptions
-    from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
-    from blur2view.networks.smear_network import predict as predict
-    from blur2view.networks.tiles import TileOptions as TileOptions
-    from blur2view.pipeline import Estimate as Estimate
-    from blur2view.pipeline import Timings as Timings
-    from blur2view.pipeline import estimate as estimate
-    from blur2view.segmentation.mask import MotionLabel as MotionLabel
-    from blur2view.segmentation.mask import MotionMask as MotionMask
-    from blur2view.segmentation.mask import MovingRegion as MovingRegion
-    from blur2view.segmentation.mask import SegmentOptions as SegmentOptions
-    from blur2view.segmentation.mask import segment as segment
-    from blur2view.smears.field import SmearField as SmearField
-    from blur2view.smears.grid import SmearGrid as SmearGrid
-    from blur2view.smears.matches import SmearMatches as SmearMatches
-    from blur2view.smears.selection import SelectOptions as SelectOptions
-    from blur2view.smears.selection import select_matches as select_matches
-    from blur2view.smears.stored import StoredSmears as StoredSmears
-    from blur2view.smears.stored import load_smears as load_smears
-    from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
-    from blur2view.two_view.options import EstimatorOptions as EstimatorOptions
-    from blur2view.visualization.overlay import draw_overlay as draw_overlay
+from typing import Any
 
 __version__ = "0.1.0"
 
-_PUBLIC = {
-    "camera.camera": ("Camera",),
-    "camera.image": ("read_image",),
-    "colmap.database": ("write_database",),
-    "colmap.mapping": ("global_options", "mapper_options", "triangulate_exposure"),
-    "colmap.placement": ("Placement", "place_views"),
-    "errors": ("Blur2ViewError", "CameraError", "DatabaseError", "ImageError", "ModelError", "OutputError"),
-    "exposure.views": ("ExposureViews", "TimeDirection", "views_of"),
-    "geometry.pose": ("PoseCovariance", "RigidTransform"),
-    "geometry.rolling_shutter": ("RollingShutter",),
-    "geometry.two_view_geometry": ("Configuration", "MotionModel", "Parallax", "TwoViewGeometry"),
-    "networks.model_file": ("ModelInfo",),
-    "networks.octaves": ("PyramidOptions",),
-    "networks.smear_network": ("SmearNetwork", "predict"),
-    "networks.tiles": ("TileOptions",),
-    "pipeline": ("Estimate", "Timings", "estimate"),
-    "segmentation.mask": ("MotionLabel", "MotionMask", "MovingRegion", "SegmentOptions", "segment"),
-    "smears.field": ("SmearField",),
-    "smears.matches": ("SmearMatches",),
-    "smears.grid": ("SmearGrid",),
-    "smears.selection": ("SelectOptions", "select_matches"),
-    "smears.stored": ("StoredSmears", "load_smears"),
-    "two_view.estimate": ("estimate_two_view",),
-    "two_view.options": ("EstimatorOptions",),
-    "visualization.overlay": ("draw_overlay",),
-}
-_MODULE_OF = {name: module for module, names in _PUBLIC.items() for name in names}
+with open(f"{__file__}i", encoding="utf-8") as _stub:  # __init__.pyi
+    _MODULE_OF = {line.split()[-1]: line.split()[1] for line in _stub if line.startswith("from ")}
+"""Public names and where they live, as the stub lists them for type checkers."""
 __all__ = ["__version__", *sorted(_MODULE_OF)]
 
 
@@ -118,7 +45,7 @@ def __getattr__(name: str) -> Any:
     """Return a public name, imported when it is first used: `import blur2view` alone loads nothing."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    value = getattr(import_module(_MODULE_OF[name]), name)
     globals()[name] = value
     return value
 

@@ -12,7 +12,6 @@ EXTRA_OF = {  # a module that tools import: what to install
     "onnx": "train",
     "playwright": "test",
     "poselib": "train",
-    "pytest": "test",
     "skimage": "train",
     "torch": "train",
 }

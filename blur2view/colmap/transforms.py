@@ -42,8 +42,8 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.colmap import DIALECTS, INSTANT_NGP
 from blur2view.colmap.placement import read_model
-from blur2view.documents.transforms import DIALECTS, INSTANT_NGP
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.field import SmearField
-from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 

@@ -18,7 +18,7 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
 from blur2view.smears.field import smear_ends
-from blur2view.smears.sampling import GridSmears, grid_pixels
+from blur2view.smears.selection import GridSmears, grid_pixels
 
 # Quantile 0.6 of an error along one axis, and of one along both together, in standard deviations: the scale
 # holds while at most 40 % of the smears move.

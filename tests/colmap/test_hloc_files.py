@@ -48,18 +48,12 @@ def test_hloc_finds_keypoints_and_matches_by_name(tmp_path: Path) -> None:
     ]
 
 
-def test_certain_smears_score_higher() -> None:
+def test_certain_smears_score_higher_and_outliers_are_unmatched() -> None:
     views = some_views(count=50)
-    order = np.argsort(views.sigma_px)
-    scores = certainty(views)[order]
+    scores = certainty(views)[np.argsort(views.sigma_px)]
     assert (np.diff(scores) <= 0).all() and scores[0] > scores[-1]
-
-
-def test_outliers_are_unmatched() -> None:
     assert matches0(some_views(count=5)).tolist() == [-1, 1, 2, -1, 4]
-
-
-def test_slashes_of_names_do_not_nest_groups() -> None:
+    # a slash in a name nests no groups
     assert pair_name("a/b.jpg#open", "a/b.jpg#close") == "a-b.jpg#open/a-b.jpg#close"
 
 
@@ -70,15 +64,11 @@ def test_without_h5py_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     assert not (tmp_path / "out").exists()
 
 
-def test_a_blank_in_a_name_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="blank"):
-        write_hloc(tmp_path / "out", [some_views("my photo.jpg")])
-
-
-def test_a_folder_that_takes_no_files_is_named_and_nothing_is_left(tmp_path: Path) -> None:
+def test_a_blank_in_a_name_and_a_folder_that_takes_no_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(OutputError, match="out: cannot be written"):
-        write_hloc(tmp_path / "out", [some_views()])
+    for name, words in (("my photo.jpg", "blank"), ("a.jpg", "out: cannot be written")):
+        with pytest.raises(OutputError, match=words):
+            write_hloc(tmp_path / "out", [some_views(name)])
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
@@ -119,20 +109,22 @@ def test_files_of_hloc_itself_are_refused_and_stay(tmp_path: Path, name: str, gr
 
 @pytest.mark.parametrize(
     ("name", "content"),
-    [("pairs.txt", b"a.jpg b.jpg\n"), ("features.h5", b"no HDF5"), ("matches.h5", b"")],
+    [
+        ("pairs.txt", b"a.jpg b.jpg\n"),
+        ("features.h5", b"no HDF5"),
+        ("matches.h5", b""),
+        ("features.h5", None),
+    ],
 )
-def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, name: str, content: bytes | None) -> None:
+    if content is None:  # a dataset at the top
+        with h5py.File(tmp_path / name, "w") as file:
+            file.create_dataset("mine", data=[1.0])
+        content = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(content)
     with pytest.raises(OutputError, match="holds more than views"):
         write_hloc(tmp_path, [some_views()])
     assert (tmp_path / name).read_bytes() == content
-
-
-def test_datasets_at_the_top_of_a_file_are_not_ours(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "features.h5", "w") as file:
-        file.create_dataset("mine", data=[1.0])
-    with pytest.raises(OutputError, match="holds more than views"):
-        write_hloc(tmp_path, [some_views()])
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.mapping import MIN_ANGLE_DEG, global_options, mapper_options
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
+from tools.metrics import rotation_error, translation_direction_error_deg
 
 COUNT = 500
 

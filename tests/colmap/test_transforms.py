@@ -1,4 +1,4 @@
-"""transforms.json read back as its readers do, against pycolmap and the truth of a rendered video."""
+"""transforms.json read back as its readers do, against pycolmap and the truth of a made-up video."""
 
 from __future__ import annotations
 
@@ -17,37 +17,52 @@ from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.cli import commands as cli
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
-from blur2view.geometry.rotation import rotation_vector
-from tools.reconstruction.sequence import SequenceOptions, SequenceTruth, render_sequence
-from tools.rendering.exposure import grid_points
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 
-OPTIONS = SequenceOptions(frames=3, size=(96, 64), smear_px=4.0, cards=2, detail=1.0)
+SIZE, FRAMES = (96, 64), 3
 EXPOSURE_S = 0.02
 ENDS = ("#open", "", "#close")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rendered:
-    """A rendered video, its model with views, and what its frames show."""
+    """A camera's exposures of points: what is true, and the models that were written of it.
 
-    truth: SequenceTruth
+    ``poses`` (N, 3, 3, 4) are cam_from_world at open, middle and close; ``points`` (M, 3) of every frame are
+    in the world, ``smears`` (M, 2) their displacements in pixels.
+    """
+
+    K: Array
+    poses: Array
+    points: list[Array]
+    smears: list[Array]
     folder: Path
-    points: list[Array]  # (N, 3) of every frame, in the world
+
+    @property
+    def smear_px(self) -> list[float]:
+        """Median lengths."""
+        return [float(np.median(np.linalg.norm(smears, axis=1))) for smears in self.smears]
 
 
-def triangulated(truth: SequenceTruth, frame: int) -> Array:
-    """Return the points (N, 3) of the world that a frame shows at the grid's points, from its true smears."""
-    rays = (grid_points(OPTIONS.size).reshape(-1, 2) - truth.K[:2, 2]) / truth.K[[0, 1], [0, 1]]
-    rays = np.column_stack([rays, np.ones(len(rays))])
-    smear = truth.displacement[frame].reshape(-1, 2)
-    first, middle, last = truth.poses[frame]
-    found = []
-    for ray, d in zip(rays, smear, strict=True):
-        depths = np.geomspace(0.05, 5, 4000)
-        world = (ray * depths[:, None] - middle[:, 3]) @ middle[:, :3]
-        moved = pixels(truth.K, last, world) - pixels(truth.K, first, world)
-        found.append(world[np.argmin(np.linalg.norm(moved - d, axis=1))])
-    return np.array(found)
+def pose_at(time: float) -> Array:
+    """Return cam_from_world [R | t] (3, 4) at a time in frames, of a walk that turns steadily."""
+    R = rotation_matrix(np.array([0.01, -0.02, 0.03]) * time)
+    return np.column_stack([R, -R @ np.array([0.08, 0.02, 0.04]) * time])
+
+
+def exposures(folder: Path) -> Rendered:
+    """Return exposures of half of a frame each, of points at smooth depths before every pixel of a grid."""
+    K = np.array([[90.0, 0, 47.5], [0, 90.0, 31.5], [0, 0, 1]])
+    poses = np.array([[pose_at(frame + at) for at in (-0.25, 0.0, 0.25)] for frame in range(FRAMES)])
+    grid = np.stack(np.meshgrid(np.arange(1.5, SIZE[0], 4), np.arange(1.5, SIZE[1], 4)), -1).reshape(-1, 2)
+    depth = 1 + 0.3 * np.sin(grid[:, :1] / 20) * np.cos(grid[:, 1:] / 15)
+    rays = np.column_stack([(grid - K[:2, 2]) / K[0, 0], np.ones(len(grid))]) * depth
+    points = [(rays - middle[:, 3]) @ middle[:, :3] for _, middle, _ in poses]
+    smears = [
+        pixels(K, last, world) - pixels(K, first, world)
+        for (first, _, last), world in zip(poses, points, strict=True)
+    ]
+    return Rendered(K=K, poses=poses, points=points, smears=smears, folder=folder)
 
 
 def pixels(K: Array, pose: Array, world: Array) -> Array:
@@ -56,10 +71,10 @@ def pixels(K: Array, pose: Array, world: Array) -> Array:
     return seen[:, :2] / seen[:, 2:]
 
 
-def write_model(folder: Path, truth: SequenceTruth, points: list[Array], kinds: tuple[str, ...]) -> None:
+def write_model(folder: Path, truth: Rendered, kinds: tuple[str, ...]) -> None:
     """Write a model of the video: every frame at mid exposure, and its views."""
     model = pycolmap.Reconstruction()
-    K, (width, height) = truth.K, OPTIONS.size
+    K, (width, height) = truth.K, SIZE
     params = [K[0, 0], K[1, 1], *to_colmap(K[:2, 2])]
     camera = pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params, camera_id=1)
     model.add_camera_with_trivial_rig(camera)
@@ -71,11 +86,11 @@ def write_model(folder: Path, truth: SequenceTruth, points: list[Array], kinds: 
                 name=f"frame_{frame:03d}.png{end}",
                 camera_id=1,
                 image_id=3 * frame + number + 1,
-                keypoints=to_colmap(pixels(K, pose, points[frame])),
+                keypoints=to_colmap(pixels(K, pose, truth.points[frame])),
             )
             model.add_image_with_trivial_frame(image, rigid3d(pose[:, :3], pose[:, 3]))
         observers = [3 * frame + n + 1 for n, end in enumerate(ENDS) if end in kinds]
-        for index, point in enumerate(points[frame]):
+        for index, point in enumerate(truth.points[frame]):
             track = pycolmap.Track()
             for number in observers:
                 track.add_element(number, index)
@@ -87,12 +102,13 @@ def write_model(folder: Path, truth: SequenceTruth, points: list[Array], kinds: 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     folder = tmp_path_factory.mktemp("video")
-    truth = render_sequence(2, folder / "images", OPTIONS)
-    points = [triangulated(truth, frame) for frame in range(OPTIONS.frames)]
-    write_model(folder / "model", truth, points, ENDS)
-    write_model(folder / "views", truth, points, ("#open", "#close"))
-    write_model(folder / "sharp", truth, points, ("",))
-    return Rendered(truth=truth, folder=folder, points=points)
+    truth = exposures(folder)
+    (folder / "images").mkdir()
+    for frame in range(FRAMES):
+        (folder / "images" / f"frame_{frame:03d}.png").touch()
+    for name, kinds in (("model", ENDS), ("views", ENDS[::2]), ("sharp", ENDS[1:2])):
+        write_model(folder / name, truth, kinds)
+    return truth
 
 
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:
@@ -121,7 +137,7 @@ def test_every_matrix_projects_as_pycolmap_does(video: Rendered) -> None:
             np.testing.assert_allclose(ours, expected, atol=1e-8)
 
 
-def test_rays_from_start_to_end_draw_the_rendered_smears(video: Rendered) -> None:
+def test_rays_from_start_to_end_draw_the_true_smears(video: Rendered) -> None:
     content = transforms(video.folder / "model")
     assert content["rolling_shutter"] == [0, 0, 0, 1]
     for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
@@ -129,13 +145,13 @@ def test_rays_from_start_to_end_draw_the_rendered_smears(video: Rendered) -> Non
             opengl_pixels(content, in_camera(frame[f"transform_matrix_{when}"], points))
             for when in ("start", "end")
         )
-        smear = video.truth.displacement[number].reshape(-1, 2)
+        smear = video.smears[number]
         assert np.median(np.linalg.norm(end - start - smear, axis=1)) < 0.02
         assert np.median(np.linalg.norm(smear, axis=1)) > 2
-        assert frame["sharpness"] == pytest.approx(1 / (1 + video.truth.smear_px[number]), rel=0.02)
+        assert frame["sharpness"] == pytest.approx(1 / (1 + video.smear_px[number]), rel=0.02)
 
 
-def test_velocities_over_the_exposure_draw_the_rendered_smears(video: Rendered) -> None:
+def test_velocities_over_the_exposure_draw_the_true_smears(video: Rendered) -> None:
     content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
     assert content["exposure_time"] == EXPOSURE_S and content["rolling_shutter_time"] == 0
     for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
@@ -144,13 +160,13 @@ def test_velocities_over_the_exposure_draw_the_rendered_smears(video: Rendered) 
         # a point at rest moves against the camera's motion
         moved = -(linear + np.cross(angular, camera)) * content["exposure_time"]
         drawn = opengl_pixels(content, camera + moved / 2) - opengl_pixels(content, camera - moved / 2)
-        smear = video.truth.displacement[number].reshape(-1, 2)
-        assert np.median(np.linalg.norm(drawn - smear, axis=1)) < 0.02 * video.truth.smear_px[number]
+        smear = video.smears[number]
+        assert np.median(np.linalg.norm(drawn - smear, axis=1)) < 0.02 * video.smear_px[number]
 
 
 def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video: Rendered) -> None:
     content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
-    for frame, (first, _, last) in zip(content["frames"], video.truth.poses, strict=True):
+    for frame, (first, _, last) in zip(content["frames"], video.poses, strict=True):
         world_from_camera = np.array(frame["transform_matrix"])[:3, :3]
         centres = [-pose[:, :3].T @ pose[:, 3] for pose in (first, last)]
         turned = rotation_vector(last[:, :3].T @ first[:, :3])
@@ -207,7 +223,7 @@ def test_lens_keeps_its_numbers(
 ) -> None:
     content = transforms(with_camera(video, tmp_path, kind, params))
     assert {key: content[key] for key in expected} == expected
-    assert (content["w"], content["h"], content["cx"], content["cy"]) == (*OPTIONS.size, 48, 32)
+    assert (content["w"], content["h"], content["cx"], content["cy"]) == (*SIZE, 48, 32)
     assert ("p1" in content) != content.get("is_fisheye", False)  # instant-ngp reads p1 into k3's place
 
 

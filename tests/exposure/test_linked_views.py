@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.smears.selection import SelectOptions, select_matches
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera

@@ -160,17 +160,16 @@ def test_other_translation_twice_is_where_it_began() -> None:
     once = other_translation(given)
     assert once is not None
     twice = other_translation(once)
-    assert twice is not None
-    assert once.geometry.cam2_from_cam1 is not None and given.geometry.cam2_from_cam1 is not None
-    np.testing.assert_allclose(
-        once.geometry.cam2_from_cam1.translation, -given.geometry.cam2_from_cam1.translation
-    )
+    assert twice is not None and twice.geometry.E is not None and given.geometry.E is not None
+    before, after = given.geometry.cam2_from_cam1, once.geometry.cam2_from_cam1
+    assert before is not None and after is not None
+    np.testing.assert_allclose(after.translation, -before.translation)
     np.testing.assert_array_equal(twice.points_open, given.points_open)
     np.testing.assert_array_equal(twice.geometry.swapped, given.geometry.swapped)
-    assert twice.geometry.E is not None and given.geometry.E is not None
     np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
     moved = (once.points_open != given.points_open).any(axis=1)
     np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
+    assert other_translation(replace(given, geometry=replace(given.geometry, F=None, E=None))) is None
 
 
 def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
@@ -182,27 +181,13 @@ def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
     assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
 
 
-def test_photographs_too_far_apart_have_no_vote() -> None:
-    given = views(clip(np.random.default_rng(4)))
-    middle, d = (given.points_open + given.points_close) / 2, given.points_close - given.points_open
-    assert agreement_of(given, [NeighbourMotion(points=middle, velocity=20 * d)]) == pytest.approx(1)
-    assert agreement_of(given, [NeighbourMotion(points=middle, velocity=30 * d)]) == 0
-
-
-def test_without_F_there_is_no_other_translation() -> None:
-    given = views(clip(np.random.default_rng(0)))
-    rotation_only = replace(given.geometry, F=None, E=None)
-    assert other_translation(replace(given, geometry=rotation_only)) is None
-
-
-def test_longer_motion_outweighs_the_shorter() -> None:
+def test_longer_motion_outweighs_the_shorter_and_photographs_too_far_apart_have_no_vote() -> None:
     """A hand that turns back: at mid exposure it moves as the larger of both displacements says."""
     given = views(clip(np.random.default_rng(4)))
     middle, d = (given.points_open + given.points_close) / 2, given.points_close - given.points_open
-    forth = NeighbourMotion(points=middle, velocity=3 * d)
-    back = NeighbourMotion(points=middle, velocity=-d)
-    assert agreement_of(given, [forth, back]) == pytest.approx(0.5)
-    assert agreement_of(given, [back, replace(forth, velocity=0.2 * d)]) == pytest.approx(-2 / 3, abs=1e-9)
+    for times, expected in (([3, -1], 0.5), ([-1, 0.2], -2 / 3), ([20], 1), ([30], 0)):
+        seen = [NeighbourMotion(points=middle, velocity=k * d) for k in times]
+        assert agreement_of(given, seen) == pytest.approx(expected, abs=1e-9)
 
 
 def test_unrelated_motion_is_mostly_not_called_known() -> None:
@@ -255,12 +240,11 @@ def test_rotation_between_frames_is_the_cameras() -> None:
 def test_rotation_between_frames_without_parallax_is_not_half_a_turn() -> None:
     rng = np.random.default_rng(12)
     scene = replace(clip(rng), move=np.array([1e-3, 0.0, 0.0]))
+    true = rotation_vector(scene.pose(2.0).rotation)
     for _ in range(8):
         here, there = (scene.seen(tau) + rng.normal(0, 0.3, scene.pixels.shape) for tau in (0.0, 2.0))
         found = rotation_between(CAMERA, here, there)
-        assert found is not None
-        true = rotation_vector(scene.pose(2.0).rotation)
-        assert np.linalg.norm(found - true) < 0.5 * np.linalg.norm(true)
+        assert found is not None and np.linalg.norm(found - true) < 0.5 * np.linalg.norm(true)
 
 
 def test_turn_agreement_is_the_cosine_of_rotations() -> None:
@@ -307,9 +291,8 @@ def test_photographs_without_views_have_a_vote() -> None:
 
 
 def test_pairs_reach_as_far_as_asked() -> None:
-    assert list(pairs_within(3, 1)) == [(0, 1), (1, 2)]
-    assert list(pairs_within(4, 2)) == [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)]
-    assert list(pairs_within(1, 1)) == []
+    expected = {(3, 1): [(0, 1), (1, 2)], (4, 2): [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)], (1, 1): []}
+    assert {asked: list(pairs_within(*asked)) for asked in expected} == expected
 
 
 @pytest.mark.parametrize(

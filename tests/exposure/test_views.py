@@ -87,16 +87,14 @@ def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estim
     assert after < 0.02 * before
 
 
-def test_no_views_where_F_is_not_of_the_ends_as_recorded(found: Estimate) -> None:
-    shutter = RollingShutter(readout_s=0.03, exposure_s=0.02)
-    with pytest.raises(ValueError, match="without a shutter"):
-        views_of("a.jpg", replace(found, shutter=shutter))
-
-
-def test_views_without_F_have_nothing_to_correct(found: Estimate) -> None:
+def test_without_an_F_of_the_ends_as_recorded_there_are_no_views_or_nothing_to_correct(
+    found: Estimate,
+) -> None:
     views = views_of("a.jpg", found)
     lost = replace(views, geometry=replace(views.geometry, F=None))
     assert lost.corrected() is lost
+    with pytest.raises(ValueError, match="without a shutter"):
+        views_of("a.jpg", replace(found, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
 
 
 def test_both_flips_of_time_are_one_answer(found: Estimate) -> None:
@@ -148,13 +146,10 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
         assert inverse.squared_distance(pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
 
 
-@pytest.mark.parametrize("confidence", [-0.1, 1.1, float("nan")])
-def test_refuses_a_confidence_that_is_none(confidence: float) -> None:
-    with pytest.raises(ValueError, match="confidence"):
-        TimeDirection(known=True, confidence=confidence)
-
-
-def test_refuses_points_that_do_not_align(found: Estimate) -> None:
+def test_refuses_points_that_do_not_align_and_impossible_confidences(found: Estimate) -> None:
+    for confidence in (-0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match="confidence"):
+            TimeDirection(known=True, confidence=confidence)
     views = views_of("a.jpg", found)
     with pytest.raises(ValueError, match="expected points"):
         ExposureViews(

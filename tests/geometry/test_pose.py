@@ -19,10 +19,10 @@ from blur2view.geometry.pose import (
 )
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tools.metrics import rotation_error, translation_direction_error_deg
 
 SEEDS = range(5)
 

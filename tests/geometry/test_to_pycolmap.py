@@ -14,10 +14,10 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
 from blur2view.colmap.rows import Pair, put_pair
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.metrics import translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
+from tools.metrics import translation_direction_error_deg
 
 COUNT = 400
 

@@ -5,10 +5,10 @@ import pytest
 
 from blur2view.geometry.epipolar import apply_similarity
 from blur2view.geometry.rotation import half_sphere
-from blur2view.metrics import rho
 from blur2view.robust.minimal_solvers import meeting_points, small_rotation_hypotheses
 from blur2view.robust.ransac import weighted_samples
 from tests.support.scenes import make_scene
+from tools.metrics import rho
 
 
 def test_half_sphere_is_even_and_of_unit_length() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blur2view.smears.sampling import GridSmears, grid_pixels
+from blur2view.smears.selection import GridSmears, grid_pixels
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from blur2view.smears.sampling import select_matches
+from blur2view.smears.selection import select_matches
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array

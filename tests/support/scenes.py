@@ -11,7 +11,7 @@ from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from tools.datasets.degenerate_scenes import smooth_noise
+from tools.datasets.degenerate_scenes import smooth_noise, with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     camera,
@@ -94,21 +94,7 @@ def disturb(
     noise_px: float = 0.0,
 ) -> Scene:
     """Turn and stretch the smears about their midpoints as a network errs; add white noise to both ends."""
-    middle = scene.ends.mean(axis=1)
-    half = scene.ends[:, 1] - middle
-    angle = np.radians(direction_deg) * smooth_noise(rng, middle, correlation_px)
-    stretch = np.exp(length_share * smooth_noise(rng, middle, correlation_px))
-    turned = (
-        np.stack(
-            [
-                np.cos(angle) * half[:, 0] - np.sin(angle) * half[:, 1],
-                np.sin(angle) * half[:, 0] + np.cos(angle) * half[:, 1],
-            ],
-            axis=-1,
-        )
-        * stretch[:, None]
-    )
-    ends = np.stack([middle - turned, middle + turned], axis=1)
+    ends = with_shared_errors(scene.ends, rng, direction_deg, length_share, correlation_px)
     return replace(scene, ends=ends + noise_px * rng.normal(size=ends.shape))
 
 

@@ -1,10 +1,11 @@
 """Tools that are given what is not there say so in one line."""
 
 import ast
+import contextlib
 import subprocess
 import sys
 import tomllib
-from importlib import import_module
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,24 +22,17 @@ ROOT = Path(__file__).resolve().parents[2]
         "datasets.sample sample.jpg --photos nowhere",
         "evaluation.even_blur nowhere",
         "evaluation.gyroscope nowhere",
-        "reconstruction.sfm_experiment --sequence nowhere",
-        "reconstruction.time_direction --rendered nowhere",
-        "reconstruction.two_image_models nowhere",
-        "reports.figures nowhere",
         "reports.gallery nowhere/a.jpg --out a.webp",
         "reports.report_screenshot nowhere/a.jpg",
         "database_safety.malformed_projects --model nowhere",
     ],
 )
 def test_what_is_not_there_is_wrong_usage(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: str, tmp_path: Path, call_tool: Callable[[str], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name, *arguments = words.split()
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "nowhere.txt").touch()  # no folder
-    monkeypatch.setattr(sys, "argv", [name, *arguments])
-    with pytest.raises(SystemExit) as ended:
-        import_module(f"tools.{name}").main()
+    with contextlib.chdir(tmp_path), pytest.raises(SystemExit) as ended:
+        call_tool(words)
     assert ended.value.code == 2 and "nowhere" in capsys.readouterr().err.splitlines()[-1]
 
 

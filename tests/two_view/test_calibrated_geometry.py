@@ -5,8 +5,8 @@ import pytest
 
 from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.geometry.sampson import serrmin
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tools.metrics import rotation_error, translation_direction_error_deg
 
 
 def camera_of(scene: Scene) -> Camera:

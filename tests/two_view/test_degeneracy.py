@@ -10,7 +10,6 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import collinear
@@ -19,6 +18,7 @@ from blur2view.two_view.structure import NoParallax, within_errors
 from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
+from tools.metrics import rho
 
 SEEDS = range(6)
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)  # as a network's

@@ -12,7 +12,6 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.metrics import epipole_angle_deg, rho
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import agreement, constant_field
@@ -28,6 +27,7 @@ from tests.support.scenes import (
     with_outliers,
     with_second_motion,
 )
+from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)

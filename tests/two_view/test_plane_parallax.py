@@ -7,7 +7,6 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
 from blur2view.geometry.sampson import BatchSampson, sampson
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.metrics import epipole_angle_deg
 from blur2view.robust.homography import cayley, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.minimal_solvers import solve_seven_smears
@@ -17,6 +16,7 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
 from tools.datasets.degenerate_scenes import tilted_plane
 from tools.datasets.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
+from tools.metrics import epipole_angle_deg
 
 
 def dominant_plane(

@@ -8,7 +8,7 @@ import pytest
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
-from blur2view.metrics import translation_direction_error_deg
+from tools.metrics import translation_direction_error_deg
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.translation import DirectionLikelihood, unit_lines

@@ -4,16 +4,13 @@
     python -m tools.benchmarks.benchmark_estimators --scenes render/test
 
 sweeps one factor at a time (`estimator_cells`), appends one JSON line per finished instance to
-``runs/estimators.jsonl`` and writes ``tools/results/estimators.md`` and ``.png``. A run that was
-stopped goes on where it was; ``--quick`` runs a few cells and seeds; ``--report`` only writes the tables;
-``--development`` takes other seeds, to tune on, and writes beside its log.
-Every method gets the same matches in the same process, one after the other, with one thread; times are CPU
-times of single calls.
+``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``. A run that was stopped goes on where it
+was; ``--first-seed 10000`` takes other seeds, to tune on. Every method gets the same matches in the same
+process, one after the other, with one thread; times are CPU times of single calls.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import time
 from collections.abc import Iterator
@@ -29,9 +26,7 @@ from tools.benchmarks import estimator_report
 from tools.benchmarks.estimator_cells import (
     BASE,
     DEVELOPMENT_SEED,
-    FULL,
     NETWORK,
-    QUICK,
     Instance,
     Plan,
     moving_scenes,
@@ -40,7 +35,6 @@ from tools.benchmarks.estimator_cells import (
 )
 from tools.benchmarks.estimator_log import Log, Measured, Record
 from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
-from tools.benchmarks.estimator_plot import plot
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
 from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
@@ -57,15 +51,6 @@ MEASURED_CODE = (
 """Modules of tools on which the figures depend, besides the whole package."""
 
 
-def write(records: list[Record], head: dict[str, str], out: Path) -> str:
-    """Write OUT.md and OUT.png; return the text."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    text = estimator_report.markdown(records, head)
-    out.with_suffix(".md").write_text(text)
-    plot(records, out.with_suffix(".png"))
-    return text
-
-
 def measure(method: Method, problem: Problem) -> Measured:
     """Return how good a method's F of a problem is, and its CPU time."""
     start = time.process_time()
@@ -77,7 +62,7 @@ def measure(method: Method, problem: Problem) -> Measured:
     return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
 
 
-def run_instance(instance: Instance, plan: Plan = FULL, scenes: Path | None = None) -> Record:
+def run_instance(instance: Instance, plan: Plan, scenes: Path | None = None) -> Record:
     """Return the figures of every method that the plan wants; ``scenes`` holds the photographs of NETWORK."""
     warm_up()
     problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
@@ -153,39 +138,31 @@ def versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in distributions}
 
 
-def planned(arguments: argparse.Namespace) -> tuple[Plan, str]:
-    """Return the plan that the arguments ask for and the name of its files."""
-    plan, name = (QUICK, "estimators_quick") if arguments.quick else (FULL, "estimators")
-    if arguments.development:
-        plan, name = replace(plan, first_seed=DEVELOPMENT_SEED), f"{name}_development"
-    if arguments.seeds:
-        plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
-    if arguments.methods:
-        plan = replace(plan, methods=tuple(arguments.methods))
-    return plan, name
-
-
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("--quick", action="store_true", help="a few cells and seeds, to their own files")
-    parser.add_argument("--development", action="store_true", help="seeds to tune on, to their own files")
-    parser.add_argument("--seeds", type=int, help="instances of every cell and kind")
-    parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="only these methods")
+    parser.add_argument("--seeds", type=int, help="instances of every cell and kind (default: 40, some 100)")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--paper-seeds", type=int, default=Plan.paper_seeds, help="for the paper's: slow")
     parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
     parser.add_argument(
         "--scenes", type=existing, help="folder of tools.datasets.testset, for network smears"
     )
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--log", type=Path, help="default: runs/ and the name of the plan")
-    parser.add_argument("--out", type=target, help="default: tools/results/estimators; runs/ for other plans")
+    parser.add_argument("--log", type=Path, default=Path("runs/estimators.jsonl"))
+    parser.add_argument("--out", type=target, default=Path("tools/results/estimators.md"))
     arguments = parser.parse_args()
-    plan, name = planned(arguments)
-    log = Log(path=arguments.log or Path(f"runs/{name}.jsonl"))
+    plan, log = (
+        Plan(first_seed=arguments.first_seed, paper_seeds=arguments.paper_seeds),
+        Log(path=arguments.log),
+    )
+    if arguments.seeds:
+        plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
     if not arguments.report:
         run(log, plan, arguments.processes, arguments.scenes)
-    out = arguments.out or Path("tools/results" if name == "estimators" else "runs") / name
-    print(write(log.read(), log.head(), out))
+    text = estimator_report.markdown(log.read(), log.head())
+    arguments.out.write_text(text)
+    print(text)
 
 
 if __name__ == "__main__":

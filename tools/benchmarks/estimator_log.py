@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from tools.benchmarks.estimator_cells import Instance
@@ -32,18 +32,18 @@ class Record:
 
     def to_json(self) -> str:
         """Return one line, figures to five digits."""
-        rows = {name: [float(f"{v:.5g}") for v in astuple(m)] for name, m in self.measured.items()}
-        return json.dumps({**asdict(self.instance), "measured": rows}, separators=(",", ":"))
+        rows = {
+            method: {name: float(f"{value:.5g}") for name, value in vars(figures).items()}
+            for method, figures in self.measured.items()
+        }
+        return json.dumps({**vars(self.instance), "measured": rows})
 
     @classmethod
     def from_json(cls, line: str) -> Record:
         """Return the record of a line of `to_json`."""
         stored = json.loads(line)
-        names = Measured.__dataclass_fields__
-        measured = {
-            method: Measured(**dict(zip(names, row, strict=True)))
-            for method, row in stored.pop("measured").items()
-        }
+        rows = stored.pop("measured")
+        measured = {method: Measured(**row) for method, row in rows.items()}
         return cls(instance=Instance(**stored), measured=measured)
 
 

@@ -1,14 +1,14 @@
-"""Whether smears put photographs in the order of their blur, and what blur costs their features.
+r"""Whether smears put photographs in the order of their blur, and what blur costs their features.
 
-``python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held --out tools/results/triage``
-writes a table of three parts. Order: Spearman's rank correlation with the true median smear, of our median
+    python -m tools.benchmarks.triage render/test --photos KODAK/train KODAK/held \
+        --out tools/results/triage.md
+
+writes a table of two parts. Order: Spearman's rank correlation with the true median smear, of our median
 smear and of the variance of the Laplacian (OpenCV, grey, as ``colmap2nerf.py`` of instant-ngp has it), over
 the photographs of a test set, over these and the sharp first instants of the same scenes, whose smear is
-zero, and over the photographs of the last folder of ``--photos``, blurred evenly. Keeping: how many of those
-with a true median smear up to the limit of ``blur2view triage`` it keeps, and how many of the others; as many
-kept by the Laplacian beside it. Features: the share of SIFT features of sharp photographs that are matched,
-within 3 px of their place, after an even blur, over the share without blur under fresh noise; the limit is
-the longest blur at which half are left in the first folder of ``--photos``.
+zero, and over the photographs of the last folder of ``--photos``, blurred evenly. Features: the share of SIFT
+features of sharp photographs that are matched, within 3 px of their place, after an even blur, over the share
+without blur under fresh noise; the limit is the longest blur at which half are left in the first folder.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from scipy.stats import spearmanr
 
 import blur2view
 from blur2view.arrays import AnyArray, Array
-from blur2view.cli.arguments.triage import MAX_SMEAR_PX
 from blur2view.smears.sharpness import median_smear
-from tools.arguments import parser_of
+from tools.arguments import parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.even_blur import blurred, middle
 from tools.rendering.textures import read_photograph
@@ -40,15 +39,6 @@ class Ordered:
 
     true_px: float
     ours_px: float
-    laplacian: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Order:
-    """Rank correlations of some photographs: how far each measure follows the true smear."""
-
-    count: int
-    ours: float
     laplacian: float
 
 
@@ -89,24 +79,11 @@ def true_median_px(scene: TestScene) -> float:
     return float(np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1)))
 
 
-def order_of(pictures: list[Ordered]) -> Order:
-    """Return the rank correlations; blur lowers the variance of the Laplacian, so that is taken negative."""
-    true = [one.true_px for one in pictures]
-    return Order(
-        count=len(pictures),
-        ours=float(spearmanr(true, [one.ours_px for one in pictures]).statistic),
-        laplacian=float(spearmanr(true, [-one.laplacian for one in pictures]).statistic),
-    )
-
-
-def kept(pictures: list[Ordered], limit_px: float) -> list[tuple[str, int, int]]:
-    """Return for each measure how many truly sharp photographs it keeps, and how many others."""
-    true = np.array([one.true_px for one in pictures]) <= limit_px
-    ours = np.array([one.ours_px for one in pictures]) <= limit_px
-    order = np.argsort([-one.laplacian for one in pictures], kind="stable")
-    theirs = np.isin(np.arange(len(pictures)), order[: ours.sum()])
-    measures = (("median smear", ours), ("variance of the Laplacian, as many", theirs))
-    return [(name, int((keep & true).sum()), int((keep & ~true).sum())) for name, keep in measures]
+def order_of(pictures: list[Ordered]) -> tuple[float, float]:
+    """Return rank correlations with the true smear: ours, and the Laplacian's, which blur lowers, negated."""
+    columns = [[one.ours_px for one in pictures], [-one.laplacian for one in pictures]]
+    ours, laplacian = (spearmanr([one.true_px for one in pictures], column).statistic for column in columns)
+    return float(ours), float(laplacian)
 
 
 def matched_share(sharp: AnyArray, other: AnyArray) -> float:
@@ -144,7 +121,7 @@ def limit_of(left: Array) -> int:
     return max(length_px for length_px, share in zip(LENGTHS_PX, left, strict=True) if share >= 0.5)
 
 
-def report(sets: dict[str, list[Ordered]], features: dict[str, Array], limit_px: float) -> str:
+def report(sets: dict[str, list[Ordered]], features: dict[str, Array]) -> str:
     """Return the tables."""
     lines = [
         "Rank correlation with the true median smear:",
@@ -153,20 +130,8 @@ def report(sets: dict[str, list[Ordered]], features: dict[str, Array], limit_px:
         "|---|---|---|---|",
     ]
     for name, pictures in sets.items():
-        order = order_of(pictures)
-        lines.append(f"| {name} | {order.count} | {order.ours:.3f} | {order.laplacian:.3f} |")
-    lines += [
-        "",
-        f"Kept, of photographs with a true median smear up to {limit_px:g} px and of the others:",
-        "",
-        "| photographs | kept by | sharp | others |",
-        "|---|---|---|---|",
-    ]
-    for name, pictures in list(sets.items())[1:]:
-        sharp = sum(one.true_px <= limit_px for one in pictures)
-        for measure, right, wrong in kept(pictures, limit_px):
-            counts = f"{right} of {sharp} | {wrong} of {len(pictures) - sharp}"
-            lines.append(f"| {name} | {measure} | {counts} |")
+        ours, laplacian = order_of(pictures)
+        lines.append(f"| {name} | {len(pictures)} | {ours:.3f} | {laplacian:.3f} |")
     lines += [
         "",
         "SIFT features left after an even blur, over those left without:",
@@ -185,7 +150,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("scenes", type=Path, help="a test set, with the sharp first instant of each scene")
     parser.add_argument("--photos", type=Path, nargs="*", default=[], help="folders of sharp photographs")
-    parser.add_argument("--out", type=Path, help="where the table goes, without its suffix")
+    parser.add_argument("--out", type=target, help="Markdown file to write")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork()
     smeared, sharp = [], []
@@ -198,10 +163,10 @@ def main() -> None:
     sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}
     if arguments.photos:
         sets[f"evenly blurred, {arguments.photos[-1].name}"] = evenly_blurred(arguments.photos[-1], network)
-    text = report(sets, {path.name: features_left(path) for path in arguments.photos}, MAX_SMEAR_PX)
+    text = report(sets, {path.name: features_left(path) for path in arguments.photos})
     print(text, end="")
     if arguments.out is not None:
-        arguments.out.with_suffix(".md").write_text(f"# Triage\n\n{text}")
+        arguments.out.write_text(f"# Triage\n\n{text}")
 
 
 if __name__ == "__main__":

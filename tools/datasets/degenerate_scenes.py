@@ -141,3 +141,19 @@ def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float)
     field = cv2.GaussianBlur(white, (0, 0), correlation_px / 4)
     columns, rows = np.clip(np.rint(points / 4).astype(int), 0, [width // 4, height // 4]).T
     return np.asarray((field / field.std())[rows, columns], float)
+
+
+def with_shared_errors(
+    ends: Array, rng: np.random.Generator, direction_deg: float, length_share: float, over_px: float = 40.0
+) -> Array:
+    """Return smears (N, 2, 2) that err as a network's: turned and stretched as their neighbours are.
+
+    ``direction_deg`` and ``length_share`` are the standard deviations of the direction and of the length's
+    natural logarithm.
+    """
+    middle = ends.mean(axis=1)
+    angle = np.radians(direction_deg) * smooth_noise(rng, middle, over_px)
+    stretch = np.exp(length_share * smooth_noise(rng, middle, over_px))
+    x, y = (ends[:, 1] - middle).T * stretch
+    half = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
+    return np.stack([middle - half, middle + half], axis=1)

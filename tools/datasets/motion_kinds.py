@@ -5,7 +5,7 @@
 writes, for each kind, that many scenes as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where
 NNNNN is the seed. Paths are as bent and as accelerated as those of the test split, textures those of the test
 split, seeds others. A camera that only turns, or holds still, sees any scene; a plane fills the picture; of
-general motion those scenes are kept whose parallax is at least a fifth of the smears (`parallax_share`).
+general motion those scenes are kept whose parallax is at least a fifth of the smears (`off_plane`).
 Nothing moves by itself.
 """
 
@@ -51,14 +51,19 @@ SAMPLE = 1000
 """Smears that the homography is fitted to."""
 
 
-def parallax_share(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> float:
-    """Return the mean deviation of true smears from the homography of most of them, over their mean length.
+def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
+    """Return how far true smears are from the homography of most of them, and their lengths.
 
     Parameters
     ----------
     displacement : ndarray of shape (h, w, 2)
     chosen : ndarray of bool, shape (h, w)
     K : ndarray of shape (3, 3)
+
+    Returns
+    -------
+    deviation, length : ndarray of shape (M,)
+        Of at most SAMPLE of the smears, focal lengths; the same if no homography is found.
     """
     rows, columns = chosen.shape
     points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
@@ -69,9 +74,9 @@ def parallax_share(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> flo
     matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
     plane = find_plane(matches, 3.0, True, rng)
     if plane is None:
-        return 1.0
+        return length, length
     deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
-    return float(deviation.mean() / length.mean())
+    return deviation, length
 
 
 def attempt(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:
@@ -96,7 +101,8 @@ def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int
         if seen and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1]):
             if kind != "general":
                 return scene
-            if parallax_share(scene.displacement, scene.valid, scene.K) >= LEAST_PARALLAX:
+            deviation, length = off_plane(scene.displacement, scene.valid, scene.K)
+            if deviation.mean() >= LEAST_PARALLAX * length.mean():
                 return scene
         seed += SERIES
 

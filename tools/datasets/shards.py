@@ -1,12 +1,11 @@
 """Write rendered scenes for training, in resumable shards, with the measured speed.
 
 ``python -m tools.datasets.shards --out render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
-all processes the machine has and prints scenes and crops a second; run again, it goes on where it stopped.
+all processes the machine has and prints scenes a second; run again, it goes on where it stopped.
 """
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import time
 from collections.abc import Iterable, Iterator
@@ -22,8 +21,6 @@ from blur2view.errors import Blur2ViewError
 from tools.arguments import existing, parser_of
 from tools.rendering.render import RenderOptions, render
 
-CROP_PX = 128
-"""Side of the crops for which the speed is printed."""
 WHITE = 4.0
 """Largest radiance that is stored."""
 
@@ -135,38 +132,25 @@ def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, sha
                 yield path
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare which seeds to render and how; the defaults are those of RenderOptions."""
-    defaults = RenderOptions()
+def main() -> None:
+    """Write a dataset and print its speed."""
+    parser, defaults = parser_of(__doc__), RenderOptions()
+    parser.add_argument("--out", type=Path, required=True, help="folder of shards")
     parser.add_argument("--scenes", type=int, default=12, help="number of seeds (default 12)")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--split", choices=["train", "test"], default=defaults.split)
     parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
     parser.add_argument("--size", type=int, nargs=2, default=defaults.size, metavar=("WIDTH", "HEIGHT"))
-
-
-def scene_arguments(arguments: argparse.Namespace) -> tuple[range, RenderOptions]:
-    """Return what :func:`add_scene_arguments` declared."""
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
-    width, height = arguments.size
-    return seeds, RenderOptions(size=(width, height), split=arguments.split, photos=arguments.photos)
-
-
-def main() -> None:
-    """Write a dataset and print its speed."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder of shards")
-    add_scene_arguments(parser)
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default 50)")
     arguments = parser.parse_args()
-    seeds, options = scene_arguments(arguments)
-    began, crops_a_scene = time.perf_counter(), options.size[0] * options.size[1] / CROP_PX**2
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
+    options = RenderOptions(size=tuple(arguments.size), split=arguments.split, photos=arguments.photos)
+    began = time.perf_counter()
     written = write_shards(arguments.out, seeds, options, arguments.jobs, arguments.shard)
     for count, path in enumerate(written, 1):
         rate = count * arguments.shard / (time.perf_counter() - began)
-        crops = rate * crops_a_scene
-        print(f"{path.name}: {rate:.2f} scenes, {crops:.1f} crops of {CROP_PX} px a second", flush=True)
+        print(f"{path.name}: {rate:.2f} scenes a second", flush=True)
 
 
 if __name__ == "__main__":

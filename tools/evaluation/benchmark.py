@@ -17,7 +17,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,8 +32,7 @@ from blur2view.cli.outputs import OutputFiles, result_contents
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.output_files import write_together
 from blur2view.pipeline import Run, estimate, estimate_file
-from blur2view.robust.minimal_solvers import solve_seven_smears
-from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tools.arguments import parser_of, target
@@ -93,20 +94,10 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     }
 
 
-def solver_seconds(repeats: int, samples: int = 1000) -> float:
-    """Return the median seconds of the batched minimal solver per seven smears, all 64 sign patterns."""
-    ends = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 7, 2, 2))
-    return timed(lambda: solve_seven_smears(ends), repeats) / samples
-
-
 def quietly(command: Callable[[list[str]], int], arguments: list[str]) -> None:
     """Run a command in this process without its output."""
-    with open(os.devnull, "w") as nowhere:
-        before, sys.stdout = sys.stdout, nowhere
-        try:
-            command(arguments)
-        finally:
-            sys.stdout = before
+    with redirect_stdout(StringIO()):
+        command(arguments)
 
 
 def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
@@ -116,12 +107,6 @@ def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
     subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
     seconds = time.perf_counter() - start
     return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-
-
-def enlarged(photo: Path, target: Path) -> Path:
-    """Return the path of the photograph resized to 24 megapixels; its content does not change the memory."""
-    cv2.imwrite(str(target), cv2.resize(np.asarray(cv2.imread(str(photo))), LARGE))
-    return target
 
 
 def table(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
@@ -159,11 +144,11 @@ def main() -> None:
         process = [whole_process(photo, folder / "out") for _ in range(3)]
         times = stages(photo, folder / "out", arguments.repeats)
         rival = timed(lambda: classical(*ends), arguments.repeats)
-        large = whole_process(enlarged(photo, folder / "large.jpg"), folder / "out")
+        picture = np.asarray(cv2.imread(str(photo)))
+        cv2.imwrite(str(folder / "large.jpg"), cv2.resize(picture, LARGE))
+        large = whole_process(folder / "large.jpg", folder / "out")
     wall = median(seconds for seconds, _ in process)
     text = table(times, (wall, process[-1][1]), rival, arguments.repeats)
-    solver_ms = 1e3 * solver_seconds(arguments.repeats)
-    text += f"\nMinimal solver, batched: {solver_ms:.2f} ms a sample of seven smears.\n"
     text += f"\nA photograph of {LARGE[0]}x{LARGE[1]}: {large[0]:.1f} s, {large[1]:.0f} MiB, whole process.\n"
     print(text)
     if arguments.out:

@@ -28,19 +28,14 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
-from blur2view.robust.homography import transfer_orders
-from blur2view.robust.homography_search import find_plane
-from blur2view.robust.residuals import WeightedEnds
-from blur2view.smears.field import smear_ends
-from blur2view.smears.sampling import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import existing, parser_of, target
 from tools.datasets import motion_kinds
-from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, smooth_noise
+from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rho
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
@@ -62,7 +57,7 @@ NAMED = {
     "still": Configuration.DEGENERATE,
     "general": Configuration.UNCALIBRATED,
 }
-SHARED_DEG = 4.0
+SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
 REPORTED = (
     Configuration.UNCALIBRATED,
     Configuration.PLANAR_OR_PANORAMIC,
@@ -112,19 +107,12 @@ def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
     return "general" if turns(geometry, geometry.F, scene) else "translation"
 
 
-def with_shared_errors(scene: DegenerateScene, seed: int, direction_deg: float) -> DegenerateScene:
-    """Return smears that err as a network's: correlated over 40 px, lengths by 15 %."""
-    rng = np.random.default_rng([seed, 7])
-    middle, half = scene.matches.midpoint, 0.5 * scene.matches.displacement
-    angle = np.radians(direction_deg) * smooth_noise(rng, middle, 40.0)
-    stretch = np.exp(0.15 * smooth_noise(rng, middle, 40.0))[:, None]
-    across = half[:, ::-1] * [-1.0, 1.0]
-    half = stretch * (np.cos(angle)[:, None] * half + np.sin(angle)[:, None] * across)
-    sigma = np.hypot(
-        scene.matches.sigma_px, np.hypot(np.radians(direction_deg), 0.15) * scene.matches.length_px
-    )
-    matches = replace(scene.matches, ends=np.stack([middle - half, middle + half], axis=1), sigma_px=sigma)
-    return replace(scene, matches=matches)
+def erring(scene: DegenerateScene, seed: int, direction_deg: float) -> DegenerateScene:
+    """Return smears that err as a network's: correlated over 40 px, lengths by 15 %, stated truly."""
+    found = scene.matches
+    ends = with_shared_errors(found.ends, np.random.default_rng([seed, 7]), direction_deg, LENGTH_SHARE)
+    sigma = np.hypot(found.sigma_px, np.hypot(np.radians(direction_deg), LENGTH_SHARE) * found.length_px)
+    return replace(scene, matches=replace(found, ends=ends, sigma_px=sigma))
 
 
 def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
@@ -132,7 +120,7 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
     kind, seed = task
     scene = draw_scene(kind, seed)
     if direction_deg > 0:
-        scene = with_shared_errors(scene, seed, direction_deg)
+        scene = erring(scene, seed, direction_deg)
     start = time.thread_time()
     geometry = estimate_two_view(scene.matches)
     seconds = time.thread_time() - start
@@ -159,56 +147,29 @@ def true_structure(scene: TestScene) -> str:
     """Return how far one homography explains the true smears of what stands still in a photograph."""
     if scene.F is None:
         return "pure rotation"
-    chosen = scene.valid & scene.static
-    points, d = scene.midpoints[chosen], scene.displacement[chosen].astype(float)
-    rng = np.random.default_rng(0)
-    kept = rng.permutation(len(points))[:1000]
-    T = np.linalg.inv(scene.K)
-    ends = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
-    plane = find_plane(matches, 3.0, True, rng)
-    assert plane is not None
-    deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
+    deviation, length = motion_kinds.off_plane(scene.displacement, scene.valid & scene.static, scene.K)
     off = float(np.median(deviation / length))
     return next(name for name, bound in STRUCTURES.items() if off < bound)
 
 
-def photograph_table(folder: Path) -> list[str]:
-    """Return the names that the photographs of a rendered split get through the network."""
-    network, rows = blur2view.SmearNetwork(), []
-    for scene in read_test_set(folder):
-        matches = select_matches(network.predict(blur2view.read_image(scene.image_path)))
-        geometry = estimate_two_view(matches)
-        rows.append((true_structure(scene), geometry))
-    lines = ["| photograph | images | F | H | " + " | ".join(c.name for c in REPORTED) + " |"]
-    lines.append("|---" * (len(REPORTED) + 4) + "|")
-    for name in ("pure rotation", *STRUCTURES):
-        found = [geometry for structure, geometry in rows if structure == name]
-        with_F, with_H = (
-            sum(x is not None for x in xs) for xs in zip(*((g.F, g.H) for g in found), strict=True)
-        )
-        counts = [str(sum(g.config is config for g in found) or "") for config in REPORTED]
-        lines.append(f"| {name} | {len(found)} | {with_F} | {with_H} | " + " | ".join(counts) + " |")
-    return lines
+def estimated(folder: Path, network: blur2view.SmearNetwork) -> list[tuple[TestScene, TwoViewGeometry]]:
+    """Return the scenes of a folder with what the network and the estimator make of them."""
+    return [
+        (s, blur2view.estimate(blur2view.read_image(s.image_path), network=network).geometry)
+        for s in read_test_set(folder)
+    ]
 
 
-def kinds_table(folder: Path) -> list[str]:
-    """Return the names that rendered photographs of four kinds of motion get through the network."""
-    network = blur2view.SmearNetwork()
-    titles = [c.name for c in REPORTED]
-    lines = ["| motion | images | " + " | ".join(titles) + " | parallax proven | correct % |"]
-    lines.append("|---" * (len(REPORTED) + 4) + "|")
-    for kind in motion_kinds.KINDS:
-        found = []
-        for scene in read_test_set(folder / kind):
-            matches = select_matches(network.predict(blur2view.read_image(scene.image_path)))
-            found.append(estimate_two_view(matches))
-        right = [geometry.config is NAMED[kind] for geometry in found]
-        counts = [sum(geometry.config is config for geometry in found) or "" for config in REPORTED]
-        proven = sum(geometry.parallax is Parallax.PROVEN for geometry in found)
-        cells = [len(found), *counts, proven, f"{100 * np.mean(right):.0f}" if found else ""]
-        lines.append(f"| {kind} | " + " | ".join(str(cell) for cell in cells) + " |")
+def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
+    """Return the verdicts on photographs as Markdown, a row for each kind."""
+    titles = ["photographs", "images", *(c.name for c in REPORTED), "parallax proven", "correct %"]
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    for name, found in groups.items():
+        counts = [sum(g.config is config for g in found) or "" for config in REPORTED]
+        proven = sum(g.parallax is Parallax.PROVEN for g in found)
+        right = [g.config is NAMED[name] for g in found] if name in NAMED else []
+        cells = [name, len(found), *counts, proven, f"{100 * np.mean(right):.0f}" if right else ""]
+        lines.append(f"| {' | '.join(map(str, cells))} |")
     return lines
 
 
@@ -253,20 +214,21 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=target, default=Path("tools/results/degeneracy.md"))
     options = parser.parse_args()
-    photographs = []
+    photographs: list[str] = []
+    network = blur2view.SmearNetwork()
     if options.scenes is not None:
-        photographs = [
-            "Photographs of the rendered test split through the network, by what is true of them. Where an F "
-            "has an H beside it parallax is open: errors of the smears and small parallax look alike."
-        ]
-        photographs += ["", *photograph_table(options.scenes), ""]
+        split = [(true_structure(scene), found) for scene, found in estimated(options.scenes, network)]
+        groups = {k: [g for name, g in split if name == k] for k in ("pure rotation", *STRUCTURES)}
+        photographs += ["Photographs of the rendered test split, by what is true of them.", ""]
+        photographs += [*photograph_table(groups), ""]
     if options.kinds is not None:
+        groups = {k: [g for _, g in estimated(options.kinds / k, network)] for k in motion_kinds.KINDS}
         photographs += [
             "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
             "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
             "and UNCALIBRATED; beside an F parallax of the first two is open."
         ]
-        photographs += ["", *kinds_table(options.kinds), ""]
+        photographs += ["", *photograph_table(groups), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)
     options.out.write_text(page)
     print(page)

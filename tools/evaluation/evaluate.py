@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -21,10 +20,9 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import select_matches
+from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.search import two_parameter_fundamental
 from tools.arguments import parser_of
@@ -32,6 +30,9 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
+from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
+
+Order = Callable[[SmearMatches], AnyArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,28 +71,22 @@ def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
     """Return every method of the table, as a function of the matches."""
 
-    def ordered_truly(solver: baselines.Solver, matches: SmearMatches) -> AnyArray | None:
-        ordered = baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
-        return baselines.solve(solver, ordered)
+    def ordered(solver: baselines.Solver, order: Order) -> Callable[[SmearMatches], AnyArray | None]:
+        return lambda matches: baselines.solve(solver, order(matches))
 
-    def unordered(matches: SmearMatches) -> AnyArray | None:
-        ends = baselines.scrambled(matches.ends, np.random.default_rng(0))
-        return baselines.solve(baselines.opencv_magsac, ends)
-
-    def rightward(matches: SmearMatches) -> AnyArray | None:
-        return baselines.solve(baselines.opencv_magsac, baselines.rightward(matches.ends))
-
-    def ours(matches: SmearMatches) -> AnyArray | None:
-        return estimate_two_view(matches, rng=np.random.default_rng(0)).F
+    def truly(matches: SmearMatches) -> AnyArray:
+        return baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
 
     return {
-        "ours": ours,
+        "ours": lambda matches: estimate_two_view(matches, rng=np.random.default_rng(0)).F,
         "two-parameter F": two_parameter_fundamental,
-        "unordered, OpenCV MAGSAC": unordered,
-        "u > 0 order, OpenCV MAGSAC": rightward,
-        "true order, OpenCV MAGSAC": partial(ordered_truly, baselines.opencv_magsac),
-        "true order, pycolmap": partial(ordered_truly, baselines.pycolmap_ransac),
-        "true order, PoseLib": partial(ordered_truly, baselines.poselib_ransac),
+        "unordered, OpenCV MAGSAC": ordered(
+            baselines.opencv_magsac, lambda m: baselines.scrambled(m.ends, np.random.default_rng(0))
+        ),
+        "u > 0 order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, lambda m: baselines.rightward(m.ends)),
+        "true order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, truly),
+        "true order, pycolmap": ordered(baselines.pycolmap_ransac, truly),
+        "true order, PoseLib": ordered(baselines.poselib_ransac, truly),
         "true F": lambda _: scene.F,
     }
 

@@ -15,8 +15,8 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.metrics import direction_error_deg
 from tools.arguments import existing, parser_of
+from tools.metrics import direction_error_deg
 from tools.rendering.sensor import photograph
 from tools.rendering.textures import read_photograph
 

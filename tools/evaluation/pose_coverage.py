@@ -1,6 +1,6 @@
 """How often the 90 % regions of poses hold the truth, for independent and for correlated errors.
 
-    python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage
+    python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md
 
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from
 smears without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and
@@ -10,19 +10,18 @@ the standard deviation of every displacement is stated truly, that errors are co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import get_args
 
 import numpy as np
 
-from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
-from blur2view.metrics import rotation_error, translation_direction_error_deg
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of, target
+from tools.datasets.degenerate_scenes import with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     Kind,
@@ -30,116 +29,86 @@ from tools.datasets.synthetic_matches import (
     SyntheticSmears,
     synthetic_smears,
 )
-from tools.evaluation.correlated_noise import smooth_noise
 from tools.evaluation.processes import single_threaded_pool
+from tools.metrics import rotation_error, translation_direction_error_deg
 
-SEEDS = 200
-PARTS = {"pose": slice(0, 5), "rotation": slice(0, 3), "translation": slice(3, 5)}
+PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """A kind of scene and of noise: outliers' share, or the direction's and the length's errors."""
 
-    name: str
     kind: Kind
     outliers: float = 0.0
     direction_deg: float = 0.0
     length_share: float = 0.0
 
     @property
-    def correlated(self) -> bool:
-        """Whether neighbours err as one."""
-        return self.direction_deg > 0
+    def name(self) -> str:
+        """What the table calls it."""
+        if self.direction_deg:
+            errors = f"{self.direction_deg:g} degrees, {100 * self.length_share:g} %"
+            return f"correlated, {self.kind} depth, {errors}"
+        return f"white, {self.kind} depth{f', {100 * self.outliers:g} % outliers' if self.outliers else ''}"
 
 
 CASES = (
-    Case(name="white, smooth depth", kind="smooth"),
-    Case(name="white, smooth depth, 30 % outliers", kind="smooth", outliers=0.3),
-    Case(name="white, scattered depth", kind="scattered"),
-    Case(name="white, scattered depth, 30 % outliers", kind="scattered", outliers=0.3),
-    Case(
-        name="correlated, smooth depth, 2 degrees, 5 %", kind="smooth", direction_deg=2.0, length_share=0.05
-    ),
-    Case(
-        name="correlated, smooth depth, 4 degrees, 10 %", kind="smooth", direction_deg=4.0, length_share=0.1
-    ),
-    Case(
-        name="correlated, scattered depth, 4 degrees, 10 %",
-        kind="scattered",
-        direction_deg=4.0,
-        length_share=0.1,
-    ),
+    *(Case(kind=kind, outliers=share) for kind in get_args(Kind) for share in (0.0, 0.3)),
+    Case(kind="smooth", direction_deg=2.0, length_share=0.05),
+    *(Case(kind=kind, direction_deg=4.0, length_share=0.1) for kind in get_args(Kind)),
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """Which regions held the truth (pose, rotation, translation), and the errors; None without a pose."""
-
-    case: Case
-    held: tuple[bool, bool, bool] | None
-    rotation: float = float("nan")  # relative
-    translation_deg: float = float("nan")
+Outcome = tuple[bool, bool, bool, float, float]
+"""Whether the regions of pose, rotation and translation held the truth; the relative error of the rotation
+and that of the translation's direction, degrees."""
 
 
 def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
     """Return the smears of a seed, and what is seen of them."""
-    if not case.correlated:
+    if not case.direction_deg:
         scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=case.outliers))
         return scene, scene.matches
     scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=0.0, noise_px=0.0))
-    ends = correlated(scene.ends, case, np.random.default_rng([seed, 1]))
+    rng = np.random.default_rng([seed, 1])
+    ends = with_shared_errors(scene.ends, rng, case.direction_deg, case.length_share)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
     return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
 
 
-def correlated(ends: Array, case: Case, rng: np.random.Generator) -> Array:
-    """Return smears (N, 2, 2) turned and stretched about their midpoints by noise smooth over the image."""
-    middle = ends.mean(axis=1)
-    angle = np.radians(case.direction_deg) * smooth_noise(rng, middle, IMAGE_SIZE)
-    stretch = np.exp(case.length_share * smooth_noise(rng, middle, IMAGE_SIZE))
-    x, y = (ends[:, 1] - middle).T * stretch
-    half = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
-    return np.stack([middle - half, middle + half], axis=1)
-
-
-def outcome(case: Case, seed: int) -> Outcome:
-    """Return whether the regions of one seed hold its pose."""
+def outcome(case: Case, seed: int) -> Outcome | None:
+    """Return whether the regions of one seed hold its pose; None without a pose."""
     scene, matches = observed(seed, case)
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or covariance is None or not pose.translation.any():
-        return Outcome(case=case, held=None)
+        return None
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
-    pose_held, rotation_held, translation_held = (
+    whole, rotation, translation = (
         covariance.squared_distance(pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
-        for part in PARTS.values()
+        for part in PARTS
     )
-    return Outcome(
-        case=case,
-        held=(pose_held, rotation_held, translation_held),
-        rotation=rotation_error(pose.rotation, scene.R)[1],
-        translation_deg=translation_direction_error_deg(pose.translation, scene.t),
+    errors = (
+        rotation_error(pose.rotation, scene.R)[1],
+        translation_direction_error_deg(pose.translation, scene.t),
     )
+    return whole, rotation, translation, *errors
 
 
-def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
+def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
     """Return a table of the shares of seeds whose regions hold the truth."""
     rows = [
-        f"Share of seeds 0 to {seeds - 1} whose nominal 90 % region holds the truth, and median errors.",
+        f"Share of {max(map(len, outcomes.values()))} seeds whose nominal 90 % region holds the truth, and "
+        "median errors.",
         "",
         "| smears | poses | pose | rotation | translation | rotation error | translation error, degrees |",
         "|---|---|---|---|---|---|---|",
     ]
-    for case in CASES:
-        found = [o for o in outcomes if o.case == case and o.held is not None]
-        held = np.array([o.held for o in found]).reshape(-1, len(PARTS)).mean(axis=0)
-        shares = " | ".join(f"{share:.2f}" for share in held)
-        rotation = np.median([o.rotation for o in found])
-        translation = np.median([o.translation_deg for o in found])
+    for case, of_seeds in outcomes.items():
+        found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
+        shares = " | ".join(f"{share:.2f}" for share in found[:, :3].mean(axis=0))
+        rotation, translation = np.median(found[:, 3:], axis=0)
         rows.append(f"| {case.name} | {len(found)} | {shares} | {rotation:.0%} | {translation:.1f} |")
     return "\n".join([*rows, ""])
 
@@ -147,18 +116,15 @@ def markdown(outcomes: Sequence[Outcome], seeds: int) -> str:
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("--out", type=target, help="write the table to OUT.md")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--out", type=target, help="Markdown file to write")
+    parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    outcomes: list[Outcome] = []
     with single_threaded_pool(arguments.jobs) as pool:
-        for case in CASES:
-            outcomes += pool.map(partial(outcome, case), range(arguments.seeds))
-    table = markdown(outcomes, arguments.seeds)
+        table = markdown({c: pool.map(partial(outcome, c), range(arguments.seeds)) for c in CASES})
     print(table)
     if arguments.out is not None:
-        arguments.out.with_suffix(".md").write_text(table)
+        arguments.out.write_text(table)
 
 
 if __name__ == "__main__":

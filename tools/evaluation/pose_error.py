@@ -8,7 +8,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
 from blur2view.geometry.sampson import swapped_order
-from blur2view.metrics import rotation_error
+from tools.metrics import rotation_error
 
 NO_POSE_DEG = 180.0  # the error of no answer
 

@@ -27,7 +27,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import SmearField, smear_ends
-from blur2view.smears.sampling import grid_pixels, select_matches
+from blur2view.smears.selection import grid_pixels, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.visualization.mask_overlay import draw_motion
 from tools.arguments import existing, target

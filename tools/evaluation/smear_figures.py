@@ -6,14 +6,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.camera.image import read_image
-from blur2view.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
+from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
@@ -69,7 +67,6 @@ class SmearFigures:
     length_ratio: float
     length_spread: float
     sparsification_area: float
-    coherence_area: float
     block_error_sigmas: float = math.nan
     octaves: tuple[OctaveFigures, ...] = ()
     bins: tuple[SigmaBin, ...] = ()
@@ -87,8 +84,6 @@ class Smears:
         What the network expects of their error, pixels.
     sure : ndarray of bool, shape (N,)
         Whether sigma is at most its median over the image.
-    coherence : ndarray of shape (N,)
-        See :func:`coherence`.
     blocks : ndarray of shape (B,)
         See :func:`block_errors`.
     """
@@ -97,21 +92,7 @@ class Smears:
     true: AnyArray
     sigma: AnyArray
     sure: AnyArray
-    coherence: AnyArray
     blocks: AnyArray
-
-
-def coherence(image: AnyArray, sigma_px: float = 12.0) -> AnyArray:
-    """Return the coherence in [0, 1] of the structure tensor at the centres of 4 x 4 pixel cells (h, w).
-
-    What a classical method would trust a blur's direction by: the difference of the eigenvalues over their
-    sum, of a photograph (H, W, 3) in [0, 1] (Bigun and Granlund, ICCV 1987).
-    """
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    gx, gy = (cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
-    xx, xy, yy = (cv2.GaussianBlur(product, (0, 0), sigma_px) for product in (gx * gx, gx * gy, gy * gy))
-    whole = np.hypot(xx - yy, 2 * xy) / (xx + yy + 1e-9)
-    return np.asarray(whole[1::4, 1::4])
 
 
 def block_errors(scene: TestScene, field: SmearField) -> AnyArray:
@@ -140,9 +121,8 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
     for scene, field in scenes:
         sigma = field.sigma_px[1::4, 1::4][scene.valid]
         found = field.displacement[1::4, 1::4][scene.valid]
-        sure, classical = sigma <= np.median(sigma), coherence(read_image(scene.image_path))[scene.valid]
-        blocks = block_errors(scene, field)
-        parts.append((found, scene.displacement[scene.valid], sigma, sure, classical, blocks))
+        true, sure = scene.displacement[scene.valid], sigma <= np.median(sigma)
+        parts.append((found, true, sigma, sure, block_errors(scene, field)))
     names, columns = [f.name for f in fields(Smears)], zip(*parts, strict=True)
     merged = {name: np.concatenate(column) for name, column in zip(names, columns, strict=True)}
     return Smears(**merged), len(parts)
@@ -164,7 +144,6 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
         length_ratio=float(np.exp(np.median(ratio))),
         length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
         sparsification_area=float(sparsification_area(error, smears.sigma)),
-        coherence_area=float(sparsification_area(error, -smears.coherence)),
         block_error_sigmas=float(np.sqrt((smears.blocks**2).mean())) if len(smears.blocks) else math.nan,
         octaves=tuple(by_octave(smears, error, angle, length)),
         bins=tuple(by_sigma(error, smears.sigma)),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from blur2view.metrics import epe_s, sparsification_curve
 from tools.evaluation.smear_figures import SmearFigures, Smears
+from tools.metrics import epe_s, sparsification_curve
 from tools.reports.figure_style import new_figure, save
 
 
@@ -31,11 +31,9 @@ def draw_calibration(axes: Any, figures: SmearFigures) -> None:
 
 
 def draw_sparsification(axes: Any, smears: Smears, figures: SmearFigures) -> None:
-    """Mean error of what is left against the share removed: by sigma, by local coherence, by the error."""
+    """Mean error of what is left against the share removed: by sigma, by the error."""
     error = epe_s(smears.found, smears.true)
     removed, by_sigma, by_error = sparsification_curve(error, smears.sigma)
-    _, by_coherence, _ = sparsification_curve(error, -smears.coherence)
-    axes.plot(removed, by_coherence, label=f"local coherence, area {figures.coherence_area:.2f}")
     axes.plot(removed, by_sigma, label=f"sigma, area {figures.sparsification_area:.2f}")
     axes.plot(removed, by_error, "k--", lw=1, label="the error itself")
     axes.set(

@@ -2,10 +2,9 @@
 
     python -m tools.paper.experiments --photos KODAK
 
-renders what is missing (training scenes: 25 minutes of two cores), trains 33 networks (two
-hours), estimates Table 2 (11 minutes of one core), counts failure cases (five minutes) and compares both ways
-to blur. Trainings, renderings and Table 2 go on where they were; ``--stages report`` writes the file from
-what is there.
+renders what is missing (training scenes: 25 minutes of two cores), trains 30 networks (two hours), estimates
+Table 2 (11 minutes of one core) and counts failure cases (five minutes). Trainings, renderings and Table 2 go
+on where they were; ``--stages report`` writes the file from what is there.
 """
 
 from __future__ import annotations
@@ -19,12 +18,11 @@ from pathlib import Path
 import blur2view
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
-from tools.paper import convolution_blur, failure_cases, paper_summary, paper_tables
-from tools.paper.crop_batches import TrainOptions
-from tools.paper.paper_report import RESULTS, report
-from tools.paper.paper_variants import PLAIN_STEPS, STEPS, VARIANTS, run_all
+from tools.paper import failure_cases, paper_summary, paper_tables
+from tools.paper.crops import TrainOptions
+from tools.paper.paper_report import report
+from tools.paper.paper_variants import ALPHA_STUDY, PLAIN_STEPS, STEPS, VARIANTS, run_all
 from tools.rendering.render import RenderOptions
-from tools.reports.figure_style import save, style
 from tools.training.recipe import Recipe, render_set
 
 SCENES = 60
@@ -64,7 +62,8 @@ def train(plan: Plan) -> None:
 def summarise(plan: Plan) -> None:
     """Store and draw what is finished of Table 1."""
     runs = plan.work / "variants"
-    found, study = paper_summary.read_runs(runs), paper_summary.read_alpha_study(runs)
+    found = paper_summary.read_runs(runs, VARIANTS.values())
+    study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
     if found:
         write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
         write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))
@@ -87,14 +86,6 @@ def fail(plan: Plan) -> None:
     write_json(plan.results / "paper_failures.json", document)
 
 
-def blur(plan: Plan) -> None:
-    """Compare both ways to blur."""
-    found = convolution_blur.blurs(convolution_blur.SEED, plan.photos)
-    with style():
-        save(convolution_blur.figure_of(found), plan.results / "figures" / "convolution.png")
-    write_json(plan.results / "figures" / "convolution.json", found.figures())
-
-
 def write_report(plan: Plan) -> None:
     """Write paper.md from what is there."""
     summarise(plan)
@@ -102,8 +93,11 @@ def write_report(plan: Plan) -> None:
 
 
 STAGES: dict[str, Callable[[Plan], None]] = {
-    "blur": blur, "failures": fail, "table2": estimate, "table1": train, "report": write_report,
-}  # fmt: skip
+    "failures": fail,
+    "table2": estimate,
+    "table1": train,
+    "report": write_report,
+}
 
 
 def write_json(path: Path, document: object) -> None:
@@ -119,7 +113,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
     parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")
     parser.add_argument("--scenes", type=existing, default=Path("render/test"), help="(default: %(default)s)")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="(default: %(default)s)")
+    parser.add_argument("--results", type=Path, default=Path("tools/results"), help="(default: %(default)s)")
     parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
     parser.add_argument("--steps", type=int, default=Plan.steps)
     parser.add_argument("--plain-steps", type=int, default=Plan.plain_steps)

@@ -1,14 +1,7 @@
-"""Count what is said of photographs that leave F open: the supplement's failure cases.
-
-    python -m tools.paper.failure_cases --photos KODAK --out tools/results/paper_failures.json
-
-renders ten photographs of each kind of `failure_scenes` (about five minutes of two cores) and
-counts the verdicts of `blur2view.estimate`. `tools.reports.figures --only failures` shows some of them.
-"""
+"""Count what is said of photographs that leave F open: the supplement's failure cases."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,9 +11,8 @@ import numpy as np
 import blur2view
 from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
-from blur2view.metrics import rho
 from blur2view.smears.field import smear_ends
-from tools.arguments import existing, parser_of, target
+from tools.metrics import rho
 from tools.rendering.exposure import grid_points
 from tools.rendering.failure_scenes import KINDS, FailureScene, failure_scene
 from tools.rendering.render import Rendering
@@ -84,24 +76,3 @@ def study(network: blur2view.SmearNetwork, photos: Path | None, seeds: Sequence[
     """Return the counts of all kinds, as they are stored."""
     kinds = {kind: counts((failure_scene(kind, s, photos) for s in seeds), network) for kind in KINDS}
     return {"model_id": network.info.model_id, "kinds": kinds}
-
-
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
-    parser.add_argument("--model", help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=target, required=True, help="JSON file to write")
-    arguments = parser.parse_args()
-    network = blur2view.SmearNetwork(arguments.model)
-    document = study(network, arguments.photos, range(arguments.seeds))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(json.dumps(document, indent=1) + "\n")
-    kinds = document["kinds"]
-    assert isinstance(kinds, dict)
-    print("\n".join(markdown(kinds)))
-
-
-if __name__ == "__main__":
-    main()

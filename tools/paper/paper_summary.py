@@ -46,45 +46,31 @@ class VariantFigures:
 def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
     """Return the averaged results of one variant."""
     values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
-    curves = {
-        key: np.mean([d[key] for d in documents], axis=0).tolist()
-        for key in ("removed", "by_sigma", "by_error")
-    }
+    curves = ("removed", "by_sigma", "by_error")
     return VariantFigures(
         name=name,
         seeds=len(documents),
         steps=int(documents[0]["steps"]),
         mean={measure: float(np.mean(v)) for measure, v in values.items()},
         deviation={measure: float(np.std(v)) for measure, v in values.items()},
-        **curves,
+        **{key: np.mean([d[key] for d in documents], axis=0).tolist() for key in curves},
     )
 
 
-def read_runs(folder: Path, seeds: Collection[int] | None = None) -> dict[str, VariantFigures]:
-    """Return what is finished of all variants, by name: of all seeds, or of those given."""
-    found = {}
-    for name in VARIANTS:
-        paths = {seed_of(path): path for path in sorted(folder.glob(f"{name}_[0-9]*.json"))}
-        documents = [
-            json.loads(path.read_text()) for seed, path in paths.items() if seeds is None or seed in seeds
-        ]
-        if documents:
-            found[name] = figures_of(name, documents)
-    return found
-
-
-def seed_of(path: Path) -> int:
-    """Return the seed of a finished run's file."""
-    return int(path.stem.rsplit("_", 1)[1])
-
-
-def read_alpha_study(folder: Path) -> dict[str, VariantFigures]:
-    """Return the study of alpha, with the seeds that all of it has."""
-    seeds = [
-        {seed_of(path) for path in folder.glob(f"{variant.name}_[0-9]*.json")} for variant in ALPHA_STUDY
-    ]
-    names = {variant.name for variant in ALPHA_STUDY}
-    return {k: v for k, v in read_runs(folder, set.intersection(*seeds)).items() if k in names}
+def read_runs(folder: Path, variants: Collection[Variant], shared: bool = False) -> dict[str, VariantFigures]:
+    """Return what is finished of variants, by name; ``shared``: with the seeds that all of them have."""
+    runs = {
+        variant.name: {
+            path.stem.rsplit("_", 1)[1]: path for path in folder.glob(f"{variant.name}_[0-9]*.json")
+        }
+        for variant in variants
+    }
+    seeds = set.intersection(*map(set, runs.values())) if shared else set().union(*runs.values())
+    documents = {
+        name: [json.loads(paths[seed].read_text()) for seed in sorted(seeds & set(paths))]
+        for name, paths in runs.items()
+    }
+    return {name: figures_of(name, found) for name, found in documents.items() if found}
 
 
 def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
@@ -99,13 +85,8 @@ def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
 
 def label(variant: Variant) -> tuple[str, str]:
     """Return the names of a variant's network and loss for people."""
-    networks = {
-        "stem": "stem, paper's outputs",
-        "plain": "the paper's plain U-Net",
-        "factored": "ours, factored",
-    }
-    loss = f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
-    return networks[variant.network], "ours" if variant.network == "factored" else loss
+    network = "the paper's plain U-Net" if variant.network == "plain" else "stem, paper's outputs"
+    return network, f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
 
 
 def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
@@ -130,47 +111,21 @@ def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list
 
 
 def verdicts(found: dict[str, VariantFigures]) -> list[str]:
-    """Return which of the six is best, by either measure, and whether it is the paper's."""
-    lines = []
+    """Return which of the six is best by every measure, and whether it is the paper's."""
     present = [variant for variant in SIX if variant.name in found]
     if len(present) < len(SIX):
         return [f"{len(present)} of the six variants are trained."]
+    lines = []
     for measure, words in RANKED.items():
         best, second = sorted(present, key=lambda variant: found[variant.name].mean[measure])[:2]
-        again = "as in the paper" if best.name == BEST else "in the paper: double, with map"
-        (first, spread), (next_, _) = (measured(found[v.name], measure) for v in (best, second))
-        gap = (
-            "within its deviation over seeds"
-            if next_ - first <= spread
-            else "beyond its deviation over seeds"
-        )
+        mean, spread = (getattr(found[best.name], of)[measure] for of in ("mean", "deviation"))
+        next_ = found[second.name].mean[measure]
         lines.append(
-            f"- Best of the six by {words}: {label(best)[1]} ({again}), {first:.3f}; "
-            f"next {label(second)[1]}, {next_:.3f}: {gap}."
+            f"- Best of the six by {words}: {label(best)[1]} (in the paper: {label(VARIANTS[BEST])[1]}), "
+            f"{mean:.3f}; next {label(second)[1]}, {next_:.3f}: "
+            f"{'within' if next_ - mean <= spread else 'beyond'} its deviation over seeds."
         )
-    return lines + why_not_by_area(found)
-
-
-def measured(figures: VariantFigures, measure: str) -> tuple[float, float]:
-    """Return a mean over seeds and its deviation."""
-    return figures.mean[measure], figures.deviation[measure]
-
-
-def why_not_by_area(found: dict[str, VariantFigures]) -> list[str]:
-    """Return how the paper's variant compares with the one of the smallest area in px, if it is another."""
-    best = min(SIX, key=lambda variant: found[variant.name].mean["sparsification_area"])
-    if best.name == BEST:
-        return []
-    cells = [
-        f"{label(VARIANTS[name])[1]}, leaves {found[name].mean['epe_s_left']:.2f} px and its oracle "
-        f"{found[name].mean['epe_s_oracle']:.2f} px"
-        for name in (BEST, best.name)
-    ]
-    return [
-        "- Why not by area: it is the gap to the oracle over the mean error of all. "
-        f"{cells[0]}; {cells[1]}. Errors of one size leave a sigma less to rank: the former has small ones "
-        "that the latter lacks."
-    ]
+    return lines
 
 
 def plot(found: dict[str, VariantFigures], study: dict[str, VariantFigures], path: Path) -> None:

@@ -1,15 +1,8 @@
-r"""The paper's Table 2: how many of the surest smears to use, with the paper's estimator and with ours.
+"""The paper's Table 2: how many of the surest smears to use, with the paper's estimator and with ours.
 
-    python -m tools.paper.paper_tables render/test --work runs/paper/table2.jsonl \
-        --out tools/results/paper_table2
-
-estimates F from the Top-20, 35, 45 and 55 % of the smears (by sigma) of every photograph whose camera
-translates, with both estimators, and judges it on all true smears, movers among them, as the paper does:
-share with SErrMin < 3 and median SErrMin, beside what the true F reaches. Works on rendered splits and what
-``python -m tools.datasets`` writes. Every F is kept in WORK at once, so a stopped run goes on; the paper's
-estimator takes 3 s a photograph and share in the mean (0.2 s in the median), eleven minutes of one core in
-all.
-
+F is estimated from the Top-20, 35, 45 and 55 % of the smears (by sigma) of every photograph whose camera
+translates, and judged on all true smears, movers among them, as the paper does: share with SErrMin < 3 and
+median SErrMin, beside what the true F reaches. Every F is kept in a file at once, so a stopped run goes on.
 "ours, automatic" takes, of the four answers for one photograph, the one that explains the Top-55 % best by
 its robust cost (no truth is used).
 """
@@ -29,16 +22,15 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.metrics import PAPER_INLIER, cumulative_curve
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.sampling import SelectOptions, select_matches
+from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import sampson_sigma
-from tools.arguments import existing, parser_of, target
-from tools.datasets.testset import TestScene, read_test_set
+from tools.datasets.testset import TestScene
 from tools.estimators.paper import paper_two_view
+from tools.metrics import PAPER_INLIER, cumulative_curve
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
@@ -114,40 +106,27 @@ def estimates(scene: TestScene, field: SmearField, model_id: str, known: set[Any
 
 
 def read_work(work: Path, model_id: str) -> list[Found]:
-    """Return what is there of one network; a line that was cut by a kill is dropped."""
-    found = []
-    for line in work.read_text().splitlines() if work.exists() else []:
-        try:
-            one = Found(**json.loads(line))
-        except (ValueError, TypeError):
-            continue
-        if one.model_id == model_id:
-            found.append(one)
-    return found
+    """Return what is there of one network; a last line that was cut by a kill is dropped."""
+    lines = work.read_text().splitlines(keepends=True) if work.exists() else []
+    found = [Found(**json.loads(line)) for line in lines if line.endswith("\n")]
+    return [one for one in found if one.model_id == model_id]
 
 
 def complete(scenes: Sequence[TestScene], network: blur2view.SmearNetwork, work: Path) -> list[Found]:
     """Return all estimates, making what is missing and keeping every answer at once."""
     model_id = network.info.model_id
-    known = {one.key for one in read_work(work, model_id)}
+    found = read_work(work, model_id)
     work.parent.mkdir(parents=True, exist_ok=True)
-    wanted = [
-        s
-        for s in scenes
-        if any((model_id, s.name, name, beta) not in known for name in ESTIMATORS for beta in BETAS)
-    ]
-    for scene in wanted:
+    work.write_text("".join(json.dumps(asdict(one)) + "\n" for one in found))
+    known = {one.key for one in found}
+    for scene in scenes:
+        if all((model_id, scene.name, name, beta) in known for name in ESTIMATORS for beta in BETAS):
+            continue
         field = network.predict(blur2view.read_image(scene.image_path))
         for one in estimates(scene, field, model_id, known):
             with work.open("a") as file:
-                file.write("\n" * unfinished(work) + json.dumps(asdict(one)) + "\n")
+                file.write(json.dumps(asdict(one)) + "\n")
     return read_work(work, model_id)
-
-
-def unfinished(work: Path) -> bool:
-    """Whether the last line was cut."""
-    content = work.read_bytes() if work.exists() else b""
-    return bool(content) and not content.endswith(b"\n")
 
 
 def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Found]]:
@@ -203,18 +182,8 @@ def rows_of(found: Sequence[Found], scenes: Sequence[TestScene]) -> list[Row]:
     """Return the table: every estimator and share on the scenes that all have, and the true F."""
     groups = with_automatic(found)
     shared = [scene for scene in scenes if all(scene.name in group for group in groups.values())]
-    true = {
-        s.name: Found(
-            model_id="",
-            scene=s.name,
-            estimator="true F",
-            beta=1.0,
-            F=np.asarray(s.F).tolist(),
-            cost=0,
-            seconds=0,
-        )
-        for s in shared
-    }
+    given = Found(model_id="", scene="", estimator="true F", beta=1.0, F=None, cost=0, seconds=0)
+    true = {s.name: replace(given, scene=s.name, F=np.asarray(s.F).tolist()) for s in shared}
     keys = sorted(groups, key=lambda key: (key[0] == "ours", key[1]))
     return [*(judge(*key, groups[key], shared) for key in keys), judge("true F", "-", true, shared)]
 
@@ -234,30 +203,18 @@ def markdown(rows: Sequence[Row]) -> list[str]:
 
 def plot(rows: Sequence[Row], path: Path) -> None:
     """Draw the cumulative curves: the paper's estimator left, ours right, the true F dashed in both."""
-    from tools.reports.figure_style import (
-        BLACK,
-        BLUE,
-        GREEN,
-        ORANGE,
-        PURPLE,
-        VERMILION,
-        new_figure,
-        save,
-        style,
-    )
+    from tools.reports.figure_style import PALETTE, new_figure, save, style
 
-    names = (*(f"{beta:.0%}" for beta in BETAS), AUTOMATIC)
-    colours = dict(zip(names, (ORANGE, BLUE, GREEN, PURPLE, VERMILION), strict=True))
+    colours = dict(zip((*(f"{beta:.0%}" for beta in BETAS), AUTOMATIC), PALETTE, strict=False))
     with style():
         figure = new_figure(9, 3.8)
         panels = dict(zip(ESTIMATORS, figure.subplots(1, 2, sharey=True), strict=True))
         for row in rows:
-            for name, panel in panels.items():
-                if row.estimator == name:
-                    label = f"{row.beta}: {row.inliers:.0%} below 3"
-                    panel.plot(BOUNDS_PX2, row.curve, color=colours[row.beta], label=label)
-                elif row.estimator == "true F":
-                    panel.plot(BOUNDS_PX2, row.curve, "--", color=BLACK, label=f"true F: {row.inliers:.0%}")
+            true = row.estimator == "true F"
+            look = {"ls": "--", "color": "black"} if true else {"color": colours[row.beta]}
+            label = f"{row.estimator if true else row.beta}: {row.inliers:.0%} below 3"
+            for panel in panels.values() if true else [panels[row.estimator]]:
+                panel.plot(BOUNDS_PX2, row.curve, label=label, **look)
         for name, panel in panels.items():
             panel.axvline(PAPER_INLIER, color="0.5", lw=1, ls=":")
             panel.set(xscale="log", ylim=(0, 1.02), xlabel="SErrMin, px$^2$ (dotted: 3 px$^2$)")
@@ -265,29 +222,3 @@ def plot(rows: Sequence[Row], path: Path) -> None:
             panel.legend(loc="lower right")
         panels["paper"].set_ylabel("share of all true smears")
         save(figure, path)
-
-
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("scenes", type=existing, help="folder in the format of tools.datasets.testset")
-    parser.add_argument("--work", type=Path, default=Path("runs/paper/table2.jsonl"))
-    parser.add_argument("--out", type=target, required=True, help="write OUT.json and OUT.png")
-    parser.add_argument("--model", help="ONNX file; the shipped one by default")
-    parser.add_argument("--images", type=int, default=1_000_000, help="only so many")
-    arguments = parser.parse_args()
-    scenes = [s for s in read_test_set(arguments.scenes) if s.F is not None][: arguments.images]
-    if not scenes:
-        folder = arguments.scenes
-        raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
-    network = blur2view.SmearNetwork(arguments.model)
-    rows = rows_of(complete(scenes, network, arguments.work), scenes)
-    print("\n".join(markdown(rows)))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    document = {"model_id": network.info.model_id, "rows": [asdict(row) for row in rows]}
-    arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
-    plot(rows, arguments.out.with_suffix(".png"))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,21 +1,15 @@
-r"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
+"""Train the variants of the paper's Table 1 and of its alpha study: same budget, data and seeds for each.
 
-    python -m tools.datasets.shards --out render/train --scenes 4050 --photos KODAK
-    python -m tools.datasets.shards --out render/val --scenes 100 --first-seed 900000 --split test \
-        --photos KODAK
-    python -m tools.paper.paper_variants --train render/train --val render/val --out runs/paper/variants
-
-trains 8 variants and 3 more of the alpha study with 3 seeds each. Budget of one run: 2000 steps of 16 crops
-of 128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71 (--plain-steps). Runs
-of one seed share crops and stem features, which are computed once: about 6.5 minutes of one core for each
-run. A stopped run goes on from its checkpoint; finished ones (NAME_SEED.json in OUT) are not trained again;
-two processes may share the work (--seeds, --only). :mod:`tools.paper.paper_report` makes the tables of them.
+7 variants and 3 more of the alpha study, with 3 seeds each. Budget of one run: 2000 steps of 16 crops of
+128 px; the plain U-Net at full resolution takes 28 times as long a step and gets 71. Runs of one seed share
+crops and stem features, which are computed once: about 6.5 minutes of one core for each run. A stopped run
+goes on from its checkpoint; finished ones (NAME_SEED.json in `TrainOptions.out`) are not trained again.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -26,19 +20,15 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import Blur2ViewError
-from blur2view.metrics import sparsification_area, sparsification_curve
-from tools.arguments import parser_of
 from tools.datasets.shards import Scenes, load_shards
-from tools.paper.crop_batches import TrainOptions, batches_of
-from tools.paper.loss import loss_of, smear_error, target_parts
-from tools.paper.model import SmearUNet, decode
-from tools.paper.paper_loss import Representation, decoded, paper_loss
-from tools.paper.paper_network import PlainUNet, stem_network
-from tools.paper.validation import figures_of, validation_crops
+from tools.metrics import DIRECTION_MIN_PX, sparsification_area, sparsification_curve
+from tools.paper.crops import TrainOptions, batches_of, validation_crops
+from tools.paper.networks import PlainUNet, StemUNet
+from tools.paper.paper_loss import Representation, decoded, paper_loss, smear_error, target_parts
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
 
-NetworkName = Literal["stem", "plain", "factored"]
+NetworkName = Literal["stem", "plain"]
 ALPHA = 0.01
 STEPS, PLAIN_STEPS = 2000, 71
 LARGEST_GRADIENT = 2.0
@@ -47,11 +37,7 @@ LARGEST_GRADIENT = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """What is trained.
-
-    `network` is "stem" (ours with the paper's outputs), "plain" (the paper's) or "factored" (ours). The
-    latter has our own loss, for which `representation` and `cross_check` mean nothing.
-    """
+    """What is trained: the paper's outputs and losses on its "plain" U-Net, or on one behind our "stem"."""
 
     network: NetworkName
     representation: Representation = "double"
@@ -61,8 +47,6 @@ class Variant:
     @property
     def name(self) -> str:
         """Name of its files."""
-        if self.network == "factored":
-            return "factored"
         check = "map" if self.cross_check else "nomap"
         return f"{self.network}_{self.representation}_{check}_{self.alpha:g}"
 
@@ -72,7 +56,7 @@ SIX = tuple(
     for representation in ("local", "restricted", "double")
     for check in (False, True)
 )
-TABLE_1 = (*SIX, Variant(network="plain"), Variant(network="factored"))
+TABLE_1 = (*SIX, Variant(network="plain"))
 ALPHA_STUDY = tuple(Variant(network="stem", alpha=alpha) for alpha in (0.005, 0.01, 0.02, 0.05))
 VARIANTS = {variant.name: variant for variant in (*TABLE_1, *ALPHA_STUDY)}
 
@@ -95,10 +79,7 @@ class VariantRun(TrainingRun):
 
 def build(variant: Variant) -> nn.Module:
     """Return an untrained network."""
-    makers: dict[NetworkName, Callable[[], nn.Module]] = {
-        "stem": stem_network, "plain": PlainUNet, "factored": SmearUNet,
-    }  # fmt: skip
-    return makers[variant.network]()
+    return StemUNet() if variant.network == "stem" else PlainUNet()
 
 
 def start(variant: Variant, seed: int, learning_rate: float, device: torch.device) -> VariantRun:
@@ -117,7 +98,7 @@ def learning_rate_at(step: int, options: TrainOptions) -> float:
 
 def shared_input(network: nn.Module, images: Tensor) -> Tensor:
     """Return what networks of one kind share: the features of our stem, which has no parameters, or RGB."""
-    if not isinstance(network, SmearUNet):
+    if not isinstance(network, StemUNet):
         return images
     with torch.no_grad():
         features: Tensor = network.stem(images)
@@ -127,20 +108,14 @@ def shared_input(network: nn.Module, images: Tensor) -> Tensor:
 def raw_output(network: nn.Module, inputs: Tensor) -> Tensor:
     """Return the output of a network in training on its :func:`shared_input`, in bfloat16."""
     with torch.autocast(inputs.device.type, dtype=torch.bfloat16):
-        output: Tensor = network.body(inputs) if isinstance(network, SmearUNet) else network(inputs)
+        output: Tensor = network.body(inputs) if isinstance(network, StemUNet) else network(inputs)
     return output.float()
-
-
-def loss_value(variant: Variant, raw: Tensor, targets: Tensor) -> Tensor:
-    """Return the loss, a scalar."""
-    if variant.network == "factored":
-        return loss_of(raw, targets, variant.alpha).total
-    return paper_loss(raw, targets, variant.representation, variant.cross_check, variant.alpha)
 
 
 def advance(run: VariantRun, inputs: Tensor, targets: Tensor, options: TrainOptions) -> float:
     """Make one step on a :func:`shared_input`; return the loss."""
-    loss = loss_value(run.variant, raw_output(run.network, inputs), targets)
+    v = run.variant
+    loss = paper_loss(raw_output(run.network, inputs), targets, v.representation, v.cross_check, v.alpha)
     return run.descend(loss, learning_rate_at(run.step, options), LARGEST_GRADIENT)
 
 
@@ -184,34 +159,37 @@ def predict(run: VariantRun, images: Tensor) -> Tensor:
     """Return double angle and sigma (N, 3, h, w) of images (N, 3, H, W) by the averaged network."""
     network, device = run.average.eval(), next(run.average.parameters()).device
     raw = torch.cat([network(images[k : k + 16].to(device)).cpu() for k in range(0, len(images), 16)])
-    return decode(raw) if run.variant.network == "factored" else decoded(raw, run.variant.representation)
+    return decoded(raw, run.variant.representation)
 
 
 def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
-    """Return the figures of predictions on crops: EPE-S, directions, sparsification curve and its area.
+    """Return the figures of predictions (N, 3, h, w) on crops with their truth (N, 3, h, w).
 
-    ``epe_s_left`` is the mean in px of the curve by sigma, ``epe_s_oracle`` that of the curve by the error.
+    EPE-S in px and over the length, directions of smears of at least 4 px; "top50" is the half of the smaller
+    sigmas. ``epe_s_left`` is the mean in px of the sparsification curve by sigma, ``epe_s_oracle`` that of
+    the curve by the error.
     """
     target = target_parts(truth)
     seen = target.valid > 0
-    error = smear_error(predicted, target)[seen].numpy()
-    sigma = predicted[:, 2:3][seen].numpy()
-    removed, by_sigma, by_error = sparsification_curve(error, sigma)
-    return vars(figures_of(predicted, truth)) | {
-        "sparsification_area": float(sparsification_area(error, sigma)),
-        "epe_s_left": float(np.mean(by_sigma) * error.mean()),
-        "epe_s_oracle": float(np.mean(by_error) * error.mean()),
+    error, sigma, true = (x[seen] for x in (smear_error(predicted, target), predicted[:, 2:3], target.length))
+    length = torch.linalg.norm(predicted[:, :2], dim=1, keepdim=True)
+    cosine = ((predicted[:, :2] * target.unit).sum(1, keepdim=True) / (length + 1e-6)).clamp(-1, 1)[seen]
+    angle_deg = torch.rad2deg(torch.acos(cosine)) / 2
+    certain, long = sigma <= sigma.median(), true >= DIRECTION_MIN_PX
+    removed, by_sigma, by_error = sparsification_curve(error.numpy(), sigma.numpy())
+    return {
+        "epe_s": float(error.mean()),
+        "epe_s_top50": float(error[certain].mean()),
+        "epe_s_top50_over_length": float(error[certain].mean() / true[certain].mean()),
+        "direction_deg": float(angle_deg[long].median()),
+        "direction_deg_top50": float(angle_deg[long & certain].median()),
+        "sparsification_area": sparsification_area(error.numpy(), sigma.numpy()),
+        "epe_s_left": float(np.mean(by_sigma) * float(error.mean())),
+        "epe_s_oracle": float(np.mean(by_error) * float(error.mean())),
         "removed": removed.tolist(),
         "by_sigma": by_sigma.tolist(),
         "by_error": by_error.tolist(),
     }
-
-
-def kinds_of(variants: Sequence[Variant]) -> list[list[Variant]]:
-    """Return the variants behind our stem and the plain U-Nets; empty parts are left out."""
-    plain = [variant for variant in variants if variant.network == "plain"]
-    stem = [variant for variant in variants if variant.network != "plain"]
-    return [kind for kind in (stem, plain) if kind]
 
 
 def run_all(
@@ -223,8 +201,11 @@ def run_all(
     scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
     for seed in seeds:
         left = [v for v in variants if not (options.out / f"{v.name}_{seed}.json").exists()]
-        for kind in kinds_of(left):
-            steps = plain_steps if kind[0].network == "plain" else options.steps
+        for network in ("stem", "plain"):  # each shares its inputs
+            kind = [variant for variant in left if variant.network == network]
+            if not kind:
+                continue
+            steps = plain_steps if network == "plain" else options.steps
             own = TrainOptions(**(vars(options) | {"steps": steps, "seed": seed}))
             for run in train(kind, seed, own, scenes):
                 document = {
@@ -234,29 +215,3 @@ def run_all(
                 }  # fmt: skip
                 result = options.out / f"{run.variant.name}_{seed}.json"
                 result.write_text(json.dumps(document, indent=1) + "\n")
-
-
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    for name in ("train", "val", "out"):
-        parser.add_argument(f"--{name}", type=Path, required=True)
-    parser.add_argument("--only", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="SEED")
-    parser.add_argument("--steps", type=int, default=STEPS, help="(default: %(default)s)")
-    parser.add_argument(
-        "--plain-steps", type=int, default=PLAIN_STEPS, help="of the plain U-Net (default: %(default)s)"
-    )
-    parser.add_argument("--batch", type=int, default=16)
-    parser.add_argument("--side", type=int, default=128)
-    parser.add_argument("--workers", type=int, default=1)
-    words = vars(parser.parse_args())
-    only, seeds, plain_steps = (words.pop(name) for name in ("only", "seeds", "plain_steps"))
-    try:
-        run_all([VARIANTS[name] for name in only], seeds, TrainOptions(**words), plain_steps)
-    except Blur2ViewError as error:
-        raise SystemExit(str(error)) from None
-
-
-if __name__ == "__main__":
-    main()

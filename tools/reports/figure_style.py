@@ -15,9 +15,7 @@ from PIL import Image
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-PALETTE = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, YELLOW, BLACK)
+PALETTE = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#F0E442", "#000000")
 """Okabe and Ito, Color universal design, 2008."""
 MAX_BYTES = 300_000
 DPI = 110
@@ -60,16 +58,6 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return figure
 
 
-def show_picture(axes: Any, picture: Any, title: str = "") -> None:
-    """Show a picture without axes; the centre of its first pixel is at (0, 0)."""
-    axes.imshow(picture, interpolation="antialiased")
-    axes.set(xlim=(-0.5, picture.shape[1] - 0.5), ylim=(picture.shape[0] - 0.5, -0.5), xticks=[], yticks=[])
-    axes.set_title(title)
-    axes.grid(False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
 def save_picture(picture: NDArray[np.uint8], path: Path) -> None:
     """Write a picture (H, W, 3) RGB that holds photographs: a WebP has a tenth of a PNG's bytes.
 
@@ -81,25 +69,17 @@ def save_picture(picture: NDArray[np.uint8], path: Path) -> None:
     Image.fromarray(picture).save(path, "WEBP", quality=WEBP_QUALITY, method=6)
 
 
-def save(figure: Figure, path: Path, dpi: int = DPI) -> Path:
+def save(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a PNG of at most MAX_BYTES, with fewer colours and then fewer dots if it must be.
 
-    Returns
-    -------
-    Path
-        The one given.
-
-    Raises
-    ------
-    ValueError
-        If no attempt is small enough.
+    ValueError if no attempt is small enough.
     """
     for share, colours in ATTEMPTS:
         encoded = rendered(figure, round(share * dpi), colours)
         if len(encoded) <= MAX_BYTES:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(encoded)
-            return path
+            return
     raise ValueError(f"{path.name} stays above {MAX_BYTES} bytes, draw less")
 
 

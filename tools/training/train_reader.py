@@ -26,9 +26,9 @@ import torch
 from torch import Tensor
 
 from blur2view.errors import ModelError
-from blur2view.metrics import DIRECTION_MIN_PX
 from blur2view.networks.spectra import PEAK_LAGS_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from tools.metrics import DIRECTION_MIN_PX
 from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
 from tools.training.reader_data import Example
 from tools.training.run import TrainingRun

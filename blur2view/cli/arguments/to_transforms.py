@@ -13,7 +13,7 @@ from blur2view.cli.arguments.shared import (
     seconds,
     table,
 )
-from blur2view.documents.transforms import DIALECTS
+from blur2view.colmap import DIALECTS
 
 ABOUT = "write a COLMAP model with views as transforms.json, for radiance fields of blurred photographs"
 DESCRIPTION = """

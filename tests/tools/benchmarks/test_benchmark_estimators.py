@@ -8,7 +8,7 @@ import pytest
 
 from tools.benchmarks import benchmark_estimators as benchmark
 from tools.benchmarks import estimator_methods, estimator_report
-from tools.benchmarks.estimator_cells import CELLS, FULL, HARD, QUICK, Instance, Plan, synthetic_problem
+from tools.benchmarks.estimator_cells import CELLS, HARD, Instance, Plan, synthetic_problem
 from tools.benchmarks.estimator_log import Log, Measured, Record
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
 
@@ -27,13 +27,12 @@ def record(cell: str, seed: int, kind: str = "smooth") -> Record:
 
 def test_every_cell_has_its_seeds_in_both_kinds() -> None:
     counts: dict[tuple[str, str], int] = {}
-    for instance in FULL.instances():
+    for instance in Plan().instances():
         counts[instance.cell, instance.kind] = counts.get((instance.cell, instance.kind), 0) + 1
     assert counts == {
         (cell, kind): 100 if cell == HARD else 40
         for cell in CELLS for kind in ("smooth", "scattered")
     }  # fmt: skip
-    assert len(list(QUICK.instances())) <= 40
 
 
 def test_cells_that_misreport_are_not_truthful() -> None:
@@ -61,14 +60,6 @@ def test_slow_method_runs_on_the_first_seeds_alone() -> None:
     ran = [k for k in range(7, 12) if plan.wants(PAPER, replace(EASY, seed=k))]
     assert ran == [7, 8] and plan.wants(OURS, replace(EASY, seed=99))
     assert plan.photographs(3)[0].seed == 0 and plan.wants(PAPER, plan.photographs(3)[0])
-    assert not Plan(methods=(OURS,)).wants(PAPER, EASY)
-
-
-def test_plan_of_unknown_names_is_refused() -> None:
-    with pytest.raises(ValueError, match="not among"):
-        Plan(cells=("nowhere",))
-    with pytest.raises(ValueError, match="not among"):
-        Plan(methods=("none",))
 
 
 def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> None:
@@ -89,10 +80,11 @@ def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> N
 def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[Instance] = []
     monkeypatch.setattr(benchmark, "sweep", lambda pending, *_: ran.extend(pending))
-    log, all_of_it = Log(path=tmp_path / "log.jsonl"), list(QUICK.instances())
+    log, plan = Log(path=tmp_path / "log.jsonl"), Plan(seeds=1, hard_seeds=1)
+    all_of_it = list(plan.instances())
     log.begin({"code": benchmark.code_digest()})
     log.append(replace(record("base", 0), instance=all_of_it[3]))
-    benchmark.run(log, QUICK, 1, None)
+    benchmark.run(log, plan, 1, None)
     assert ran == [*all_of_it[:3], *all_of_it[4:]]
 
 
@@ -107,36 +99,27 @@ def test_sweep_logs_every_instance(tmp_path: Path) -> None:
 
 def test_figures_are_those_of_the_answers() -> None:
     f = estimator_report.figures([PERFECT, replace(PERFECT, ms=30.0), ABSENT, ABSENT])
-    assert (f.instances, f.success, f.posed, f.auc10, f.inliers_of_true) == (4, 0.5, 0.5, 0.5, 0.5)
-    assert f.rho == 0.5 and f.ms == 10
+    assert f["n"] == 4 and f["rho"] == 0.5 and f["ms"] == 10
+    assert all(f[name] == 0.5 for name in ("success", "pose < 10 deg", "AUC@10", "inliers"))
 
 
-@pytest.mark.slow
-def test_tables_and_answers_say_what_was_measured(tmp_path: Path) -> None:
+def test_tables_and_answers_say_what_was_measured() -> None:
     records = [record("base", seed, kind) for seed in range(2) for kind in estimator_report.KINDS]
     hard = record(HARD, 0)
     hard.measured[PAPER] = replace(ABSENT, ms=5000.0)
     records += [hard, record("network", 0, "network")]
-    text = benchmark.write(records, {"code": "one", "machine": "here"}, tmp_path / "out")
-    assert "whole sweep: AUC@10 ours 1.000, best ordered 1.000 (true order, pycolmap), +0.000" in text
+    text = estimator_report.markdown(records, {"code": "one", "machine": "here"})
+    assert "whole sweep: AUC@10 ours 1.000, best ordered 1.000 (true order, pycolmap)" in text
     assert "smooth, base: time over that of true order, pycolmap: median 0.50, p95 0.50" in text
-    assert "500 times faster in the median; success 1.000 against 0.000" in text
-    assert f"smooth, {HARD}, 1 px, 20 px: ours succeeds in 100.0% of 1 seeds" in text
+    assert "500 times faster in the median; success 1 against 0" in text
+    assert f"{HARD}, smooth: AUC@10 ours 1.000" in text
     assert "## Network smears: 1 rendered photographs" in text and "| ours | 3 | 1.000 |" in text
     assert "| ours | 2 | 1.000 |" in text and "code one" in text
-    assert (tmp_path / "out.png").stat().st_size > 1000 and (tmp_path / "out.md").read_text() == text
 
 
 def test_only_photographs_need_a_folder() -> None:
     with pytest.raises(ValueError, match="folder"):
         benchmark.network_instance(Instance(seed=0, cell="network", kind="network"), None)
-
-
-def test_digest_follows_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = benchmark.code_digest()
-    assert before == benchmark.code_digest() and len(before) == 12
-    monkeypatch.setattr(benchmark, "MEASURED_CODE", benchmark.MEASURED_CODE[:-1])
-    assert benchmark.code_digest() != before
 
 
 def test_unordered_ends_do_not_come_in_true_order() -> None:

@@ -1,21 +1,16 @@
-"""Shards of rendered scenes: stored values, resuming, loading; and the contact sheet."""
+"""Shards of rendered scenes: stored values, resuming, loading."""
 
-import argparse
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from blur2view.errors import Blur2ViewError
-from tools.datasets import contact_sheet
 from tools.datasets.shards import (
     Scenes,
-    add_scene_arguments,
     decode_linear,
     encode_linear,
     load_shards,
-    scene_arguments,
     training_record,
     write_shards,
 )
@@ -77,41 +72,3 @@ def test_stopped_dataset_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.tmp*"))
     with np.load(tmp_path / "train_00000000.npz") as kept:
         assert kept["linear"].max() == 3
-
-
-def test_defaults_of_the_command_are_those_of_the_options(tmp_path: Path) -> None:
-    parser = argparse.ArgumentParser()
-    add_scene_arguments(parser)
-    assert scene_arguments(parser.parse_args([])) == (range(12), RenderOptions())
-    words = [
-        "--scenes",
-        "3",
-        "--first-seed",
-        "5",
-        "--split",
-        "test",
-        "--size",
-        "64",
-        "48",
-        "--photos",
-        str(tmp_path),
-    ]
-    options = RenderOptions(size=(64, 48), split="test", photos=tmp_path)
-    assert scene_arguments(parser.parse_args(words)) == (range(5, 8), options)
-
-
-def test_contact_sheet_has_a_row_a_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sheet = contact_sheet.contact_sheet(range(2), TINY)
-    assert sheet.shape == (2 * 48, 3 * 64, 3) and sheet.dtype == np.uint8
-    words = f"contact_sheet --scenes 1 --size 64 48 --out {tmp_path / 'sheet.png'}".split()
-    monkeypatch.setattr("sys.argv", words)
-    contact_sheet.main()
-    assert cv2.imread(str(tmp_path / "sheet.png")).shape == (48, 192, 3)  # type: ignore[union-attr]
-
-
-def test_smear_picture_knows_no_sign_and_darkens_short_smears() -> None:
-    field = np.array([[[30.0, 10.0], [-30.0, -10.0], [3.0, 1.0], [10.0, -30.0]]])
-    picture = contact_sheet.smear_picture(field)
-    np.testing.assert_allclose(picture[0, 0].astype(int), picture[0, 1], atol=4)
-    assert picture[0, 2].max() < picture[0, 0].max()
-    assert np.abs(picture[0, 3].astype(int) - picture[0, 0]).max() > 100

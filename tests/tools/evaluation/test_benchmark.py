@@ -30,7 +30,3 @@ def test_table_gives_ratios_memory_and_machine() -> None:
     text = benchmark.table({"decode": 0.5}, (1.0, 345.6), 0.25, repeats=9)
     assert "| decode | 0.500 | 2.00 |" in text and "346 MiB" in text
     assert "cores; medians of 9 runs; one 1280x720 photograph" in text
-
-
-def test_solver_runs_when_timed() -> None:
-    assert benchmark.solver_seconds(1, samples=4) > 0

@@ -11,8 +11,8 @@ from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Two
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
-from tools.datasets.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene
-from tools.evaluation.degeneracy import RIGHT, Named, name_scene, outcome, table, with_shared_errors
+from tools.datasets.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene, with_shared_errors
+from tools.evaluation.degeneracy import RIGHT, Named, erring, name_scene, outcome, table
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -63,7 +63,7 @@ def test_options_bound_what_is_drawn() -> None:
 
 def test_shared_errors_turn_and_stretch_about_the_midpoint() -> None:
     scene = draw_scene("general", 2)
-    moved = with_shared_errors(scene, 0, 4.0)
+    moved = erring(scene, 0, 4.0)
     assert np.allclose(moved.matches.midpoint, scene.matches.midpoint)
     stretch = np.log(moved.matches.length_px / scene.matches.length_px)
     assert 0.1 < stretch.std() < 0.2
@@ -101,3 +101,12 @@ def test_one_scene_of_each_kind_is_named() -> None:
     named = [name_scene((kind, 1)) for kind in KINDS]
     assert sum(row.outcome in RIGHT[kind] for row, kind in zip(named, KINDS, strict=True)) >= 5
     assert all(row.seconds > 0 for row in named)
+
+
+def test_shared_errors_turn_neighbours_by_the_same() -> None:
+    middle = np.random.default_rng(0).uniform(100, 104, (50, 2))
+    ends = np.stack([middle - [10.0, 0], middle + [10.0, 0]], axis=1)
+    disturbed = with_shared_errors(ends, np.random.default_rng(1), 4.0, 0.1)
+    np.testing.assert_allclose(disturbed.mean(axis=1), middle)
+    angle = np.arctan2(*(disturbed[:, 1] - disturbed[:, 0]).T[::-1])
+    assert np.ptp(angle) < np.radians(1) < np.abs(angle).max() + np.radians(1)

@@ -7,14 +7,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from blur2view.smears.field import to_double_angle
 from tools.datasets.shards import load_shards, training_record
-from tools.paper import paper_variants, validation
-from tools.paper.crop_batches import TrainOptions, batches_of
-from tools.paper.model import ModelOptions, SmearUNet
-from tools.paper.paper_loss import Representation, decoded, double_angle, paper_loss, rightward, sigma_of
-from tools.paper.paper_network import START_SIGMA, PlainUNet, start_outputs, stem_network
+from tools.metrics import direction_error_deg, epe_s
+from tools.paper import crops, paper_variants
+from tools.paper.crops import TrainOptions, batches_of
+from tools.paper.networks import START_SIGMA, PlainUNet, StemUNet
+from tools.paper.paper_loss import (
+    Representation,
+    decoded,
+    double_angle,
+    paper_loss,
+    rightward,
+    sigma_of,
+    smear_error,
+    target_parts,
+)
 from tools.paper.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
 from tools.rendering.render import RenderOptions
 
@@ -103,6 +113,63 @@ def test_right_answers_are_judged_perfect(representation: Representation) -> Non
     json.dumps(figures)
 
 
+def fields(seed: int, count: int = 2, cells: int = 6) -> np.ndarray:
+    """Draw displacements (count, cells, cells, 2) of 0.1 to 40 px."""
+    rng = np.random.default_rng(seed)
+    angle, length = (
+        rng.uniform(0, 2 * np.pi, (2, count, cells, cells)),
+        rng.uniform(0.1, 40, (count, cells, cells)),
+    )
+    return np.stack([np.cos(angle[0]), np.sin(angle[0])], -1) * length[..., None]
+
+
+def truth_of(d: np.ndarray, valid: float | np.ndarray = 1.0) -> Tensor:
+    """Pack displacements (..., 2) as (N, 3, h, w)."""
+    mask = np.broadcast_to(valid, d.shape[:-1])[..., None]
+    return torch.from_numpy(np.concatenate([d, mask], -1).transpose(0, 3, 1, 2).copy()).float()
+
+
+def said_of(d: np.ndarray, sigma: float | np.ndarray = 1.0) -> Tensor:
+    """Pack displacements (N, h, w, 2) as a network's double angle and sigma (N, 3, h, w)."""
+    one = np.broadcast_to(sigma, d.shape[:-1])[..., None]
+    return torch.from_numpy(
+        np.concatenate([to_double_angle(d), one], -1).transpose(0, 3, 1, 2).copy()
+    ).float()
+
+
+def test_torch_twins_are_the_packages_double_angle_and_error() -> None:
+    d, true = fields(0), fields(1)
+    target = target_parts(truth_of(true))
+    ours = (target.unit * target.length).permute(0, 2, 3, 1).numpy()
+    np.testing.assert_allclose(ours, to_double_angle(true), atol=1e-4)
+    np.testing.assert_allclose(target.length[:, 0].numpy(), np.linalg.norm(true, axis=-1), rtol=1e-5)
+    np.testing.assert_allclose(smear_error(said_of(d), target)[:, 0], epe_s(d, true), atol=2e-3, rtol=1e-3)
+
+
+def test_figures_are_the_packages_measures() -> None:
+    true, rng = fields(1), np.random.default_rng(2)
+    d = 1.2 * true + rng.normal(0, 1, true.shape)
+    valid = rng.random(true.shape[:-1]) < 0.7
+    sigma = rng.uniform(1, 9, true.shape[:-1]).astype(np.float32)
+    figures = paper_variants.judged(said_of(d, sigma), truth_of(true, valid))
+    length = np.linalg.norm(true, axis=-1)
+    certain = valid & (sigma <= np.quantile(sigma[valid], 0.5, method="lower"))
+    assert figures["epe_s"] == pytest.approx(epe_s(d, true)[valid].mean(), rel=1e-3)
+    assert figures["epe_s_top50"] == pytest.approx(epe_s(d, true)[certain].mean(), rel=1e-3)
+    expected = figures["epe_s_top50"] / length[certain].mean()
+    assert figures["epe_s_top50_over_length"] == pytest.approx(expected, rel=1e-4)
+    low, high = np.quantile(direction_error_deg(d, true)[valid & (length >= 4)], [0.47, 0.53])
+    assert low <= figures["direction_deg"] <= high
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])
+def test_a_displacement_that_is_not_finite_becomes_zero_and_invalid(poison: float) -> None:
+    poisoned = fields(1)
+    poisoned[0, 2, 3, 1] = poison
+    target = target_parts(truth_of(poisoned))
+    assert target.valid[0, 0, 2, 3] == 0 and target.valid.sum() == 71
+
+
 def test_networks_start_with_no_smear_and_have_the_truths_cells() -> None:
     plain = PlainUNet(width=4, depth=2).eval()
     image = torch.rand(2, 3, 32, 48)
@@ -110,15 +177,15 @@ def test_networks_start_with_no_smear_and_have_the_truths_cells() -> None:
         output = plain(image)
         full = plain.head(torch.ones(1, 4, 8, 8))
     assert output.shape == (2, 3, 8, 12) and full.shape == (1, 3, 8, 8)
-    for raw in (output, stem_network().eval()(torch.rand(1, 3, 32, 32)).detach()):
+    for raw in (output, StemUNet().eval()(torch.rand(1, 3, 32, 32)).detach()):
         assert raw[:, :2].abs().mean() < 1 and abs(sigma_of(raw).mean().item() - START_SIGMA) < 1
 
 
 def test_variants_are_the_papers_six_and_the_study_of_alpha() -> None:
     assert len({(v.representation, v.cross_check) for v in SIX}) == len(SIX) == 6
-    assert {v.network for v in TABLE_1} == {"stem", "plain", "factored"}
+    assert {v.network for v in TABLE_1} == {"stem", "plain"}
     assert [v.alpha for v in ALPHA_STUDY] == [0.005, 0.01, 0.02, 0.05]
-    assert len(VARIANTS) == 6 + 2 + 3  # the study shares one variant with the six
+    assert len(VARIANTS) == 6 + 1 + 3  # the study shares one variant with the six
 
 
 @pytest.fixture
@@ -128,15 +195,11 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     def build(variant: Variant) -> torch.nn.Module:
         if variant.network == "plain":
             return PlainUNet(width=4, depth=2)
-        network = SmearUNet(ModelOptions(widths=(16, 24, 32), bottom=1))
-        if variant.network == "stem":
-            network.head = torch.nn.Conv2d(16, 3, 1)
-            start_outputs(network.head)
-        return network
+        return StemUNet(widths=(16, 24, 32), bottom=1)
 
     monkeypatch.setattr(paper_variants, "build", build)
-    monkeypatch.setattr(validation, "CROPS", 2)
-    monkeypatch.setattr(validation, "SIDE", 64)
+    monkeypatch.setattr(crops, "VALIDATION_CROPS", 2)
+    monkeypatch.setattr(crops, "VALIDATION_SIDE", 64)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -196,20 +259,16 @@ def test_learning_rate_warms_up_over_a_tenth_and_falls_to_a_hundredth(tmp_path: 
 
 @pytest.mark.usefixtures("small")
 def test_every_kind_of_variant_is_trained_once(
-    shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    names = ["stem_local_nomap_0.01", "plain_double_map_0.01", "factored"]
-    words = f"variants --train {shards} --val {shards} --out {tmp_path} --seeds 0 --steps 2 --plain-steps 1"
-    words += f" --batch 2 --side 64 --workers 0 --only {' '.join(names)}"
-    monkeypatch.setattr("sys.argv", words.split())
-    paper_variants.main()
-    assert capsys.readouterr().out.count("_0: step") == 3
+    names = ["stem_local_nomap_0.01", "plain_double_map_0.01"]
+    variants = [VARIANTS[name] for name in names]
+    options = TrainOptions(train=shards, val=shards, out=tmp_path, steps=2, batch=2, side=64, workers=0)
+    paper_variants.run_all(variants, [0], options, 1)
+    assert capsys.readouterr().out.count("_0: step") == 2
     found = {name: json.loads((tmp_path / f"{name}_0.json").read_text()) for name in names}
-    assert [document["steps"] for document in found.values()] == [2, 1, 2]
+    assert [document["steps"] for document in found.values()] == [2, 1]
     for document in found.values():
         assert np.isfinite(document["epe_s_top50"]) and len(document["by_sigma"]) == 20
-    paper_variants.main()
+    paper_variants.run_all(variants, [0], options, 1)
     assert capsys.readouterr().out == ""
-    monkeypatch.setattr("sys.argv", words.replace(str(shards), str(tmp_path / "none")).split())
-    with pytest.raises(SystemExit, match="no scenes"):
-        paper_variants.main()

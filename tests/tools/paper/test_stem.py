@@ -6,7 +6,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from tools.paper.model import SmearUNet
+from tools.paper.networks import StemUNet
 from tools.paper.stem import LagStem, OrientedStem, StructureStem
 
 LAGS_PX = [4, 6, 10, 16, 24, 36, 52]
@@ -75,7 +75,7 @@ def test_turning_the_picture_turns_the_directions() -> None:
 
 def test_the_network_sees_no_farther_than_a_training_crop() -> None:
     torch.manual_seed(0)
-    network = SmearUNet().eval()
+    network = StemUNet().eval()
     image = torch.rand(1, 3, 384, 384)
     changed = image.clone()
     changed[..., :32] = 0.1  # 160 px left of the middle
@@ -83,3 +83,30 @@ def test_the_network_sees_no_farther_than_a_training_crop() -> None:
         difference = (network(image) - network(changed)).abs()[0, :, 48, :]
     assert difference[:, 48].max() < 1e-6
     assert difference[:, 4].max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("direction", "double_angle"), [((1, 0), (1, 0)), ((0, 1), (-1, 0)), ((1, 1), (0, 1)), ((1, -1), (0, -1))]
+)
+def test_stem_sees_the_gradients_double_angle(
+    direction: tuple[int, int], double_angle: tuple[int, int]
+) -> None:
+    y, x = np.mgrid[:128, :128]
+    slope = direction[0] * x + direction[1] * y
+    grey = torch.from_numpy((slope - slope.min()) / np.ptp(slope)).float().expand(1, 3, -1, -1)
+    features = StructureStem()(grey)
+    assert features.shape == (1, StructureStem.channels, 32, 32)
+    energy = (direction[0] ** 2 + direction[1] ** 2) / np.ptp(slope) ** 2
+    for level in range(4):
+        coherence = energy * 4**level / (energy * 4**level + 2e-5)
+        seen = features[0, 16 + 2 * level : 18 + 2 * level, 8:-8, 8:-8]
+        for channel, expected in zip(seen, double_angle, strict=True):
+            np.testing.assert_allclose(channel, expected * coherence, atol=1e-3)
+        log_energy = features[0, 24 + level, 8:-8, 8:-8]
+        np.testing.assert_allclose(log_energy, (np.log(energy * 4**level + 1e-6) + 6) / 3, atol=1e-3)
+
+
+def test_stem_is_finite_on_a_constant_image() -> None:
+    features = StructureStem()(torch.full((1, 3, 64, 64), 0.3))
+    assert torch.isfinite(features).all()
+    assert features[:, :16].abs().max() < 1e-3 and features[:, 16:24].abs().max() < 1e-3

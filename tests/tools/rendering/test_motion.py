@@ -13,13 +13,10 @@ BENT = Trajectory(
 )
 
 
-def test_path_is_the_identity_at_mid_exposure() -> None:
+def test_position_follows_velocity_acceleration_and_bend_from_the_identity_at_mid_exposure() -> None:
     R, position = BENT.at(0.0)
     np.testing.assert_array_equal(R, np.eye(3))
     np.testing.assert_array_equal(position, np.zeros(3))
-
-
-def test_position_follows_velocity_acceleration_and_bend() -> None:
     (_, first), (_, last) = BENT.at(-0.5), BENT.at(0.5)
     np.testing.assert_allclose(last - first, BENT.translation)
     np.testing.assert_allclose((last + first) / 2, (0.4 * BENT.translation + BENT.translation_bend) / 4)
@@ -38,11 +35,14 @@ def test_scaled_path_goes_as_many_times_as_far() -> None:
     np.testing.assert_allclose(R, once @ once, atol=1e-12)  # same axis, twice the angle
 
 
-def test_only_constant_velocity_is_straight() -> None:
+def test_only_constant_velocity_is_straight_and_can_be_asked_for() -> None:
     assert Trajectory(rotation=BENT.rotation, translation=BENT.translation).is_straight
     assert not Trajectory(rotation_bend=BENT.rotation_bend).is_straight
     assert not Trajectory(translation_bend=BENT.translation_bend).is_straight
     assert not Trajectory(acceleration=0.4).is_straight
+    for straight in (True, False):
+        paths = [sample_camera_path(np.random.default_rng(seed), straight)[0] for seed in range(20)]
+        assert all(path.is_straight for path in paths) == straight
 
 
 def test_kinds_are_what_their_names_say() -> None:
@@ -53,12 +53,6 @@ def test_kinds_are_what_their_names_say() -> None:
         assert kind != "translation" or not path.rotation.any()
     along_axis = [path.translation[2] ** 2 for path, kind in drawn if kind == "forward"]
     assert np.median(along_axis) > 0.6
-
-
-def test_straight_option_gives_constant_velocity() -> None:
-    paths = [sample_camera_path(np.random.default_rng(seed), straight=True)[0] for seed in range(20)]
-    assert all(path.is_straight for path in paths)
-    assert not all(sample_camera_path(np.random.default_rng(seed))[0].is_straight for seed in range(20))
 
 
 def test_object_moves_comparably_to_the_camera_but_otherwise() -> None:

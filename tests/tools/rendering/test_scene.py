@@ -24,18 +24,11 @@ def plane(normal: list[float], offset: float, turn: float = 0.3) -> Plane:
     return Plane(normal=unit_normal, offset=offset, texture=texture, texels_per_unit=50.0, turn=turn)
 
 
-def test_inverse_depth_puts_points_on_the_plane() -> None:
-    wall = plane([0.3, -0.2, 1.0], 1.7)
-    rays = np.concatenate([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.ones((50, 1))], 1)
-    points = rays / wall.inverse_depth(rays)[:, None]
-    np.testing.assert_allclose(points @ wall.normal, 1.7)
-
-
 def test_texture_lies_on_the_plane_without_distortion() -> None:
     wall = plane([0.3, -0.2, 1.0], 1.7)
     rays = np.concatenate([np.random.default_rng(0).uniform(-1, 1, (50, 2)), np.ones((50, 1))], 1)
-    points = rays / wall.inverse_depth(rays)[:, None]
-    texels = wall.texel(rays)
+    points, texels = rays / wall.inverse_depth(rays)[:, None], wall.texel(rays)
+    np.testing.assert_allclose(points @ wall.normal, 1.7)
     distance = np.linalg.norm(points[1:] - points[:-1], axis=1)
     np.testing.assert_allclose(np.linalg.norm(texels[1:] - texels[:-1], axis=1), 50 * distance)
 

@@ -1,26 +1,27 @@
 """The page of overlays: every photograph once, and none of its content where it must not be shown."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.support.colour_code import colour_code, write_picture
 from tools.reports import gallery
+from tools.reports.figure_style import MAX_BYTES, new_figure, save, save_picture
 
 
 def test_plain_page_shows_smears_but_no_photograph(
-    tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tiny_model: Path, call_tool: Callable[[str], None]
 ) -> None:
     phi = np.mgrid[:96, :128].sum(0) * 0.01
     picture = colour_code(12 * np.stack([np.cos(phi), np.sin(phi)], -1), 1.0)
-    paths = [write_picture(tmp_path / f"{k}.png", picture) for k in range(3)]
-    pages: list[gallery.Picture] = []
-    monkeypatch.setattr(gallery, "save_picture", lambda picture, path: pages.append(picture))
+    paths = " ".join(str(write_picture(tmp_path / f"{k}.png", picture)) for k in range(3))
+    pages = []
     for flags in ("", "--plain"):
-        words = f"gallery {' '.join(map(str, paths))} --out page.webp --model {tiny_model} {flags}"
-        monkeypatch.setattr("sys.argv", words.split())
-        gallery.main()
+        call_tool(f"reports.gallery {paths} --out {tmp_path}/page.webp --model {tiny_model} {flags}")
+        pages.append(np.asarray(Image.open(tmp_path / "page.webp").convert("RGB"), float))
     shown, plain = pages
     assert shown.shape == plain.shape
     assert shown.shape[1] == gallery.COLUMNS * gallery.TILE_PX
@@ -29,6 +30,17 @@ def test_plain_page_shows_smears_but_no_photograph(
     places = np.s_[40:400, 8:632]
     assert np.median(plain[places].astype(float).std(2)) == 0  # only smears are coloured
     assert (shown[places] != plain[places]).mean() > 0.5
+
+
+def test_pictures_that_hold_photographs_are_webp_and_plots_are_light(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=".webp"):
+        save_picture(np.zeros((4, 4, 3), np.uint8), tmp_path / "a.png")
+    for name in "ab":
+        figure = new_figure(3, 3)
+        figure.subplots().imshow(np.random.default_rng(0).random((600, 600)))
+        save(figure, tmp_path / f"{name}.png", dpi=200)
+    first, again = ((tmp_path / f"{name}.png").read_bytes() for name in "ab")
+    assert first == again and len(first) <= MAX_BYTES
 
 
 def test_photograph_alone_has_the_page_to_itself() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from blur2view import metrics
 from tests.support.scenes import make_scene, rotation
+from tools import metrics
 
 
 def test_epe_s_and_direction_are_blind_to_sign() -> None:

@@ -1,0 +1,126 @@
+"""Networks of the paper's experiments, with its outputs v and w: its plain U-Net, one behind a fixed stem."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as nnf
+
+from tools.paper.stem import STRIDE, StructureStem
+
+MULTIPLE_OF = 16
+"""Height and width of the input must be multiples of this."""
+START_SIGMA = 8.0
+"""What softplus(w) is at first, pixels."""
+
+
+def start_outputs(head: nn.Conv2d) -> None:
+    """Make a head with outputs v and w say "no smear, known to START_SIGMA" at first."""
+    with torch.no_grad():
+        head.weight.mul_(0.1)
+        assert head.bias is not None
+        head.bias.copy_(torch.tensor([0.0, 0.0, START_SIGMA]))  # softplus(8) is 8.0003
+
+
+class Block(nn.Module):
+    """Two 3 x 3 convolutions with batch normalisation; the residual path starts at the input if `skip`."""
+
+    def __init__(self, inputs: int, outputs: int, skip: bool = False) -> None:
+        super().__init__()
+        self.skip = skip
+        self.first = nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)
+        self.second = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
+        self.norms = nn.ModuleList([nn.BatchNorm2d(outputs), nn.BatchNorm2d(outputs)])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Apply the block."""
+        y = nnf.relu(self.norms[0](self.first(x)))
+        return nnf.relu(self.norms[1](self.second(y)) + (x if self.skip else y))
+
+
+class StemUNet(nn.Module):
+    """Turn RGB (N, 3, H, W) in [0, 1] into v and w (N, 3, H/4, W/4): a U-Net at stride 4 behind our stem.
+
+    A plain U-Net on RGB does not start to learn within minutes; on gradients' double-angle products it does.
+    The coarsest level is at stride 16, so that what a pixel sees (about 130 px) fits into a training crop.
+
+    Parameters
+    ----------
+    widths : tuple of int
+        Channels at strides 4, 8, 16.
+    bottom : int
+        Residual blocks at the coarsest level.
+    """
+
+    def __init__(self, widths: tuple[int, ...] = (48, 80, 144), bottom: int = 3) -> None:
+        super().__init__()
+        pairs = list(zip(widths[:-1], widths[1:], strict=True))
+        self.stem = StructureStem()
+        first = Block(StructureStem.channels, widths[0])
+        self.encoders = nn.ModuleList([first, *(Block(fine, coarse) for fine, coarse in pairs)])
+        self.bottom = nn.Sequential(*(Block(widths[-1], widths[-1], skip=True) for _ in range(bottom)))
+        self.lifts = nn.ModuleList([nn.Conv2d(coarse, fine, 1) for fine, coarse in pairs])
+        self.decoders = nn.ModuleList([Block(fine, fine, skip=True) for fine in widths[:-1]])
+        self.head = nn.Conv2d(widths[0], 3, 1)
+        start_outputs(self.head)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Compute v and w; height and width must be multiples of 16."""
+        return self.body(self.stem(image))
+
+    def body(self, features: Tensor) -> Tensor:
+        """Run the U-Net on the stem's features (the part that may run in bfloat16)."""
+        x, skips = features, []
+        for k, encoder in enumerate(self.encoders):
+            x = encoder(x if k == 0 else nnf.max_pool2d(x, 2))
+            skips.append(x)
+        x = self.bottom(x)
+        for k in reversed(range(len(self.decoders))):
+            lifted = nnf.interpolate(self.lifts[k](x), scale_factor=2.0, mode="nearest")
+            x = self.decoders[k](skips[k] + lifted)
+        heads: Tensor = self.head(x)
+        return heads
+
+
+class DoubleConvolution(nn.Sequential):
+    """Two 3 x 3 convolutions, each with batch normalisation and ReLU."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        layers: list[nn.Module] = []
+        for channels in (inputs, outputs):
+            layers += [
+                nn.Conv2d(channels, outputs, 3, padding=1, bias=False),
+                nn.BatchNorm2d(outputs),
+                nn.ReLU(inplace=True),
+            ]
+        super().__init__(*layers)
+
+
+class PlainUNet(nn.Module):
+    """The U-Net of Ronneberger et al. (MICCAI 2015), as the paper has it: RGB in, v and w out.
+
+    It works at full resolution; its output is read at pixels [1::4], the centres of our truth's cells.
+    """
+
+    def __init__(self, width: int = 64, depth: int = 4) -> None:
+        super().__init__()
+        widths = [width * 2**k for k in range(depth + 1)]
+        pairs = list(zip(widths[:-1], widths[1:], strict=True))
+        self.encoders = nn.ModuleList(
+            [DoubleConvolution(3, width), *(DoubleConvolution(*pair) for pair in pairs)]
+        )
+        self.lifts = nn.ModuleList([nn.ConvTranspose2d(coarse, fine, 2, stride=2) for fine, coarse in pairs])
+        self.decoders = nn.ModuleList([DoubleConvolution(2 * fine, fine) for fine, _ in pairs])
+        self.head = nn.Conv2d(width, 3, 1)
+        start_outputs(self.head)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Return (N, 3, H/4, W/4) for RGB (N, 3, H, W), sides multiples of 2^depth."""
+        x, skips = image, []
+        for k, encoder in enumerate(self.encoders):
+            x = encoder(x if k == 0 else nnf.max_pool2d(x, 2))
+            skips.append(x)
+        for k in reversed(range(len(self.decoders))):
+            x = self.decoders[k](torch.cat([skips[k], self.lifts[k](x)], 1))
+        heads: Tensor = self.head(x)[..., 1::STRIDE, 1::STRIDE]
+        return heads

@@ -1,1 +1,0 @@
-"""Videos and structure from motion with the views of exposures."""
