@@ -1,8 +1,5 @@
 """``blur2view estimate``: its options and its help."""
 
-import argparse
-from functools import partial
-
 from blur2view.cli.arguments.shared import (
     MANIFEST,
     CommandParser,
@@ -85,7 +82,12 @@ def describe(parser: CommandParser) -> None:
         "bytes a pixel",
     )
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add(
+        "--no-timings",
+        dest="timings",
+        action="store_false",
+        help="without timings: equal calls give equal bytes",
+    )
     add_table(output.add_argument)
     add_verbosity(output)
     add_running(parser)
@@ -98,11 +100,3 @@ def describe(parser: CommandParser) -> None:
         table("JSON document of a photograph", keys(EstimateDocument)),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.estimate import run_estimate
-
-    return run_estimate(options, parser.error)

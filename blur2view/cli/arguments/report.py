@@ -1,7 +1,5 @@
 """``blur2view report``: its options and its help."""
 
-import argparse
-from functools import partial
 from pathlib import Path
 
 from blur2view.cli.arguments.shared import (
@@ -59,8 +57,13 @@ def describe(parser: CommandParser) -> None:
         help="the page (default: %(default)s)",
     )
     add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
-    add("--no-mask", action="store_true", help="without the motion mask: faster")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
+    add(
+        "--no-timings",
+        dest="timings",
+        action="store_false",
+        help="without timings: equal calls give equal bytes",
+    )
     add_table(output.add_argument)
     add_verbosity(output)
     add_running(parser)
@@ -69,11 +72,3 @@ def describe(parser: CommandParser) -> None:
     parser.epilog = epilog(
         table("on the page", CONTROLS), table("terms of the page", TERMS), examples=EXAMPLES
     )
-    parser.set_defaults(run=partial(_run, parser), json=False)
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.report import run_report
-
-    return run_report(options, parser.error)

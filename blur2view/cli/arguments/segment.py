@@ -1,8 +1,5 @@
 """``blur2view segment``: its options and its help."""
 
-import argparse
-from functools import partial
-
 from blur2view.cli.arguments.shared import (
     MANIFEST,
     CommandParser,
@@ -70,7 +67,12 @@ def describe(parser: CommandParser) -> None:
     add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add(
+        "--no-timings",
+        dest="timings",
+        action="store_false",
+        help="without timings: equal calls give equal bytes",
+    )
     add_table(output.add_argument)
     add_verbosity(output)
     add_running(parser)
@@ -83,11 +85,3 @@ def describe(parser: CommandParser) -> None:
         table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.segment import run_segment
-
-    return run_segment(options, parser.error)

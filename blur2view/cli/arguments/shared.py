@@ -40,6 +40,7 @@ class CommandParser(argparse.ArgumentParser):
         if self._describe is not None:
             describe, self._describe = self._describe, None
             describe(self)
+            self.set_defaults(usage_error=self.error)
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -138,6 +139,12 @@ def add_table(add: Callable[..., Any]) -> None:
         metavar="FILE",
         help="write a table with a row for each photograph: what blur2view triage --help explains",
     )
+
+
+def add_timings(add: Callable[..., Any]) -> None:
+    """Describe how results come to be equal to the byte."""
+    text = "without timings: equal calls give equal bytes"
+    add("--no-timings", dest="timings", action="store_false", help=text)
 
 
 def add_running(parser: argparse.ArgumentParser) -> None:

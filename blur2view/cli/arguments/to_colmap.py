@@ -1,7 +1,6 @@
 """``blur2view to-colmap``: its options and its help."""
 
 import argparse
-from functools import partial
 from typing import Any
 
 from blur2view.cli.arguments.shared import (
@@ -93,7 +92,6 @@ def describe(parser: CommandParser) -> None:
         table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
 
 
 def _add_target(add: Any) -> None:
@@ -107,7 +105,8 @@ def _add_target(add: Any) -> None:
     )
     add(
         "--no-backup",
-        action="store_true",
+        dest="backup",
+        action="store_false",
         help="with --link: do not copy the database to DB.<time>.bak first",
     )
     add(
@@ -138,10 +137,3 @@ def _add_views(add: Any) -> None:
         "--no-sequence nothing is concluded from neighbours (default: from those in one folder whose names "
         "differ by one in their number)",
     )
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.to_colmap import run_to_colmap
-
-    return run_to_colmap(options, parser.error)

@@ -1,7 +1,5 @@
 """``blur2view to-transforms``: its options and its help."""
 
-import argparse
-from functools import partial
 from pathlib import Path
 
 from blur2view.cli.arguments.shared import (
@@ -87,11 +85,3 @@ def describe(parser: CommandParser) -> None:
     output.add_argument("--overwrite", action="store_true", help="replace a file of an earlier call")
     add_verbosity(output)
     parser.epilog = epilog(table("what is written", KEYS), examples=EXAMPLES)
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.to_transforms import run_to_transforms
-
-    return run_to_transforms(options, parser.error)

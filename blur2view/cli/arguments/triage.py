@@ -1,8 +1,5 @@
 """``blur2view triage``: its options and its help."""
 
-import argparse
-from functools import partial
-
 from blur2view.cli.arguments.shared import (
     CommandParser,
     add_camera,
@@ -78,7 +75,12 @@ def describe(parser: CommandParser) -> None:
     )
     add("--blurred", action="store_true", help="list the blurred ones, too, that geometry can use")
     add("--overwrite", action="store_true", help="replace table and list of an earlier call")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
+    add(
+        "--no-timings",
+        dest="timings",
+        action="store_false",
+        help="without timings: equal calls give equal bytes",
+    )
     add_verbosity(output)
     add_running(parser)
     add_camera(parser, exposure=True)
@@ -89,11 +91,3 @@ def describe(parser: CommandParser) -> None:
         table("the list", LIST),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser), json=False)
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.triage import run_triage
-
-    return run_triage(options, parser.error)
