@@ -21,6 +21,7 @@ from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
 from blur2view.segmentation.mask import SegmentOptions, segment
 from blur2view.visualization.report import Entry, report
+from blur2view.visualization.verdicts import VERDICT_ORDER
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 
@@ -54,8 +55,10 @@ class ReportWork(EstimatingWork[None, Entry]):
         return plain(kept)
 
     def restored(self, job: Job[None], stored: Any) -> Entry:
-        """Return the entry of an earlier call, whose document can be named anew."""
+        """Return the entry of an earlier call; ValueError without a verdict or a document of ours."""
         entry: Entry = restore(Entry, stored)
+        if entry.verdict not in VERDICT_ORDER:
+            raise ValueError(f"expected a verdict, got {entry.verdict}")
         return entry.renamed(str(job.path))
 
 

@@ -169,7 +169,9 @@ def add_running(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker "
         "tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers "
-        "need this blur2view (pip install '.[dask]'). Not with a database's camera, nor with --link",
+        "need this blur2view (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it "
+        "can run programs on the workers and here; blur2view itself listens nowhere. Not with a database's "
+        "camera, nor with --link",
     )
     add(
         "--resume",
