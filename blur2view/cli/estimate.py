@@ -8,7 +8,6 @@ from blur2view.cli.options import EstimateOptions
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.document import FailureDocument
 from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
 from blur2view.documents.stored import restored_file
 from blur2view.output_files import ResultFiles
@@ -45,9 +44,6 @@ def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
     shared = EstimateWork.shared(options)
     work = EstimateWork(**shared, full_field=options.full_field, json=options.json)
-    return run_with_files(options, ESTIMATE, work, collect)
-
-
-def collect(estimates: list[EstimateDocument], failures: list[FailureDocument]) -> EstimatesDocument:
-    """Return the document of the call."""
-    return EstimatesDocument(estimates=estimates, failures=failures)
+    return run_with_files(
+        options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
+    )

@@ -11,7 +11,6 @@ from blur2view.cli.options import SegmentCommandOptions
 from blur2view.cli.outputs import MASK, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.document import FailureDocument
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument, MasksDocument
 from blur2view.documents.stored import restored_file
@@ -52,9 +51,6 @@ def run(options: SegmentCommandOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
     wanted = SegmentOptions(objects=options.objects, estimator=options.run.options)
     work = SegmentWork(**SegmentWork.shared(options), wanted=wanted, json=options.json)
-    return run_with_files(options, MASK, work, collect)
-
-
-def collect(masks: list[MaskDocument], failures: list[FailureDocument]) -> MasksDocument:
-    """Return the document of the call."""
-    return MasksDocument(masks=masks, failures=failures)
+    return run_with_files(
+        options, MASK, work, lambda done, failed: MasksDocument(masks=done, failures=failed)
+    )
