@@ -7,6 +7,7 @@ each, done or failed, or of a file of all photographs. One call at a time has a 
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -26,6 +27,8 @@ from blur2view.output_files import ResultFiles, unwritable
 
 SIGN, FORMAT = "blur2view", 2  # 1 held pickles
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
+
+NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,17 +242,17 @@ def _open_alone(path: Path) -> int:
     except OSError as error:
         raise unwritable(path, error) from None
     try:
-        if not stat.S_ISREG(os.fstat(file).st_mode):
-            raise _foreign(path)
+        os.fsync(file)  # which files of /proc refuse
+        regular = stat.S_ISREG(os.fstat(file).st_mode)
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(file)
         raise OutputError(f"{path}: another call writes there; wait for its end or write elsewhere") from None
-    except OSError:  # a file system without locks
-        return file
-    except OutputError:
+    except OSError as error:
+        regular = error.errno in NO_LOCKS
+    if not regular:
         os.close(file)
-        raise
+        raise _foreign(path)
     return file
 
 

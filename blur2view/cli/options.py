@@ -25,28 +25,9 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share.
+    """What the commands over photographs share: the options of ``--help`` by their names.
 
-    Parameters
-    ----------
-    command : str
-    inputs : Inputs
-        The photographs.
-    run : Run
-        How each is estimated.
-    model : str or None
-        The network's file.
-    csv : Path or None
-        The table.
-    resume, overwrite : bool
-        Whether earlier results are gone on with, or replaced.
-    jobs, dask : int or None, str or None
-        How many processes, or whose.
-    max_failures : int or None
-    verbosity : int
-        Of `terminal`.
-    json, timings : bool
-        Whether a document is printed instead of summaries; whether results hold seconds.
+    ``inputs`` are the photographs, ``run`` is how each is estimated.
     """
 
     command: str

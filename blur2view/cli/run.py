@@ -154,10 +154,10 @@ def run_over(
     try:
         with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
             for job, outcome in done:
-                row = Row(error=outcome.error) if outcome.made is None else outcome.made.row
-                row = judge(replace(row, name=names[job.path]))
+                row = Row() if outcome.made is None else outcome.made.row
+                row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
-                _tell(options, bar, job.path, outcome, row.use, short=len(jobs) > 1)
+                _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
@@ -201,7 +201,7 @@ def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
 
 
 def _tell(
-    options: PhotographOptions, bar: Progress, path: Path, outcome: Outcome[Kept], use: str, *, short: bool
+    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], use: str, *, short: bool
 ) -> None:
     """Print a photograph's lines: of many the first of its summary, unless all is wanted."""
     if outcome.made is None:
