@@ -55,8 +55,8 @@ def keypoint_views(
     options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
-    finite = np.isfinite(keypoints).all(axis=1)
-    inside = finite & ((keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)).all(axis=1)
+    within = np.isfinite(keypoints) & (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)
+    inside: NDArray[np.bool_] = np.all(within, axis=1)
     points = np.where(inside[:, None], keypoints, 0.0)
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)

@@ -54,13 +54,14 @@ class CalibratedFit:
             for sign in (1.0, -1.0)
         )
         normal, _ = min(states, key=lambda state: state.cost).normal_equations()
-        return normal[np.ix_(POSE, POSE)]
+        ordered: Array = normal[np.ix_(POSE, POSE)]
+        return ordered
 
     def covariance(self, likelihood: DirectionLikelihood) -> PoseCovariance:
         """Return the covariance of the pose."""
         pose, normal = self.oriented.pose, self.normal
         region = likelihood.region(pose).covariance(pose.translation, pose.rotation_vector)
-        matrix = np.linalg.pinv(normal, hermitian=True)
+        matrix = np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
         sign = np.copysign(1.0, pose.translation @ self.point.t)
         local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(self.point.t))
         if max(region.translation_sigma_deg, local.translation_sigma_deg) < NARROW_DEG:

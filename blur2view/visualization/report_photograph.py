@@ -129,7 +129,7 @@ def nodes(grid: SmearGrid) -> Grid:
     """Return the smears at the nodes that are shown and their sigmas, packed."""
     rows, columns = node_pixels(grid.shape)
     y, x = np.arange(grid.shape[0])[rows], np.arange(grid.shape[1])[columns]
-    smears = grid.at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    smears = grid.at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2).astype(float))
     shape = len(y), len(x)
     displacement = smears.displacement.reshape(*shape, 2).transpose(2, 0, 1)
     return {
