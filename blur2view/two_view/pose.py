@@ -29,6 +29,9 @@ from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
 NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region
 ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
+# Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them: past
+# things at one depth, or on a slope.
+UNSEEN = 0.5
 POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
 
 
@@ -121,6 +124,8 @@ def with_pose(
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
+    unseen = UNSEEN * float(np.median(problem.length_px)) / problem.unit_px
+    wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
         cam2_from_cam1=RigidTransform(rotation=rotation_matrix(region.rotation), translation=np.zeros(3)),
