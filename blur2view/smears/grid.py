@@ -1,4 +1,4 @@
-"""Smears at the cells of a network's grid: all that it says of a photograph, sampled wherever they are needed."""
+"""Smears at the cells of a network's grid: all that it says of a photograph, and sampled anywhere."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class SmearGrid:
         return _decoded(self.cells)
 
     def at(self, points: Array) -> SmearField:
-        """Return the smears at any pixels (N, 2): interpolated in double angle between the four nearest cells.
+        """Return the smears at pixels (N, 2), interpolated in double angle between the four nearest cells.
 
         Beyond the outermost centres the nearest cell continues.
         """

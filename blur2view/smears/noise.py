@@ -1,13 +1,13 @@
-"""How wrong smears are: along and across themselves, together with their neighbours, and all over the picture.
+"""How wrong smears are: along and across themselves, with their neighbours, and all over the picture.
 
 This is the only place that turns the standard deviations a network states, or a user gives, into those that
-estimators use. Measured on smears of the network in 36 rendered photographs with parallax, rotation or a plane
-(development seeds 30000 to 30011 of `tools.datasets.motion_kinds`):
+estimators use. Measured on smears of the network in 36 rendered photographs with parallax, rotation or a
+plane (development seeds 30000 to 30011 of `tools.datasets.motion_kinds`):
 
 - stated deviations are root mean squares over all of a likelihood's peaks; the bulk of the errors is smaller,
   0.6 times along the smear and 0.65 across it (68 % points), and the rest is outliers;
-- errors of windows of 96 px every 32 px are alike: correlation 0.7, 0.5, 0.35, 0.3 and 0.15 at 1, 2, 3, 4 and 6
-  cells, which makes one cell in 46 independent, where overlap alone would make it one in 9;
+- errors of windows of 96 px every 32 px are alike: correlation 0.7, 0.5, 0.35, 0.3 and 0.15 at 1, 2, 3, 4
+  and 6 cells, which makes one cell in 46 independent, where overlap alone would make it one in 9;
 - the mean error of a picture is 4 % of the lengths and 1 degree of the directions.
 """
 
@@ -22,7 +22,7 @@ from blur2view.arrays import Array
 BULK_ALONG, BULK_ACROSS = 0.6, 0.65
 """Of the stated standard deviation, that of the errors which are no outliers."""
 LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01
-"""Of the length: no smear is believed better, for paths are bent a little and cells cover more than a point."""
+"""Of the length: no smear is believed better, for paths are bent and cells cover more than a point."""
 LEAST_PX = 0.1
 WINDOW_PX = 96
 """Side of the window that a cell is read from, pixels."""
@@ -38,9 +38,9 @@ class SharedErrors:
 
     ``independent_share`` is the share of the smears that err independently of each other, by the overlap of
     what they were read from; ``reach`` how many times fewer they are if all of the correlation counts;
-    ``length`` and ``direction_rad`` the standard deviations of errors that vary slowly over the whole picture,
-    of lengths as a share, of directions in radians; ``least`` the share of its length to which no smear's
-    Sampson distance is believed better.
+    ``length`` and ``direction_rad`` the standard deviations of errors that vary slowly over the whole
+    picture, of lengths as a share, of directions in radians; ``least`` the share of its length to which no
+    smear's Sampson distance is believed better.
     """
 
     independent_share: float = 1.0
@@ -59,12 +59,12 @@ class SharedErrors:
 
     @property
     def all_correlation(self) -> float:
-        """Share of independent smears if every correlation counts: for what is claimed, not what is fitted."""
+        """Share of independent smears if every correlation counts: for what is claimed, not for fits."""
         return self.independent_share / self.reach
 
     @classmethod
     def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> SharedErrors:
-        """Return the shared errors of cells of a network, read from windows, one every ``spacing_px`` pixels."""
+        """Return those of a network's cells, read from windows, one every ``spacing_px`` pixels."""
         share = min(1.0, (spacing_px / window_px) ** 2)
         return cls(
             independent_share=share, reach=CORRELATED_CELLS, length=0.04, direction_rad=0.02, least=0.03

@@ -26,8 +26,8 @@ class SelectOptions:
     ``beta`` is the share of the cells to keep, the most certain ones (the paper: 0.35, 0.45 for driving;
     here every cell is weighed by its own uncertainty, so most of them help: of 34 RedKitchen frames and 35
     rendered scenes the mean rho was 0.053 and 0.041 with half of them, 0.051 and 0.041 with nine tenths,
-    0.050 and 0.042 with all). Of large photographs every second or third cell of a row and a column is taken, so that
-    there are at most ``max_matches``.
+    0.050 and 0.042 with all). Of large photographs every second or third cell of a row and a column is taken,
+    so that there are at most ``max_matches``.
     """
 
     beta: float = 0.9

@@ -1,10 +1,11 @@
-"""A rotation or any homography fitted to smears whose errors are known: along, across, and all over the picture.
+"""A rotation or any homography among smears whose errors are known: along, across, all over the picture.
 
-At mid exposure a homography of generator A moves the point p by (A p)_12 - p (A p)_3, which is linear in A and
-exact to third order in the smear's length. Residuals are counted along and across each smear by the bulk of
-its errors, heavy tails by Student's distribution, and the errors that vary slowly over the whole picture are
-six parameters beside those of A, with a prior: lengths and directions wrong by a share, alike everywhere or in
-proportion to x or y. Without them a field of lengths that err by 4 % would speak against every rotation.
+At mid exposure a homography of generator A moves the point p by (A p)_12 - p (A p)_3, which is linear in A
+and exact to third order in the smear's length. Residuals are counted along and across each smear by the bulk
+of its errors, heavy tails by Student's distribution, and the errors that vary slowly over the whole picture
+are six parameters beside those of A, with a prior: lengths and directions wrong by a share, alike everywhere
+or in proportion to x or y. Without them a field of lengths that err by 4 % would speak against every
+rotation.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> Smear
 
 
 def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
-    """Return standard deviations (N,), pixels, by the noise that a normalised F leaves, not a fit before it."""
+    """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
     stated = problem.rescaled(1 / problem.scale)
     return stated.sigma_px * residual_scale(F, stated.weighted, CUTOFF)
 

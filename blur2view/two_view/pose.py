@@ -1,8 +1,8 @@
-"""The pose of a camera whose intrinsics are known: E, the rotation, the translation where something is known of it.
+"""The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
 E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction of
-translation. How sure the pose is comes from the likelihood over all directions (`translation`), or, where that is
-narrower than its grid, from the curvature at E.
+translation. How sure the pose is comes from the likelihood over all directions (`translation`), or, where
+that is narrower than its grid, from the curvature at E.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
 NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region
 ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
-# Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them: past
-# things at one depth, or on a slope.
+# Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them:
+# past things at one depth, or on a slope.
 UNSEEN = 0.5
 POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
 
@@ -163,7 +163,7 @@ def with_essential(
 def turned(
     matches: SmearMatches, problem: SmearProblem, geometry: TwoViewGeometry
 ) -> tuple[RigidTransform, PoseCovariance]:
-    """Return the rotation that explains smears without translation, ordered as ``swapped``, and its covariance."""
+    """Return the rotation that explains smears alone, ordered as ``swapped``, and its covariance."""
     scale = problem.noise_scale
     along, across = matches.bulk_px
     data = FlowData.of(problem, (scale * along, scale * across))

@@ -28,15 +28,16 @@ from blur2view.two_view.plane_parallax import plane_and_parallax
 from blur2view.two_view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the tests look at, at most
-# Gain that proves parallax: a constant, and for each independent smear. Of 124 rendered rotations, planes and still
-# cameras (`tools.datasets.motion_kinds`, network smears, 30 independent) one gains 30, the next 17, 16 and 13; of
-# 42 general motions 13 gain more than 17. Of 200 synthetic rotations and planes of 1000 smears the most is 39.
+# Gain that proves parallax: a constant, and for each independent smear. Of 124 rendered rotations, planes and
+# still cameras (`tools.datasets.motion_kinds`, network smears, 30 independent) one gains 30, the next 17, 16
+# and 13; of 42 general motions 13 gain more than 17. Of 200 synthetic rotations and planes of 1000 smears the
+# most is 39.
 PROVEN, PROVEN_PER_SMEAR = 15.0, 0.08
 NO_GAIN = 0.75  # of what proves parallax, below which there is none
 CLEARLY = 10.0  # gain over the search's F that an F through the plane must have: it is the best of many
 LEAST_ON_PLANE = 0.4  # share of the smears without which no homography is reported
-# Beyond Schwarz's criterion, what any homography must gain over a rotation: of 41 rendered rotations the gains reach
-# 20, where the criterion asks for 17; of 34 planes 30 gain 27 and more.
+# Beyond Schwarz's criterion, what any homography must gain over a rotation: of 41 rendered rotations the
+# gains reach 20, where the criterion asks for 17; of 34 planes 30 gain 27 and more.
 MARGIN = 4.0
 EXTRA = 5  # parameters of any homography beyond those of a rotation
 SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be astray
@@ -134,7 +135,7 @@ def without_parallax(
     absent: bool,
     figures: str,
 ) -> Verdict:
-    """Return the verdict of a rotation, a plane, or of what may be either; F stays unless parallax is absent."""
+    """Return the verdict of a rotation, a plane, or either; F stays unless parallax is absent."""
     found = no_parallax(matches, problem, plane, sample)
     names = {
         True: (Structure.ROTATION, Structure.ROTATION_OPEN),

@@ -1,10 +1,10 @@
 """Where the translation of a known camera may point, and its rotation whatever the translation.
 
 Given a direction of translation every smear's epipolar line and order follow (a point before the camera moves
-away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly. So
-the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave it
-flat, which no covariance about one optimum shows. What is claimed counts all correlation of neighbouring smears
-(`SharedErrors.all_correlation`).
+away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly.
+So the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave
+it flat, which no covariance about one optimum shows. What is claimed counts all correlation of neighbouring
+smears (`SharedErrors.all_correlation`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Homographies among smears with known errors: exact, among outliers, and with errors all over the picture."""
+"""Homographies among smears with known errors: exact, among outliers, with shared errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The likelihood over directions of translation: exact motions, flips, and what turning cameras leave open."""
+"""The likelihood over directions of translation: exact motions, flips, turning cameras."""
 
 from __future__ import annotations
 

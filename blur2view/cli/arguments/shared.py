@@ -301,8 +301,8 @@ def add_estimation(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=SelectOptions.beta,
         metavar="SHARE",
-        help="share, above 0 and at most 1, of the network's smears, one for 32 pixels, that may be used, the "
-        f"most certain ones; at most {SelectOptions.max_matches} of them, spread over the photograph, are "
+        help="share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be used, "
+        f"the most certain ones; at most {SelectOptions.max_matches} of them, spread evenly, are "
         "(default: %(default)s)",
     )
     add(
