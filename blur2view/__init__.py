@@ -68,9 +68,8 @@ if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
     from blur2view.pipeline import estimate as estimate
     from blur2view.segmentation.mask import MotionLabel as MotionLabel
     from blur2view.segmentation.mask import MotionMask as MotionMask
-    from blur2view.segmentation.mask import MovingRegion as MovingRegion
-    from blur2view.segmentation.mask import SegmentOptions as SegmentOptions
     from blur2view.segmentation.mask import segment as segment
+    from blur2view.segmentation.pixels import MovingRegion as MovingRegion
     from blur2view.smears.field import SmearField as SmearField
     from blur2view.smears.grid import SmearGrid as SmearGrid
     from blur2view.smears.matches import SmearMatches as SmearMatches
@@ -100,7 +99,8 @@ _PUBLIC = {
     "networks.smear_network": ("SmearNetwork", "predict"),
     "networks.tiles": ("TileOptions",),
     "pipeline": ("Estimate", "Timings", "estimate"),
-    "segmentation.mask": ("MotionLabel", "MotionMask", "MovingRegion", "SegmentOptions", "segment"),
+    "segmentation.mask": ("MotionLabel", "MotionMask", "segment"),
+    "segmentation.pixels": ("MovingRegion",),
     "smears.field": ("SmearField",),
     "smears.matches": ("SmearMatches",),
     "smears.grid": ("SmearGrid",),

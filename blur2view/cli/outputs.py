@@ -14,14 +14,14 @@ from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
 from blur2view.output_files import SIGNED_BY, Write
 from blur2view.pipeline import FileEstimate
-from blur2view.segmentation.mask import MotionLabel, MotionMask
+from blur2view.segmentation.formats import GREY, MaskFormat
+from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
-from blur2view.visualization.mask_overlay import PINK, draw_motion
+from blur2view.visualization.mask_overlay import draw_motion
 from blur2view.visualization.overlay import draw_overlay
 
 # The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
 _PNG_EFFORT = 3
-PALETTE = {MotionLabel.STATIC: (0, 0, 0), MotionLabel.MOVING: PINK, MotionLabel.UNOBSERVABLE: (110, 110, 110)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ def result_contents(
 
 @dataclass(frozen=True, kw_only=True)
 class MaskFiles:
-    """The four files of one photograph's mask.
+    """The four files of one photograph's mask, and the one for another program.
 
     Parameters
     ----------
@@ -103,14 +103,17 @@ class MaskFiles:
         Where they lie.
     stem : str
         The photograph's name without its suffix.
+    exported : Path or None
+        The mask as another program reads it.
     """
 
     folder: Path
     stem: str
+    exported: Path | None = None
 
     @property
     def mask(self) -> Path:
-        """``<stem>.mask.png``: one byte per pixel, a `MotionLabel`, with a palette."""
+        """``<stem>.mask.png``: 8-bit grey, 0 static, 255 moving, 128 unobservable."""
         return self.folder / f"{self.stem}.mask.png"
 
     @property
@@ -130,29 +133,39 @@ class MaskFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """All four, in the order of writing: the document last, so that it marks completeness."""
-        return self.mask, self.probability, self.picture, self.document
+        """All, in the order of writing: the document last, so that it marks completeness."""
+        first = () if self.exported is None else (self.exported,)
+        return *first, self.mask, self.probability, self.picture, self.document
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaskExport:
+    """For which program masks are written, and whether it leaves out what is unobservable."""
+
+    program: MaskFormat
+    ignore_unobservable: bool
 
 
 def mask_contents(
-    files: MaskFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
+    files: MaskFiles,
+    document: MaskDocument,
+    image: NDArray[np.float32],
+    mask: MotionMask,
+    export: MaskExport | None = None,
 ) -> dict[Path, Write]:
-    """Return what is written for a photograph: mask, probabilities, overlay and document."""
+    """Return what is written for a photograph: masks, probabilities, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     encoded = {
-        files.mask: indexed_png(mask),
+        files.mask: png(Image.fromarray(GREY[mask.labels])),
         files.probability: png(Image.fromarray(levels)),
         files.picture: png(Image.fromarray(draw_motion(image, mask))),
         files.document: (document.to_json() + "\n").encode(),
     }
+    if files.exported is not None and export is not None:
+        ignored = export.ignore_unobservable
+        picture = export.program.picture(mask.labels, ignore_unobservable=ignored)
+        encoded[files.exported] = png(Image.fromarray(picture))
     return {path: methodcaller("write", encoded[path]) for path in files.paths}
-
-
-def indexed_png(mask: MotionMask) -> bytes:
-    """Return the labels as a PNG whose pixels are `MotionLabel`, with a palette to look at."""
-    picture = Image.fromarray(mask.labels)
-    picture.putpalette([level for label in MotionLabel for level in PALETTE[label]])
-    return png(picture)
 
 
 def png(picture: Image.Image) -> bytes:

@@ -27,7 +27,7 @@ from blur2view.output_files import (
     write_atomically,
 )
 from blur2view.pipeline import Run, estimate_file
-from blur2view.segmentation.mask import SegmentOptions, segment
+from blur2view.segmentation.mask import segment
 from blur2view.visualization.report import Entry, report
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
@@ -49,8 +49,7 @@ class ReportWork:
         start = time.perf_counter()
         mask = None
         if self.mask:
-            wanted = SegmentOptions(estimator=self.run.options)
-            mask = segment(one.estimate, wanted, np.random.default_rng(self.run.seed))
+            mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), geometry)
