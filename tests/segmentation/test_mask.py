@@ -1,11 +1,16 @@
 """Motion masks: movers where they are, none where nothing moves, unobservable where nothing is seen."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
+from blur2view.camera.image import read_image
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.pixels import LEAST_AREA_PX, moving_parts, moving_regions
 from blur2view.visualization import mask_overlay
@@ -20,6 +25,8 @@ from tests.support.motion_scenes import (
     sideways,
     with_mover,
 )
+
+SAMPLE = Path(__file__).parents[2] / "models" / "sample_mover.jpg"
 
 
 def overlap(mask: MotionMask) -> float:
@@ -143,3 +150,22 @@ def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
     assert "moving part" in mask_overlay.headline(mask)
     with pytest.raises(ValueError, match="expected a mask of shape"):
         mask_overlay.draw_motion(image[:100, :100], mask)
+
+
+@pytest.mark.slow
+def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(tmp_path: Path) -> None:
+    picture = Image.open(SAMPLE)
+    picture.save(tmp_path / "as.png")
+    picture.save(tmp_path / "as.jpg", quality=92)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # shown upright after a quarter turn clockwise
+    turned = picture.transpose(Image.Transpose.ROTATE_90)
+    turned.save(tmp_path / "turned.jpg", quality=92, exif=exif)
+    network = SmearNetwork()
+    images = [read_image(tmp_path / name) for name in ("as.png", "as.jpg", "turned.jpg")]
+    one, *others = [
+        segment(estimate(image, network=network), image).labels == MotionLabel.MOVING for image in images
+    ]
+    assert one.any()
+    for other in others:
+        assert (one & other).sum() >= 0.9 * (one | other).sum()

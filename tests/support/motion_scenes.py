@@ -57,7 +57,7 @@ def estimate_of(
     height, width = displacement.shape[:2]
     centres = [np.minimum(np.arange(STRIDE // 2, n + STRIDE // 2, STRIDE), n - 1) for n in (height, width)]
     here = displacement[np.ix_(*centres)]
-    sigmas = np.broadcast_to(np.float32([sigma_px, sigma_rad]), here.shape)
+    sigmas = np.broadcast_to(np.array([sigma_px, sigma_rad], np.float32), here.shape)
     cells = np.concatenate([to_double_angle(here), sigmas], axis=-1).astype(np.float32)
     grid = SmearGrid(cells=cells, stride=STRIDE, shape=(height, width))
     none = np.zeros(0, bool)

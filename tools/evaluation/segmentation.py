@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -27,9 +27,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
-from blur2view.smears.field import smear_ends, to_double_angle, upsample_grid
-from blur2view.smears.sampling import select_matches
-from blur2view.two_view.estimate import estimate_two_view
+from blur2view.smears.field import smear_ends, upsample_grid
 from blur2view.visualization.mask_overlay import draw_motion
 from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
@@ -47,7 +45,6 @@ LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one wit
 LARGE_SHARE = 0.05
 CLEAR_PX = 4.0  # difference of a mover's smear from those around it that is plain to see
 BASELINE = 3.0  # squared pixels: the paper's threshold on SErrMin
-TRUE_SIGMA_PX = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,52 +153,24 @@ def squared_residual(found: Estimate, shape: tuple[int, ...]) -> AnyArray:
     return np.asarray(fine[: shape[0], : shape[1], 0])
 
 
-def true_estimate(scene: TestScene, found: Estimate) -> Estimate:
-    """Return the estimate with the true smears in its cells; where they are unknown, the nearest known."""
-    assert found.grid is not None
-    nearest = distance_transform_edt(~scene.valid, return_distances=False, return_indices=True)
-    true = scene.displacement[nearest[0], nearest[1]]
-    points = Cells.of(found.grid).points
-    x, y = (np.clip(points[..., k] / GRID, 0, true.shape[1 - k] - 1).astype(int) for k in (0, 1))
-    double = np.asarray(to_double_angle(true[y, x]))
-    length = np.maximum(np.linalg.norm(double, axis=-1), TRUE_SIGMA_PX)
-    sigma = np.full_like(length, TRUE_SIGMA_PX)
-    cells = np.concatenate([double, sigma[..., None], (sigma / length)[..., None]], axis=-1)
-    grid = replace(found.grid, cells=cells.astype(np.float32))
-    matches = select_matches(field := grid.at_pixels())
-    geometry = estimate_two_view(matches, rng=np.random.default_rng(0))
-    return replace(found, grid=grid, field=field, matches=matches, geometry=geometry)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """A scene with its figures, by predicted smears and by true ones."""
+    """A scene with its mask and figures."""
 
     scene: TestScene
     image: NDArray[np.float32]
     mask: MotionMask
-    predicted: SceneFigures
-    true: SceneFigures
+    figures: SceneFigures
 
 
 def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tuple[Path, Judged]]:
     """Yield every scene of every folder, segmented."""
     for folder in folders:
         for scene in read_test_set(folder):
-            image = read_image(scene.image_path)
-            found = estimate(image, network=network)
+            found = estimate(image := read_image(scene.image_path), network=network)
             mask = segment(found, image)
-            truly = true_estimate(scene, found)
-            yield (
-                folder,
-                Judged(
-                    scene=scene,
-                    image=image,
-                    mask=mask,
-                    predicted=judge(scene, found, mask),
-                    true=judge(scene, truly, segment(truly, image)),
-                ),
-            )
+            figures = judge(scene, found, mask)
+            yield folder, Judged(scene=scene, image=image, mask=mask, figures=figures)
 
 
 def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float]) -> float:
@@ -212,17 +181,13 @@ def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float])
 
 
 def split_rows(name: str, judged: list[Judged]) -> list[str]:
-    """Return rows of a split: predicted and true smears, all movers and large ones, scenes without any."""
-    kinds = {"predicted": "predicted smears", "true": "true smears"}
+    """Return rows of a split: all movers and large ones, scenes without any."""
     rows = []
     for least, what in ((LEAST_SHARE, "1 %"), (LARGE_SHARE, "5 %")):
-        for kind, said in kinds.items():
-            some = [getattr(one, kind) for one in judged if one.predicted.share >= least]
-            rows.append(_row(f"{name}, movers of {what} or more, {said}", some))
-    still = [one for one in judged if not (~one.scene.static).any()]
-    for kind, said in kinds.items():
-        rows.append(_row(f"{name}, no movers, {said}", [getattr(one, kind) for one in still]))
-    return rows
+        some = [one.figures for one in judged if one.figures.share >= least]
+        rows.append(_row(f"{name}, movers of {what} or more", some))
+    still = [one.figures for one in judged if one.scene.static.all()]
+    return [*rows, _row(f"{name}, no movers", still)]
 
 
 def _row(name: str, scenes: list[SceneFigures]) -> str:
@@ -294,12 +259,12 @@ def false_shares(photo: Path, network: SmearNetwork, seeds: Iterable[int]) -> li
 
 def with_movers(judged: Iterable[Judged]) -> list[Judged]:
     """Return the scenes that count as ones with movers."""
-    return [one for one in judged if one.predicted.share >= LEAST_SHARE]
+    return [one for one in judged if one.figures.share >= LEAST_SHARE]
 
 
 def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
     """Return scenes, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
-    some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
+    some = sorted(judged, key=lambda one: -np.nan_to_num(one.figures.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
@@ -326,7 +291,7 @@ HEAD = """# Motion masks
 Means over scenes. IoU: of what is called moving with what moves, over the pixels that are not called
 unobservable; "all": over every pixel whose smear is known. Baseline: SErrMin of the same F above 3 squared
 pixels. AP: average precision of the probability. Recall: of movers at least twice as wide as their smear,
-which differs by 4 px or more from what stands still beside them. "True smears": the truth in the cells.
+which differs by 4 px or more from what stands still beside them.
 
 | scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, all | AP, SErrMin | recall | called | unobservable |
 |---|---|---|---|---|---|---|---|---|---|---|
@@ -349,12 +314,12 @@ def main() -> None:
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}
     for folder, one in judged_scenes(arguments.scenes, network):
         judged[folder].append(one)
-        print(folder.name, one.predicted, flush=True)
+        print(folder.name, one.figures, flush=True)
     rows = [row for folder, some in judged.items() for row in split_rows(folder.name, some)]
     folders = " ".join(map(str, arguments.scenes))
     command = f"python -m tools.evaluation.segmentation {folders} --out {arguments.out}"
     text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(rows) + "\n"
-    figures = [one.predicted for some in judged.values() for one in some]
+    figures = [one.figures for some in judged.values() for one in some]
     text += "\nCalibration, all pixels of all scenes:\n\n" + "\n".join(calibration_lines(figures)) + "\n"
     if arguments.real.is_dir():
         text += (

@@ -36,7 +36,6 @@ from tools.evaluation.segmentation import (
     panel,
     split_rows,
     squared_residual,
-    true_estimate,
 )
 from tools.rendering.render import RenderOptions
 
@@ -117,28 +116,13 @@ def test_blind_smears_are_judged_so() -> None:
     assert figures.iou == 0 and figures.called == 0 and figures.precision < 0.2
 
 
-def test_true_smears_take_the_place_of_the_networks() -> None:
-    holes = scene().valid.copy()
-    holes[:, 10:12] = False
-    broken = np.where(holes[..., None], scene().displacement, np.nan)
-    one = replace(scene(), valid=holes, displacement=broken)
-    truly = true_estimate(one, estimate_of(sideways(), F=SIDEWAYS))
-    assert truly.grid is not None
-    expected = estimate_of(with_mover()).grid
-    assert expected is not None
-    np.testing.assert_allclose(truly.grid.cells[..., :2], expected.cells[..., :2], atol=1e-4)
-    F = truly.geometry.F  # where most residuals are exactly zero
-    assert F is not None
-    np.testing.assert_allclose(np.abs(F), np.abs(SIDEWAYS), atol=0.03)
-
-
 def test_table_and_panel_hold_the_scene() -> None:
     found = estimate_of(with_mover(), F=SIDEWAYS)
     mask = masked(found)
     figures = judge(scene(), found, mask)
-    one = Judged(scene=scene(), image=photo(with_mover()), mask=mask, predicted=figures, true=figures)
+    one = Judged(scene=scene(), image=photo(with_mover()), mask=mask, figures=figures)
     rows = split_rows("test", [one])
-    assert len(rows) == 6 and rows[0].startswith("| test, movers of 1 % or more, predicted smears | 1 |")
+    assert len(rows) == 3 and rows[0].startswith("| test, movers of 1 % or more | 1 |")
     assert f"{figures.iou:.3f}" in rows[0]
     assert rows[-1].count("| -") == 9  # no scene without movers
     assert panel([one]).shape == (HEIGHT // 2, 3 * WIDTH // 2, 3)
@@ -151,7 +135,7 @@ def test_without_movers_the_table_is_written_and_no_panel(
     found = estimate_of(sideways(), F=SIDEWAYS)
     calm, mask = replace(scene(), static=np.ones((HEIGHT // 4, WIDTH // 4), bool)), masked(found)
     figures = judge(calm, found, mask)
-    one = Judged(scene=calm, image=photo(with_mover()), mask=mask, predicted=figures, true=figures)
+    one = Judged(scene=calm, image=photo(with_mover()), mask=mask, figures=figures)
     monkeypatch.setattr(segmentation, "SmearNetwork", lambda: SmearNetwork(tiny_model))
     monkeypatch.setattr(segmentation, "judged_scenes", lambda *_: [(tmp_path, one)])
     monkeypatch.setattr(
@@ -159,7 +143,7 @@ def test_without_movers_the_table_is_written_and_no_panel(
     )
     segmentation.main()
     assert [path.name for path in tmp_path.iterdir()] == ["out.md"]
-    assert "no movers, predicted smears | 1 |" in (tmp_path / "out.md").read_text()
+    assert "no movers | 1 |" in (tmp_path / "out.md").read_text()
 
 
 def test_outline_of_the_walker_is_a_simple_shape_of_a_person() -> None:
