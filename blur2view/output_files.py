@@ -115,16 +115,20 @@ class ResultFiles:
         The photograph's name without its suffix.
     endings : tuple of str
         What follows it, such as ".json", in the order of writing.
+    beside : Path or None
+        A file with a name of its own, written first.
     """
 
     folder: Path
     stem: str
     endings: tuple[str, ...]
+    beside: Path | None = None
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """All of them, in the order of writing."""
-        return tuple(self.folder / f"{self.stem}{ending}" for ending in self.endings)
+        named = tuple(self.folder / f"{self.stem}{ending}" for ending in self.endings)
+        return named if self.beside is None else (self.beside, *named)
 
     @property
     def document(self) -> Path:
@@ -140,6 +144,7 @@ def plan_outputs(
     overwrite: bool,
     resume: bool = False,
     names: Mapping[Path, Path] | None = None,
+    beside: Callable[[Path], Path] | None = None,
     is_known: Callable[[Path], bool] = lambda path: False,
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
@@ -159,6 +164,8 @@ def plan_outputs(
         Whether those may that are not of another photograph.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
+    beside : callable, optional
+        Maps the name of a photograph to that of a further file, below the folder.
     is_known : callable, optional
         Whether it is written down elsewhere of which photograph a document is. That alone tells apart
         photographs of one name that were named from different folders.
@@ -167,7 +174,10 @@ def plan_outputs(
     first_of: dict[Path, Path] = {}
     plan: list[ResultFiles | OutputError] = []
     for image, name in zip(images, result_names(images, names or {}), strict=True):
-        files = ResultFiles(folder=folder / name.parent, stem=name.name, endings=tuple(endings))
+        further = None if beside is None else folder / beside((names or {}).get(image, Path(image.name)))
+        files = ResultFiles(
+            folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
+        )
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
         refusal = _refusal(files.paths, inputs, overwrite=overwrite, resume=resume)

@@ -89,7 +89,14 @@ class EstimateOptions(FolderOptions):
 class SegmentCommandOptions(FolderOptions):
     """Those of ``blur2view segment``."""
 
-    objects: bool
+    masks: str | None
+    unobservable: str
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.masks is not None and self.output is None:
+            raise ValueError("--masks needs a folder; name it with -o")
+        super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)

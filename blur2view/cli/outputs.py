@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
 
@@ -20,19 +21,21 @@ from blur2view.documents.masks import MaskDocument
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
 from blur2view.pipeline import FileEstimate
-from blur2view.segmentation.mask import MotionLabel, MotionMask
+from blur2view.segmentation.formats import GREY, MaskFormat
+from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
-from blur2view.visualization.mask_overlay import PINK, draw_motion
+from blur2view.visualization.mask_overlay import draw_motion
 from blur2view.visualization.overlay import draw_overlay
 
 # The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
 _PNG_EFFORT = 3
-PALETTE = {MotionLabel.STATIC: (0, 0, 0), MotionLabel.MOVING: PINK, MotionLabel.UNOBSERVABLE: (110, 110, 110)}
 
 
 ESTIMATE = (".smear.npz", ".png", ".json")
 MASK = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 """What the files of a photograph are called after its stem, in the order of writing."""
+MASKS = Path("masks")
+"""Folder below -o in which masks for another program lie."""
 
 
 def run_with_files(
@@ -40,16 +43,17 @@ def run_with_files(
     endings: Sequence[str],
     work: Work[ResultFiles | None, Taken | None],
     collect: Callable[[list[Taken], list[FailureDocument]], Document],
+    beside: Callable[[Path], Path] | None = None,
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
 
-    With ``--json`` the one document of ``collect`` is printed at the end.
+    With ``--json`` the one document of ``collect`` is printed at the end. ``beside`` is as of `plan_outputs`.
     """
     folder = options.output
     path = None if options.csv is None else manifest_beside(options.csv)
     path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
     with prepared(*([] if folder is None else [folder])), begun(options, work, path, [folder]) as manifest:
-        jobs = _planned(options, endings, manifest)
+        jobs = _planned(options, endings, manifest, beside)
         paths = {path for job, error in jobs if job.target and error is None for path in job.target.paths}
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
@@ -68,7 +72,10 @@ def _kept(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
 
 
 def _planned(
-    options: FolderOptions, endings: Sequence[str], manifest: Manifest | None
+    options: FolderOptions,
+    endings: Sequence[str],
+    manifest: Manifest | None,
+    beside: Callable[[Path], Path] | None,
 ) -> list[tuple[Job[ResultFiles | None], Blur2ViewError | None]]:
     """Return the jobs with the files of each; with an error those that may not be written."""
     inputs = options.inputs
@@ -82,6 +89,7 @@ def _planned(
             overwrite=options.overwrite,
             resume=options.resume,
             names=inputs.names,
+            beside=beside,
             is_known=manifest.knows_file if manifest is not None else lambda path: False,
         )
     for index, (path, files) in enumerate(zip(inputs.paths, plan, strict=True)):
@@ -124,25 +132,40 @@ def result_contents(
     return dict(zip(files.paths, contents, strict=True))
 
 
+@dataclass(frozen=True, kw_only=True)
+class MaskExport:
+    """For which program masks are written, and whether it leaves out what is unobservable."""
+
+    program: MaskFormat
+    ignore_unobservable: bool
+
+    def path(self, photograph: Path) -> Path:
+        """Return where the mask of a photograph of this name goes, below the folder of results."""
+        return MASKS / self.program.path(photograph)
+
+    def encoded(self, mask: MotionMask) -> bytes:
+        """Return the mask as the program reads it."""
+        picture = self.program.picture(mask.labels, ignore_unobservable=self.ignore_unobservable)
+        return png(Image.fromarray(picture))
+
+
 def mask_contents(
-    files: ResultFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
+    files: ResultFiles,
+    document: MaskDocument,
+    image: NDArray[np.float32],
+    mask: MotionMask,
+    export: MaskExport | None = None,
 ) -> dict[Path, Write]:
-    """Return what is written for a photograph: labels, probabilities times 255, overlay and document."""
+    """Return what is written for a photograph: masks, probabilities, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     contents = (
-        indexed_png(mask),
+        *(() if export is None else (export.encoded(mask),)),
+        png(Image.fromarray(GREY[mask.labels])),
         png(Image.fromarray(levels)),
         png(Image.fromarray(draw_motion(image, mask))),
         (document.to_json() + "\n").encode(),
     )
     return {path: methodcaller("write", one) for path, one in zip(files.paths, contents, strict=True)}
-
-
-def indexed_png(mask: MotionMask) -> bytes:
-    """Return the labels as a PNG of one byte per pixel, a `MotionLabel`, with a palette to look at."""
-    picture = Image.fromarray(mask.labels)
-    picture.putpalette([level for label in MotionLabel for level in PALETTE[label]])
-    return png(picture)
 
 
 def png(picture: Image.Image) -> bytes:

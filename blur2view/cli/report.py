@@ -19,7 +19,7 @@ from blur2view.cli.work import EstimatingWork
 from blur2view.documents.stored import plain, restore
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
-from blur2view.segmentation.mask import SegmentOptions, segment
+from blur2view.segmentation.mask import segment
 from blur2view.visualization.report import Entry, report
 from blur2view.visualization.verdicts import VERDICT_ORDER
 
@@ -38,8 +38,7 @@ class ReportWork(EstimatingWork[None, Entry]):
         start = time.perf_counter()
         mask = None
         if self.mask:
-            wanted = SegmentOptions(estimator=self.run.options)
-            mask = segment(one.estimate, wanted, np.random.default_rng(self.run.seed))
+            mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), geometry)

@@ -8,35 +8,36 @@ import numpy as np
 
 from blur2view.batch.job import Job, Made
 from blur2view.cli.options import SegmentCommandOptions
-from blur2view.cli.outputs import MASK, mask_contents, run_with_files
+from blur2view.cli.outputs import MASK, MaskExport, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import EstimatingWork
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument, MasksDocument
 from blur2view.documents.stored import restored_file
 from blur2view.output_files import ResultFiles
-from blur2view.segmentation.mask import SegmentOptions, segment
+from blur2view.segmentation.formats import MaskFormat
+from blur2view.segmentation.mask import segment
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentWork(EstimatingWork[ResultFiles | None, MaskDocument | None]):
     """The work on one photograph; its document is kept where it is printed."""
 
-    wanted: SegmentOptions
+    export: MaskExport | None
     json: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
         one, files = self.estimated(job), job.target
         start = time.perf_counter()
-        mask = segment(one.estimate, self.wanted, np.random.default_rng(self.run.seed))
+        mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         document = document if self.timings else replace(document, timings_s=None)
         return Made(
             kept=document if self.json else None,
             summary=mask_summary(document, mask, files, self.verbosity),
             row=self.row(one),
-            files={} if files is None else mask_contents(files, document, one.image, mask),
+            files={} if files is None else mask_contents(files, document, one.image, mask, self.export),
             warnings=one.warnings,
         )
 
@@ -49,8 +50,15 @@ class SegmentWork(EstimatingWork[ResultFiles | None, MaskDocument | None]):
 
 def run(options: SegmentCommandOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
-    wanted = SegmentOptions(objects=options.objects, estimator=options.run.options)
-    work = SegmentWork(**SegmentWork.shared(options), wanted=wanted, json=options.json)
+    export = None
+    if options.masks is not None:
+        ignored = options.unobservable == "ignore"
+        export = MaskExport(program=MaskFormat(options.masks), ignore_unobservable=ignored)
+    work = SegmentWork(**SegmentWork.shared(options), export=export, json=options.json)
     return run_with_files(
-        options, MASK, work, lambda done, failed: MasksDocument(masks=done, failures=failed)
+        options,
+        MASK,
+        work,
+        lambda done, failed: MasksDocument(masks=done, failures=failed),
+        None if export is None else export.path,
     )

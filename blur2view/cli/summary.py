@@ -55,8 +55,8 @@ def mask_summary(
     lines.append(mask.reason)
     for region in mask.regions:
         x, y, width, height = region.box
-        line = f"{region.area_px} px at ({x}, {y}), {width}x{height}, score {region.score:.1f}"
-        lines.append(f"{line}; {region.config.name}: {region.reason}" if region.config else line)
+        size = f"{region.area_px} px at ({x}, {y}), {width}x{height}"
+        lines.append(f"{size}, moves with a probability of {region.probability:.2f}")
     return _with_files([*lines, *_seconds(document.timings_s)], files)
 
 

@@ -9,7 +9,8 @@ from blur2view.documents.document import Document, FailureDocument, Matrix
 from blur2view.documents.estimate import CovarianceDocument, EstimateDocument, PoseDocument
 
 if TYPE_CHECKING:
-    from blur2view.segmentation.mask import MotionMask, MovingRegion
+    from blur2view.segmentation.mask import MotionMask
+    from blur2view.segmentation.pixels import MovingRegion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,24 +25,14 @@ class RegionDocument(Document):
         x, y, width and height of its bounding box.
     centroid : list of 2 float
         Mean x and y of its pixels.
-    score : float
-        Mean squared residual over variance of its pixels: 1 is expected where nothing moves.
-    config : str or null
-        With --objects: the configuration of its own smears.
-    F, H : 3x3 or null
-        With --objects: their fundamental matrix or homography.
-    reason : str
-        With --objects: how F or H came about, or why there is neither; else empty.
+    probability : float
+        Mean probability of moving of its pixels.
     """
 
     area_px: int
     box: list[int]
     centroid: list[float]
-    score: float
-    config: str | None
-    F: Matrix | None
-    H: Matrix | None
-    reason: str
+    probability: float
 
     @classmethod
     def of(cls, region: MovingRegion) -> RegionDocument:
@@ -50,11 +41,7 @@ class RegionDocument(Document):
             area_px=region.area_px,
             box=list(region.box),
             centroid=list(region.centroid),
-            score=region.score,
-            config=None if region.config is None else region.config.name,
-            F=None if region.F is None else region.F.tolist(),
-            H=None if region.H is None else region.H.tolist(),
-            reason=region.reason,
+            probability=region.probability,
         )
 
 
@@ -83,13 +70,12 @@ class MaskDocument(Document):
     reason : str
         What the motion of a pixel was measured against.
     labels : object
-        The value of static, moving and unobservable pixels in the mask.
+        The grey of static, moving and unobservable pixels in the mask: 0, 255 and 128.
     shares : object
         The share of the pixels with each of these labels.
     regions : list
-        The connected moving parts, largest first: area_px, box (x, y, width, height), centroid, score (mean
-        squared residual over variance, 1 where nothing moves), and with --objects config, F, H and reason of
-        their own.
+        The connected moving parts, largest first: area_px, box (x, y, width, height), centroid and
+        probability (mean of moving).
     beta, max_error_px, seed : number
         The options of these names.
     model_id : str
@@ -123,6 +109,7 @@ class MaskDocument(Document):
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:
         """Return the document of a mask that took so many seconds, of the photograph of an estimate."""
+        from blur2view.segmentation.formats import GREY
         from blur2view.segmentation.mask import MotionLabel
 
         return cls(
@@ -139,7 +126,7 @@ class MaskDocument(Document):
             parallax=estimate.parallax,
             geometry_reason=estimate.reason,
             reason=mask.reason,
-            labels={label.name.lower(): int(label) for label in MotionLabel},
+            labels={label.name.lower(): int(GREY[label]) for label in MotionLabel},
             shares={label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
             regions=[RegionDocument.of(region) for region in mask.regions],
             beta=estimate.beta,

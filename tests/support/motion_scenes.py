@@ -1,7 +1,6 @@
-"""Smears of a camera that moves, of a box that moves by itself before it, and what is made of them."""
+"""Smears of a camera that moves, of a box that moves by itself before it, and photographs of them."""
 
-from dataclasses import replace
-
+import cv2
 import numpy as np
 from blur2view.smears.selection import select_matches
 from numpy.typing import NDArray
@@ -10,15 +9,14 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate, Timings
-from blur2view.segmentation.mask import MotionMask, SegmentOptions, segment
-from blur2view.smears.field import SmearField
+from blur2view.smears.field import to_double_angle
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.matches import SmearMatches
 
-HEIGHT, WIDTH = 240, 320
+HEIGHT, WIDTH, STRIDE = 480, 640, 32
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # epipolar lines are horizontal
-BOX = slice(80, 160), slice(180, 270)
-STATIC_PX, MOVER = 12.0, (3.0, 18.0)
-SURE_RAD = 0.05
-SHIFT = np.array([[1, 0, STATIC_PX], [0, 1, 0], [0, 0, 1.0]])
+BOX = slice(160, 320), slice(352, 544)
+STATIC_PX, MOVER = 12.0, (3.0, 24.0)
 
 
 def sideways(shape: tuple[int, int] = (HEIGHT, WIDTH)) -> NDArray[np.float32]:
@@ -34,41 +32,44 @@ def with_mover() -> NDArray[np.float32]:
     return displacement
 
 
-def photo() -> NDArray[np.float32]:
-    """Give a grey wall with some grain, and an orange box on it."""
-    image = np.random.default_rng(0).normal(0.5, 0.02, (HEIGHT, WIDTH, 3)).astype(np.float32)
-    image[BOX] += np.array([0.3, 0.0, -0.3], np.float32)
-    return np.clip(image, 0, 1)
+def photo(displacement: NDArray[np.float32], texture: float = 0.3, seed: int = 0) -> NDArray[np.float32]:
+    """Give noise of a scale of 1.5 px that is blurred along smears (H, W, 2), few different ones."""
+    shape = displacement.shape[:2]
+    noise = np.random.default_rng(seed).normal(0, 1, (*shape, 3)).astype(np.float32)
+    sharp = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.5)) * 5
+    image = np.zeros_like(sharp)
+    for x, y in np.unique(displacement.reshape(-1, 2), axis=0):
+        size = 2 * int(max(abs(x), abs(y))) + 3
+        kernel, middle = np.zeros((size, size), np.float32), (size - 1) / 2
+        ends = [
+            np.round(16 * (middle + sign * np.array([x, y]) / 2)).astype(int).tolist() for sign in (-1, 1)
+        ]
+        cv2.line(kernel, ends[0], ends[1], 1.0, 1, cv2.LINE_AA, 4)
+        blurred = cv2.filter2D(sharp, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REFLECT)
+        here = (displacement == (x, y)).all(axis=-1)
+        image[here] = blurred[here]
+    return np.asarray(np.clip(0.5 + texture * image, 0, 1), np.float32)
 
 
 def estimate_of(
-    displacement: NDArray[np.float32],
-    F: Array | None = None,
-    H: Array | None = None,
-    sigma_px: float | NDArray[np.float32] = 1.0,
-    sigma_rad: float | NDArray[np.float32] = SURE_RAD,
+    displacement: NDArray[np.float32], F: Array | None = None, sigma_px: float = 0.8, sigma_rad: float = 0.04
 ) -> Estimate:
-    """Make what the pipeline would have, were the camera's motion F or H."""
-    shape = displacement.shape[:2]
-    field = SmearField(
-        displacement=displacement,
-        sigma_px=np.broadcast_to(np.float32(sigma_px), shape),
-        sigma_rad=np.broadcast_to(np.float32(sigma_rad), shape),
-    )
-    matches = select_matches(field)
-    none = np.zeros(len(matches), bool)
+    """Make what the pipeline would have of smears (H, W, 2), were the camera's motion F."""
+    height, width = displacement.shape[:2]
+    centres = [np.minimum(np.arange(STRIDE // 2, n + STRIDE // 2, STRIDE), n - 1) for n in (height, width)]
+    here = displacement[np.ix_(*centres)]
+    sigmas = np.broadcast_to(np.array([sigma_px, sigma_rad], np.float32), here.shape)
+    cells = np.concatenate([to_double_angle(here), sigmas], axis=-1).astype(np.float32)
+    grid = SmearGrid(cells=cells, stride=STRIDE, shape=(height, width))
+    none = np.zeros(0, bool)
     geometry = TwoViewGeometry(
-        F=F, H=H, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none
+        F=F, H=None, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none
     )
     return Estimate(
-        field=field,
-        matches=matches,
+        field=grid.at_pixels(),
+        grid=grid,
+        matches=SmearMatches(ends=np.zeros((0, 2, 2)), sigma_px=np.zeros(0)),
         geometry=geometry,
         model_id="test",
         timings=Timings(predict_s=0, select_s=0, solve_s=0),
     )
-
-
-def by_scores(found: Estimate, options: SegmentOptions | None = None) -> MotionMask:
-    """Segment by the estimate's own motion alone, which the test made up."""
-    return segment(found, replace(options or SegmentOptions(), splits=0))

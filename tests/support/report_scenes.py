@@ -107,7 +107,6 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     return MotionMask(
         labels=labels,
         probability=probability,
-        score=probability,
         regions=(),
         reason="F",
     )

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.segmentation.mask import MotionLabel, moving_regions
+from blur2view.segmentation.mask import MotionLabel
+from blur2view.segmentation.pixels import moving_regions
 from blur2view.smears.field import SmearField, smear_ends
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization import panel

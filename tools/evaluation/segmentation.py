@@ -1,7 +1,7 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.webp`` (some scenes: photograph with the truth, score,
+``segmentation.md`` (the table) and ``segmentation.webp`` (some scenes: photograph with the truth,
 probability, mask). Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
 smears are known. The scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
 `tools.datasets.mover_scenes` another with a mover in every picture.
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -25,13 +25,13 @@ from blur2view.camera.image import read_image
 from blur2view.geometry.sampson import serrmin
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
+from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
-from blur2view.smears.field import SmearField, smear_ends
-from blur2view.smears.selection import grid_pixels, select_matches
-from blur2view.two_view.estimate import estimate_two_view
+from blur2view.smears.field import smear_ends, upsample_grid
 from blur2view.visualization.mask_overlay import draw_motion
 from tools.arguments import existing, target
 from tools.datasets.testset import TestScene, read_test_set
+from tools.rendering.exposure import GRID
 from tools.reports.figure_style import save_picture
 
 Mask = NDArray[np.bool_]
@@ -39,20 +39,22 @@ Mask = NDArray[np.bool_]
 REAL = Path("../shared/data/real")
 OUTLINE = Path("tests/support/local_walker_0083.json")
 STREETS = ("gopro_street_01.png", "gopro_street_07.png")  # nothing in them moves
-STATIC = Path("../shared/data/redkitchen")
+STATIC = [Path("../shared/data/redkitchen"), Path("../shared/data/textures/kodak")]
 SEEDS = 4
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 LARGE_SHARE = 0.05
+CLEAR_PX = 4.0  # difference of a mover's smear from those around it that is plain to see
 BASELINE = 3.0  # squared pixels: the paper's threshold on SErrMin
-TRUE_SIGMA_PX = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneFigures:
-    """One scene: what moves, what was called moving, and how well the evidence ranks.
+    """One scene: what moves, what was called moving, and how well the probability ranks.
 
-    Of scenes without movers only ``called`` has a meaning; the others may be NaN, as where a method calls
-    every pixel of a mover unobservable.
+    Of scenes without movers only ``called`` and the counts have a meaning; the others may be NaN, as where a
+    method calls every pixel of a mover unobservable. ``recall`` is that of movers at least twice as wide as
+    their smear, which differs from the camera's by 4 px or more. ``counts`` (2, 10) are all pixels, and those
+    that move, by tenths of the probability.
     """
 
     name: str
@@ -60,11 +62,13 @@ class SceneFigures:
     iou: float
     iou_everywhere: float
     precision: float
+    precision_everywhere: float
+    recall: float
     called: float
     unobservable: float
     iou_baseline: float
     precision_baseline: float
-    called_baseline: float
+    counts: AnyArray
 
 
 def average_precision(score: AnyArray, moving: Mask) -> float:
@@ -88,80 +92,85 @@ def overlap(found: Mask, true: Mask) -> float:
 
 def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
     """Return how a mask compares with the truth, and SErrMin above BASELINE with the same."""
-    shape, (rows, columns) = scene.valid.shape, grid_pixels(found.field.shape)
-    label, score = (field[rows, columns].reshape(shape) for field in (mask.labels, mask.score))
+    shape = scene.valid.shape
+    rows, columns = np.ix_(*(np.minimum(GRID * np.arange(n) + 1, side - 1)
+                             for n, side in zip(shape, mask.labels.shape, strict=True)))  # fmt: skip
+    label, score = mask.labels[rows, columns], mask.probability[rows, columns]
     valid, moving = scene.valid, ~scene.static & scene.valid
     called = (label == MotionLabel.MOVING) & valid
     seen = (label != MotionLabel.UNOBSERVABLE) & valid
-    plain = squared_residual(found)[rows, columns].reshape(shape)
-    plain_called = (plain > BASELINE) & valid
+    plain = squared_residual(found, shape)
+    clear = clear_movers(scene)
+    tenth = np.minimum((10 * score[valid]).astype(int), 9)
     return SceneFigures(
         name=scene.name,
         share=float(moving.mean()),
         iou=overlap(called[seen], moving[seen]) if moving[seen].any() else float("nan"),
         iou_everywhere=overlap(called, moving),
         precision=average_precision(score[seen], moving[seen]),
+        precision_everywhere=average_precision(score[valid], moving[valid]),
+        recall=float(called[clear].mean()) if clear.any() else float("nan"),
         called=float(called.sum() / valid.sum()),
         unobservable=float(1 - seen.sum() / valid.sum()),
-        iou_baseline=overlap(plain_called, moving),
+        iou_baseline=overlap((plain > BASELINE) & valid, moving),
         precision_baseline=average_precision(plain[valid], moving[valid]),
-        called_baseline=float(plain_called.sum() / valid.sum()),
+        counts=np.stack([np.bincount(tenth, minlength=10), np.bincount(tenth, moving[valid], minlength=10)]),
     )
 
 
-def squared_residual(found: Estimate) -> AnyArray:
-    """Return SErrMin at every pixel (H, W); without F half the squared length."""
-    field, F = found.field, found.geometry.F
-    if F is None:
-        return np.asarray(0.5 * field.length_px**2)
-    rows, columns = np.indices(field.shape)
-    points = np.stack([columns, rows], axis=-1).reshape(-1, 2)
-    return serrmin(F, smear_ends(points, field.displacement.reshape(-1, 2))).reshape(field.shape)
+def clear_movers(scene: TestScene) -> Mask:
+    """Mark what moves, is at least twice as wide as its smear is long, and smears 4 px off what is around it.
+
+    Around it is what stands still and is nearest.
+    """
+    moving = ~scene.static & scene.valid
+    if not moving.any() or not (scene.static & scene.valid).any():
+        return np.zeros_like(moving)
+    length = np.linalg.norm(np.nan_to_num(scene.displacement), axis=-1)
+    nearest = distance_transform_edt(
+        ~(scene.static & scene.valid), return_distances=False, return_indices=True
+    )
+    around = np.nan_to_num(scene.displacement)[nearest[0], nearest[1]]
+    own = np.nan_to_num(scene.displacement)
+    apart = np.minimum(*(np.linalg.norm(own - sign * around, axis=-1) for sign in (1, -1)))
+    clear = np.zeros_like(moving)
+    _, part, stats, _ = cv2.connectedComponentsWithStats((~scene.static).astype(np.uint8))
+    for k in range(1, len(stats)):
+        inside = (part == k) & moving
+        width = GRID * 2 * float(distance_transform_edt(np.pad(part == k, 1)).max())
+        if inside.any() and width >= 2 * np.median(length[inside]) and np.median(apart[inside]) >= CLEAR_PX:
+            clear |= inside
+    return clear
 
 
-def true_estimate(scene: TestScene, found: Estimate) -> Estimate:
-    """Return the estimate from the true smears; where they are unknown, from the nearest known."""
-    nearest = distance_transform_edt(~scene.valid, return_distances=False, return_indices=True)
-    grid = scene.displacement[nearest[0], nearest[1]].astype(np.float32)
-    size = found.field.shape[::-1]
-    displacement = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
-    sigma_px = np.full(found.field.shape, TRUE_SIGMA_PX, np.float32)
-    length = np.maximum(np.hypot(displacement[..., 0], displacement[..., 1]), TRUE_SIGMA_PX)
-    field = SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=TRUE_SIGMA_PX / length)
-    matches = select_matches(field)
-    geometry = estimate_two_view(matches, rng=np.random.default_rng(0))
-    return replace(found, field=field, matches=matches, geometry=geometry)
+def squared_residual(found: Estimate, shape: tuple[int, ...]) -> AnyArray:
+    """Return SErrMin of the cells on the truth's grid (h, w); without F half the squared length."""
+    assert found.grid is not None
+    cells, F = Cells.of(found.grid), found.geometry.F
+    ends = smear_ends(cells.points.reshape(-1, 2), cells.displacement.reshape(-1, 2))
+    plain = 0.5 * cells.length_px**2 if F is None else serrmin(F, ends).reshape(cells.sigma_px.shape)
+    fine = upsample_grid(plain[..., None].astype(np.float32), max(found.grid.stride // GRID, 1))
+    return np.asarray(fine[: shape[0], : shape[1], 0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """A scene with its figures, by predicted smears and by true ones."""
+    """A scene with its mask and figures."""
 
     scene: TestScene
     image: NDArray[np.float32]
     mask: MotionMask
-    predicted: SceneFigures
-    true: SceneFigures
+    figures: SceneFigures
 
 
 def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tuple[Path, Judged]]:
     """Yield every scene of every folder, segmented."""
     for folder in folders:
         for scene in read_test_set(folder):
-            image = read_image(scene.image_path)
-            found = estimate(image, network=network)
-            mask = segment(found)
-            truly = true_estimate(scene, found)
-            yield (
-                folder,
-                Judged(
-                    scene=scene,
-                    image=image,
-                    mask=mask,
-                    predicted=judge(scene, found, mask),
-                    true=judge(scene, truly, segment(truly)),
-                ),
-            )
+            found = estimate(image := read_image(scene.image_path), network=network)
+            mask = segment(found, image)
+            figures = judge(scene, found, mask)
+            yield folder, Judged(scene=scene, image=image, mask=mask, figures=figures)
 
 
 def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float]) -> float:
@@ -172,17 +181,13 @@ def mean(scenes: Iterable[SceneFigures], value: Callable[[SceneFigures], float])
 
 
 def split_rows(name: str, judged: list[Judged]) -> list[str]:
-    """Return rows of a split: predicted and true smears, all movers and large ones, scenes without any."""
-    kinds = {"predicted": "predicted smears", "true": "true smears"}
+    """Return rows of a split: all movers and large ones, scenes without any."""
     rows = []
     for least, what in ((LEAST_SHARE, "1 %"), (LARGE_SHARE, "5 %")):
-        for kind, said in kinds.items():
-            some = [getattr(one, kind) for one in judged if one.predicted.share >= least]
-            rows.append(_row(f"{name}, movers of {what} or more, {said}", some))
-    still = [one for one in judged if not (~one.scene.static).any()]
-    for kind, said in kinds.items():
-        rows.append(_row(f"{name}, no movers, {said}", [getattr(one, kind) for one in still]))
-    return rows
+        some = [one.figures for one in judged if one.figures.share >= least]
+        rows.append(_row(f"{name}, movers of {what} or more", some))
+    still = [one.figures for one in judged if one.scene.static.all()]
+    return [*rows, _row(f"{name}, no movers", still)]
 
 
 def _row(name: str, scenes: list[SceneFigures]) -> str:
@@ -191,22 +196,37 @@ def _row(name: str, scenes: list[SceneFigures]) -> str:
         mean(scenes, lambda s: s.iou_everywhere),
         mean(scenes, lambda s: s.iou_baseline),
         mean(scenes, lambda s: s.precision),
+        mean(scenes, lambda s: s.precision_everywhere),
         mean(scenes, lambda s: s.precision_baseline),
+        mean(scenes, lambda s: s.recall),
         mean(scenes, lambda s: s.called),
-        mean(scenes, lambda s: s.called_baseline),
         mean(scenes, lambda s: s.unobservable),
     ]
     cells = " | ".join("-" if np.isnan(figure) else f"{figure:.3f}" for figure in figures)
     return f"| {name} | {len(scenes)} | {cells} |"
 
 
-def real_lines(folder: Path, static: Path, network: SmearNetwork) -> list[str]:
+def calibration_lines(scenes: list[SceneFigures]) -> list[str]:
+    """Return a table of the probability: of the pixels in each tenth, how many move."""
+    every, moving = np.sum([scene.counts for scene in scenes], axis=0)
+    shares = " | ".join("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
+    tenths = " | ".join(f"{k / 10:.1f}-{(k + 1) / 10:.1f}" for k in range(10))
+    pixels = " | ".join(f"{n / every.sum():.4f}" for n in every)
+    return [
+        f"| probability | {tenths} |",
+        "|---" * 11 + "|",
+        f"| share of the pixels | {pixels} |",
+        f"| of these, moving | {shares} |",
+    ]
+
+
+def real_lines(folder: Path, static: list[Path], network: SmearNetwork) -> list[str]:
     """Return the overlap with the outlined walker, and what is called moving where nothing is."""
     outline = json.loads(OUTLINE.read_text())
     person = np.zeros((outline["height"], outline["width"]), np.uint8)
     cv2.fillPoly(person, [np.array(outline["polygon"], np.int32)], 1)
     image = read_image(folder / outline["photograph"])
-    moving = segment(estimate(image, network=network)).labels == MotionLabel.MOVING
+    moving = segment(estimate(image, network=network), image).labels == MotionLabel.MOVING
     elsewhere = float((moving & ~cv2.dilate(person, np.ones((41, 41), np.uint8)).astype(bool)).mean())
     lines = [
         f"- {outline['photograph']}: IoU {overlap(moving, person > 0):.2f} with the outlined person; "
@@ -215,14 +235,15 @@ def real_lines(folder: Path, static: Path, network: SmearNetwork) -> list[str]:
     for name in STREETS:
         each = ", ".join(f"{share:.1%}" for share in false_shares(folder / name, network, range(SEEDS)))
         lines.append(f"- {name}: {each} of the street called moving (seeds 0 to {SEEDS - 1})")
-    shares = [false_shares(path, network, range(1))[0] for path in sorted(static.glob("*.jpg"))]
-    if shares:
-        many = sum(share > LEAST_SHARE for share in shares)
-        lines.append(
-            f"- {static.name}, {len(shares)} frames in which nothing moves: {np.mean(shares):.2%} called "
-            f"moving, more than {LEAST_SHARE:.0%} in {many}"
-        )
-    return lines
+    return lines + [_still_line(folder, network) for folder in static if folder.is_dir()]
+
+
+def _still_line(folder: Path, network: SmearNetwork) -> str:
+    """Return what is called moving of photographs in which nothing moves."""
+    names = sorted(path for path in folder.iterdir() if path.suffix in (".jpg", ".png"))
+    shares = np.array([false_shares(path, network, range(1))[0] for path in names])
+    many = ", ".join(f"more than {least:.1%} in {(shares > least).sum()}" for least in (0.005, 0.01))
+    return f"- {folder.name}, {len(shares)} photographs in which nothing moves: {shares.mean():.2%}, {many}"
 
 
 def false_shares(photo: Path, network: SmearNetwork, seeds: Iterable[int]) -> list[float]:
@@ -231,38 +252,35 @@ def false_shares(photo: Path, network: SmearNetwork, seeds: Iterable[int]) -> li
     shares = []
     for seed in seeds:
         found = estimate(image, network=network, rng=np.random.default_rng(seed))
-        mask = segment(found, rng=np.random.default_rng(seed))
+        mask = segment(found, image, np.random.default_rng(seed))
         shares.append(float((mask.labels == MotionLabel.MOVING).mean()))
     return shares
 
 
 def with_movers(judged: Iterable[Judged]) -> list[Judged]:
     """Return the scenes that count as ones with movers."""
-    return [one for one in judged if one.predicted.share >= LEAST_SHARE]
+    return [one for one in judged if one.figures.share >= LEAST_SHARE]
 
 
 def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
     """Return scenes, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
-    some = sorted(judged, key=lambda one: -np.nan_to_num(one.predicted.iou))
+    some = sorted(judged, key=lambda one: -np.nan_to_num(one.figures.iou))
     chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
     return np.vstack([_panel_row(one) for one in chosen])
 
 
 def _panel_row(one: Judged) -> AnyArray:
-    """Return photograph with the truth outlined, square root of the score to 5, probability, mask."""
+    """Return photograph with the truth outlined, probability, mask."""
     height, width = one.image.shape[:2]
     photo = np.round(255 * one.image).astype(np.uint8)
     truth = cv2.resize((~one.scene.static).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     rims, _ = cv2.findContours(truth, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(photo, rims, -1, (255, 255, 255), 3)
     cv2.drawContours(photo, rims, -1, (255, 70, 170), 1)
-    shares = np.clip(np.sqrt(one.mask.score) / 5, 0, 1), one.mask.probability
-    heats = [
-        cv2.applyColorMap(np.round(255 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1]
-        for share in shares
-    ]
+    level = np.round(255 * one.mask.probability).astype(np.uint8)
+    heat = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     drawn = draw_motion(one.image, one.mask)[:height, :width]
-    row = np.hstack([photo, *heats, drawn])
+    row = np.hstack([photo, heat, drawn])
     return np.asarray(cv2.resize(row, (row.shape[1] // 2, row.shape[0] // 2), interpolation=cv2.INTER_AREA))
 
 
@@ -272,10 +290,11 @@ HEAD = """# Motion masks
 
 Means over scenes. IoU: of what is called moving with what moves, over the pixels that are not called
 unobservable; "all": over every pixel whose smear is known. Baseline: SErrMin of the same F above 3 squared
-pixels. AP: average precision of the scores. "True smears": the same with the truth in place of the smears.
+pixels. AP: average precision of the probability. Recall: of movers at least twice as wide as their smear,
+which differs by 4 px or more from what stands still beside them.
 
-| scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, SErrMin | called moving | baseline | unobservable |
-|---|---|---|---|---|---|---|---|---|---|
+| scenes | n | IoU | IoU, all | IoU, baseline | AP | AP, all | AP, SErrMin | recall | called | unobservable |
+|---|---|---|---|---|---|---|---|---|---|---|
 """
 
 
@@ -286,18 +305,22 @@ def main() -> None:
     )
     parser.add_argument("scenes", type=existing, nargs="+", help="folders of rendered scenes")
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
-    parser.add_argument("--static", type=Path, default=STATIC, help="folder of frames in which nothing moves")
+    parser.add_argument(
+        "--static", type=Path, nargs="+", default=STATIC, help="folders of photographs in which nothing moves"
+    )
     parser.add_argument("--out", type=target, required=True, help="without suffix")
     arguments = parser.parse_args()
     network = SmearNetwork()
     judged: dict[Path, list[Judged]] = {folder: [] for folder in arguments.scenes}
     for folder, one in judged_scenes(arguments.scenes, network):
         judged[folder].append(one)
-        print(folder.name, one.predicted, flush=True)
+        print(folder.name, one.figures, flush=True)
     rows = [row for folder, some in judged.items() for row in split_rows(folder.name, some)]
     folders = " ".join(map(str, arguments.scenes))
     command = f"python -m tools.evaluation.segmentation {folders} --out {arguments.out}"
     text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(rows) + "\n"
+    figures = [one.figures for some in judged.values() for one in some]
+    text += "\nCalibration, all pixels of all scenes:\n\n" + "\n".join(calibration_lines(figures)) + "\n"
     if arguments.real.is_dir():
         text += (
             "\nReal photographs:\n\n"

@@ -39,7 +39,7 @@ def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, masks: bool, 
     found = blur2view.estimate(image, network=network)
     backdrop = np.full_like(image, GREY) if plain else image
     if masks:
-        overlay = draw_motion(backdrop, segment(found))
+        overlay = draw_motion(backdrop, segment(found, image))
     else:
         overlay = draw_overlay(backdrop, found.field, found.matches, found.geometry)
     height = round(overlay.shape[0] * width / overlay.shape[1])

@@ -44,7 +44,7 @@ def hostile_arguments(rng: Rng) -> list[str]:
         "--replace",
         "--dry-run",
         "--corrected",
-        "--objects",
+        "--masks=colmap",
         "--resume",
         "--recursive",
     ]

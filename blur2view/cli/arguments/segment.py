@@ -5,24 +5,24 @@ from blur2view.documents.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
 DESCRIPTION = """
-Segment what moves by itself from what the camera's motion explains. Each smear is scored by its squared
-distance from the epipolar lines of the camera's F (without F: by its error under the homography; before a
-still camera: by its length), over its variance. What moves must contradict the motion of the whole picture
-and those of two halves of it that explain as much; where these disagree it is unobservable, and all is where
-one has none. Smears are read in windows of 96 pixels: what is small, or moves much faster than the camera,
-mostly has no smear of its own, and is not seen, nor is an object that moves along the camera's epipolar
-lines, which looks like one at another depth.
+Segment what moves by itself from what the camera's motion explains. The camera's motion is one smooth field
+through the smears and, where there is one, F. How far a smear departs from both, how sure it is of itself,
+and where the photograph is blurred otherwise than the camera's motion blurs it, is weighed by a small network
+trained on rendered photographs; outlines follow the photograph's edges. Smears are read in windows of 96
+pixels: what is small, or moves much faster than the camera, is mostly not seen, nor is an object that moves
+along the camera's epipolar lines, which looks like one at another depth.
 """
 FILES = """
-<stem>.mask.png: indexed: 0 static, 1 moving, 2 unobservable (the smear is too short or uncertain, or so near
-    the epipole that any motion would fit, or the camera's motion is not sure there)
-<stem>.moving.png: probability of moving, times 255; above one half where the mask says moving
+<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (smooth, or its smear is not read, or it may
+    as well move as stand still)
+<stem>.moving.png: probability of moving, times 255
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
+masks/...: with --masks: the mask under the name and with the greys that the program reads
 <stem>.motion.json: the JSON document of the photograph; written last
 """
 EXAMPLES = (
     "blur2view segment street.jpg -o masks",
-    "blur2view segment photographs/*.jpg --objects --json > masks.json",
+    "blur2view segment photographs/*.jpg -o results --masks colmap",
 )
 REFUSED = {
     "--readout": "a rolling shutter lengthens smears along themselves, which masks hardly notice (with a "
@@ -44,7 +44,18 @@ def describe(parser: shared.CommandParser) -> None:
         metavar="DIR",
         help="write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below",
     )
-    add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
+    add(
+        "--masks",
+        choices=("colmap", "nerfstudio", "instant-ngp"),
+        help="also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, "
+        "0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there",
+    )
+    add(
+        "--unobservable",
+        choices=("keep", "ignore"),
+        default="keep",
+        help="what --masks makes of unobservable pixels (default: keep)",
+    )
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
     shared.add_timings(add)

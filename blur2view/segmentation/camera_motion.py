@@ -1,0 +1,132 @@
+"""The camera's own motion over the whole picture: one smooth field through the cells, robust to movers.
+
+Displacements are a quadratic polynomial of the place, as instantaneous rotations and planes give them. The
+sign of every smear is the one nearer to the field. Affine fields through three cells each, in every choice
+of signs, are starts; the one with the least Geman-McClure cost is refined by reweighted least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.smears.field import from_double_angle
+from blur2view.smears.grid import SmearGrid
+
+LEAST_PX = 0.1  # stated deviation
+FLOOR_PX, FLOOR_SHARE = 0.4, 0.05  # errors that no cell states: constant, and in proportion to its length
+SAMPLES, JUDGES = 150, 400  # triples of cells, and cells that judge them
+SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
+STEPS = 12  # of reweighted least squares
+RIDGE = 0.3  # weight, in cells, of each quadratic coefficient over FIELD_SHARE of the mean length
+FIELD_SHARE = 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cells:
+    """The smears of a grid.
+
+    Parameters
+    ----------
+    points : ndarray of shape (h, w, 2)
+        Their centres (x, y), pixels.
+    displacement : ndarray of shape (h, w, 2)
+        Pixels, of either sign.
+    sigma_px, sigma_rad : ndarray of shape (h, w)
+        Standard deviations of the end-point error and of the direction.
+    shape : (int, int)
+        Height and width of the photograph.
+    """
+
+    points: Array
+    displacement: Array
+    sigma_px: Array
+    sigma_rad: Array
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, grid: SmearGrid) -> Cells:
+        """Return the cells of a grid; where it states no deviation of the direction, that of its length's."""
+        height, width = grid.cells.shape[:2]
+        cells = grid.cells.astype(float)
+        x, y = (grid.stride * np.arange(n) + (grid.stride - 1) / 2 for n in (width, height))
+        length = np.hypot(cells[..., 0], cells[..., 1])
+        stated = cells[..., 3] if cells.shape[2] == 4 else cells[..., 2] / np.maximum(length, 1)
+        return cls(
+            points=np.stack(np.meshgrid(x, y), axis=-1),
+            displacement=np.asarray(from_double_angle(cells[..., :2])),
+            sigma_px=np.maximum(cells[..., 2], LEAST_PX),
+            sigma_rad=np.clip(stated, 0, np.pi / 2),
+            shape=grid.shape,
+        )
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths (h, w)."""
+        return np.asarray(np.linalg.norm(self.displacement, axis=-1))
+
+    @property
+    def error_px(self) -> Array:
+        """Standard deviations (h, w) with the errors that no cell states."""
+        return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
+
+
+def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:
+    """Return the displacement (h, w, 2) that the camera's motion gives every cell, pixels.
+
+    Parameters
+    ----------
+    cells : Cells
+    weight : ndarray of shape (h, w)
+        How much each cell counts, 0 to 1: little where something else is known to move.
+    rng : numpy.random.Generator
+        Draws the starts.
+    """
+    basis, seen = _basis(cells), cells.displacement.reshape(-1, 2)
+    sigma, counted = cells.error_px.ravel(), weight.ravel()
+    affine = _start(basis[:, :3], seen, sigma, counted, rng)
+    model = np.zeros((6, 2))
+    model[:3] = affine
+    for _ in range(STEPS):
+        model = _reweighted(model, basis, seen, sigma, counted)
+    return np.asarray((basis @ model).reshape(cells.displacement.shape))
+
+
+def _basis(cells: Cells) -> Array:
+    """Return 1, x, y, x^2, xy, y^2 of every cell, (N, 6); x, y over half of the longer side."""
+    height, width = cells.shape
+    x, y = (cells.points.reshape(-1, 2) - (np.array([width, height]) - 1) / 2).T / (max(cells.shape) / 2)
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
+    """Return the affine field (3, 2) of least cost through three cells each."""
+    share = weight / sigma
+    share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
+    triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
+    inverse = np.linalg.pinv(basis[triples], rcond=1e-3)  # (S, 3, 3)
+    signed = seen[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
+    constant = np.zeros((SAMPLES, 3, 2))
+    constant[:, 0] = seen[triples[:, 0]]
+    models = np.concatenate([(inverse[:, None] @ signed).reshape(-1, 3, 2), constant])
+    judges = rng.permutation(len(seen))[:JUDGES]
+    predicted = np.einsum("nk,mkc->mnc", basis[judges], models)
+    error = np.minimum(
+        ((predicted - seen[judges]) ** 2).sum(-1), ((predicted + seen[judges]) ** 2).sum(-1)
+    ) / (4 * sigma[judges] ** 2)
+    cost = (weight[judges] / sigma[judges] * error / (1 + error)).sum(axis=1)
+    return np.asarray(models[np.argmin(cost)])
+
+
+def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array, weight: Array) -> Array:
+    """Return the field (6, 2) after one step of reweighted least squares (Geman-McClure)."""
+    predicted = basis @ model
+    signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
+    squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
+    each = weight / (1 + squared) ** 2 / sigma**2
+    length = FIELD_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
+    ridge = np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2
+    normal = (basis * each[:, None]).T @ basis + np.diag(ridge + 1e-9)
+    return np.asarray(np.linalg.solve(normal, (basis * each[:, None]).T @ signed))
