@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # for type checkers, to which `as` says that a name is public
     from blur2view.camera.camera import Camera as Camera
     from blur2view.camera.image import read_image as read_image
+    from blur2view.colmap.cameras import camera_of_database as camera_of_database
     from blur2view.colmap.database import write_database as write_database
     from blur2view.colmap.mapping import global_options as global_options
     from blur2view.colmap.mapping import mapper_options as mapper_options
@@ -87,6 +88,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "camera.camera": ("Camera",),
     "camera.image": ("read_image",),
+    "colmap.cameras": ("camera_of_database",),
     "colmap.database": ("write_database",),
     "colmap.mapping": ("global_options", "mapper_options", "triangulate_exposure"),
     "colmap.placement": ("Placement", "place_views"),

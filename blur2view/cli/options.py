@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 
 from blur2view.camera.intrinsics import Intrinsics
+from blur2view.colmap.cameras import stored_camera
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.pipeline import Run
@@ -30,7 +31,8 @@ def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) 
             raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
         if readout_s is not None:
             RollingShutter(readout_s=readout_s, exposure_s=exposure_s or 1.0)  # which checks it
-        intrinsics = Intrinsics(focal_px=options.focal, camera=options.camera)
+        camera = stored_camera(options.camera or "") or options.camera
+        intrinsics = Intrinsics(focal_px=options.focal, camera=camera)
         if options.dask is not None and intrinsics.in_database:
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."

@@ -19,6 +19,7 @@ from blur2view.cli.batch import CommandRun, colmap_names
 from blur2view.cli.network import CommandNetwork
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
+from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import inliers, matched
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
@@ -186,7 +187,7 @@ def _camera(
     if photograph.plan is None or database is None:
         return stated
     image = photograph.plan.image
-    own = Camera.from_database(database, image.camera_id)
+    own = camera_of_database(database, image.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
             f"{photograph.path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"

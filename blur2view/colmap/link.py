@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.camera.colmap_database import connect, longest_suffix
+from blur2view.colmap.cameras import longest_suffix
+from blur2view.colmap.connection import connect
 from blur2view.colmap.database import mark_views
 from blur2view.colmap.project import (
     ProjectImage,

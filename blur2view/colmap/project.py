@@ -1,6 +1,6 @@
 """A user's COLMAP project: its database opened, checked, and the images in it.
 
-It is opened for reading only (`blur2view.camera.colmap_database`) but where views are linked. Then SQLite
+It is opened for reading only (`blur2view.colmap.connection`) but where views are linked. Then SQLite
 writes to the file, in place, and one transaction changes it or nothing does: its journal outlives a kill at
 any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over the
 original would lose what others write meanwhile, and would come apart from a log beside the file.
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
-from blur2view.camera.colmap_database import connect, database_errors, open_read_only
+from blur2view.colmap.connection import connect, database_errors, open_read_only
 from blur2view.colmap.schema import (
     COLUMNS,
     MAX_IMAGES,

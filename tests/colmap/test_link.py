@@ -12,8 +12,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_database import longest_suffix
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.colmap.cameras import longest_suffix
 from blur2view.colmap.database import write_database
 from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links, write_links
@@ -333,7 +333,7 @@ def test_a_failure_midway_undoes_all(tmp_path: Path) -> None:
 def test_a_locked_database_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "project.db"
     make_project(path, ProjectOptions(wal=False))
-    monkeypatch.setattr("blur2view.camera.colmap_database.LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
     job = job_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
