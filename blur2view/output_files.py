@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar, runtime_checkable
 
 from blur2view.errors import OutputError
+from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
@@ -188,7 +189,7 @@ def _in_manifest(document: Path) -> bool:
         name = json.dumps(document.absolute().relative_to(folder).as_posix()).encode()
         with suppress(OSError):
             manifests = [path for path in folder.glob("*.manifest.jsonl") if path.name.count(".") == 2]
-            if any(name in manifest.read_bytes() for manifest in manifests):
+            if any(name in read_regular(manifest) for manifest in manifests):
                 return True
     return False
 
@@ -196,7 +197,7 @@ def _in_manifest(document: Path) -> bool:
 def _image_of(document: Path) -> str | None:
     """Return the photograph that a document is of; None if it is not there or damaged."""
     with suppress(OSError, ValueError):
-        content = json.loads(document.read_bytes())
+        content = parse_json(read_regular(document))
         image = content.get("image") if isinstance(content, dict) else None
         return image if isinstance(image, str) else None
     return None
@@ -207,10 +208,8 @@ def is_ours(path: Path, kind: str | None = None) -> bool:
 
     ``kind`` is the suffix that stands for what it should be; its own by default.
     """
-    if not path.is_file():
-        return False
     signs = SIGNS.get(kind or path.suffix.lower(), ())
-    with suppress(OSError), path.open("rb") as file:
+    with suppress(OSError), open_regular(path) as file:
         start = file.read(1 << 20)
         return any(sign in start for sign in signs)
     return False
