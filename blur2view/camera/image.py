@@ -1,6 +1,7 @@
 """Photographs: decode, refuse what cannot be used, orient upright, scale to [0, 1]."""
 
 import io
+import logging
 import math
 import os
 import warnings
@@ -33,6 +34,9 @@ NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy o
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+logging.getLogger("PIL").addHandler(
+    logging.NullHandler()
+)  # which prints what it logs unless somebody listens
 
 
 def read_image(
