@@ -10,6 +10,8 @@ from contextlib import ExitStack
 from typing import Any, BinaryIO, NoReturn
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
+# Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
+MAX_PIXELS = 175_000_000
 MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 MAX_DEPTH = 64  # of nested JSON; no result of ours has more than 8
 

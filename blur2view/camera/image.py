@@ -17,12 +17,10 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 from blur2view.camera.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import read_regular
+from blur2view.input_files import MAX_PIXELS, read_regular
 
 # Four cells of the network's grid: anything smaller shows no smear.
 MIN_SIDE_PX = 16
-# Above medium-format sensors (150 megapixels) and just below where Pillow itself refuses (179).
-MAX_PIXELS = 175_000_000
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
