@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Container
+import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,11 @@ import numpy as np
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.colmap.connection import open_read_only
+from blur2view.colmap.project import storable, suffixes
 from blur2view.errors import CameraError, DatabaseError
 
 MOST_NAMED = 10  # camera ids in a message
+MOST_PARAMETERS = 32  # of a camera; no model has half as many
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,18 +59,15 @@ def camera_of_database(
     path = Path(path)
     try:
         with open_read_only(path) as database:
-            rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras").fetchall()
-            of_image = dict(database.execute("SELECT name, camera_id FROM images").fetchall())
+            if camera_id is None:
+                camera_id = _camera_of(path, database, image_name)
+            sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
+            row = database.execute(sql, (camera_id,)).fetchone()
+            if row is None:
+                raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(_ids(database))}")
     except DatabaseError as error:
         raise CameraError(str(error)) from None
-    by_id = {row[0]: row[1:] for row in rows}
-    if camera_id is None:
-        camera_id = _camera_of(path, by_id, of_image, image_name)
-    if camera_id not in by_id:
-        raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(by_id)}")
-    return Camera.from_colmap(
-        _colmap_camera(path, camera_id, *by_id[camera_id]), f"database, camera {camera_id}"
-    )
+    return Camera.from_colmap(_colmap_camera(path, camera_id, *row), f"database, camera {camera_id}")
 
 
 def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: Any, params: Any) -> Any:
@@ -77,7 +76,7 @@ def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: A
 
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
-        values = tuple(np.frombuffer(params, np.float64).tolist())
+        values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
         width, height = int(width), int(height)
     except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
         raise CameraError(
@@ -86,31 +85,27 @@ def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: A
     return colmap_camera(name, width, height, values)
 
 
-def _camera_of(path: Path, ids: dict[int, Any], of_image: dict[str, int], image_name: str) -> int:
+def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int:
     """Return the camera of the image whose name is the longest suffix of the path, else the only one."""
-    name = longest_suffix(of_image, Path(image_name)) if image_name else None
-    if name is not None:
-        return of_image[name]
+    for name in suffixes(Path(image_name)) if image_name and storable(image_name) else ():
+        row = database.execute("SELECT camera_id FROM images WHERE name = ?", (name,)).fetchone()
+        if row is not None:
+            return int(row[0])
+    ids = _ids(database)
     if len(ids) == 1:
-        return int(next(iter(ids)))
+        return ids[0]
     raise CameraError(
         f"{path}: knows no image {Path(image_name).name} and has several cameras or none ({_some(ids)}); "
         f"name one as {path}:ID"
     )
 
 
-def _some(ids: dict[int, Any]) -> str:
-    """Return the first of the ids, for a message."""
-    named = list(map(str, ids))
-    more = [] if len(named) <= MOST_NAMED else [f"{len(named) - MOST_NAMED} more"]
-    return ", ".join(named[:MOST_NAMED] + more) or "none"
+def _ids(database: sqlite3.Connection) -> list[int]:
+    """Return the first ids of cameras, one more than a message names."""
+    sql = f"SELECT camera_id FROM cameras LIMIT {MOST_NAMED + 1}"
+    return [camera_id for (camera_id,) in database.execute(sql)]
 
 
-def longest_suffix(names: Container[str], photograph: Path) -> str | None:
-    """Return the longest suffix of a photograph's path that is an image's name, None if there is none.
-
-    So "/data/left/a.jpg" is "left/a.jpg" of a database that has it, else "a.jpg".
-    """
-    parts = photograph.absolute().parts
-    suffixes = ("/".join(parts[start:]) for start in range(1, len(parts)))
-    return next((name for name in suffixes if name in names), None)
+def _some(ids: list[int]) -> str:
+    """Return ids for a message, where there are many the first of them."""
+    return ", ".join(map(str, ids[:MOST_NAMED])) + " ..." * (len(ids) > MOST_NAMED) or "none"

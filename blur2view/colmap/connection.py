@@ -8,6 +8,7 @@ them there, and after a killed program it refuses to read.
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ from blur2view.errors import DatabaseError
 LOCK_TIMEOUT_S = 2.0  # how long to wait for the lock of another program
 WAL_FORMAT = 2  # the read version in SQLite's header, byte 19, of a database with a write-ahead log
 NEEDS_WRITING = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)  # primary codes: what a recovery needs
+MAX_VALUE_BYTES = 1 << 26  # of 2.7 million keypoints with scale and orientation
+BESIDE = ("-journal", "-wal", "-shm")  # files that SQLite keeps beside a database
 HINTS = {
     "locked": "another program uses it; close that and try again",
     "changed while": "another program uses it; close that and try again",
@@ -86,9 +89,17 @@ def _begun(path: Path, query: str) -> Iterator[sqlite3.Connection]:
 
 
 def connect(path: Path, query: str) -> sqlite3.Connection:
-    """Return a connection by SQLite's URI parameters; texts of any bytes are decoded without loss."""
-    uri = f"{path.resolve().as_uri()}?{query}"
+    """Return a connection by SQLite's URI parameters; texts of any bytes are decoded without loss.
+
+    A value that is larger than any of COLMAP's that we read is an error of SQLite's, before it is read.
+    """
+    path = path.resolve()
+    for beside in (path.with_name(path.name + suffix) for suffix in BESIDE):
+        if os.path.lexists(beside) and not beside.is_file():  # SQLite would wait for a pipe
+            raise sqlite3.DatabaseError(f"{beside.name} beside it is no regular file")
+    uri = f"{path.as_uri()}?{query}"
     database = sqlite3.connect(uri, uri=True, timeout=LOCK_TIMEOUT_S, isolation_level=None)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
     database.text_factory = lambda data: data.decode("utf-8", "surrogateescape")
     return database
 
