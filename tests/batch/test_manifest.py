@@ -22,7 +22,7 @@ from blur2view.visualization.report import Entry
 
 SETTINGS = Settings(command="estimate", version="1", options={"seed": 0}, files={"model": "ab"})
 JOB: Job[None] = Job(index=0, path=Path("a.jpg"), target=None, digest="12", source="s")
-ENTRY = Entry(name="a.jpg", kind="found", verdict="V", text="t", median_px=3.0)
+ENTRY = Entry(name="a.jpg", kind="found", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
 
 
 @pytest.fixture
