@@ -37,6 +37,7 @@ from blur2view.documents.to_colmap import (
 )
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import OPEN
+from blur2view.input_files import read_regular
 from blur2view.output_files import prepare_folder, remove_empty
 
 FAILED = 1
@@ -160,7 +161,7 @@ def written_before(options: argparse.Namespace) -> set[str]:
     if options.format == DATABASE:
         return stored_photographs(options.db) if options.db.exists() else set()
     path = options.output / (hloc_files.NAMES[-1] if options.format == HLOC else text_formats.NAMES[0])
-    words = path.read_text("utf-8", "replace").split() if path.exists() else []
+    words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
     return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
 
 

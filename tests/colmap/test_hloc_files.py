@@ -3,6 +3,7 @@
 import os
 import resource
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -126,6 +127,25 @@ def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, name: str, content: 
     with pytest.raises(OutputError, match="holds more than views"):
         write_hloc(tmp_path, [some_views()])
     assert (tmp_path / name).read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["pairs.txt", "features.h5", "matches.h5"])
+def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(OutputError, match="holds more than views"):
+        write_hloc(tmp_path, [some_views()])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_damaged_files_are_refused_or_ours(tmp_path: Path, seed: int) -> None:
+    rng, path = np.random.default_rng(seed), tmp_path / "features.h5"
+    write_hloc(tmp_path, [some_views()])
+    data = bytearray(path.read_bytes())
+    for at in rng.integers(0, len(data), 30):
+        data[at] ^= int(rng.integers(1, 256))
+    path.write_bytes(data)
+    with suppress(OutputError):
+        write_hloc(tmp_path, [some_views()])
 
 
 def test_datasets_at_the_top_of_a_file_are_not_ours(tmp_path: Path) -> None:
