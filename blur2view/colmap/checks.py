@@ -95,7 +95,8 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
         raise DatabaseError(f"{path}: is damaged ({' '.join(damage[0].split())}); restore a backup")
     odd = database.execute(ODD_ROWS).fetchone()
     if odd is not None:
-        raise DatabaseError(f"{path}: {odd[0]} {odd[1]} has values that COLMAP never writes; is it COLMAP's?")
+        name = f"{odd[0]} {str(odd[1])[:20]}"
+        raise DatabaseError(f"{path}: {name} has values that COLMAP never writes; is it COLMAP's?")
 
 
 def _check_table(

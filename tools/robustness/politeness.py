@@ -17,6 +17,7 @@ MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
+AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
 UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call")  # of a list
 
 
@@ -94,7 +95,7 @@ def _streams(call: Call) -> Iterator[str]:
         return
     if foreign := [line for line in call.lines if not line.startswith("blur2view: ")]:
         yield f"foreign line: {foreign[0]}"
-    if bool(call.lines) != (call.code == 1):
+    if bool([line for line in call.lines if not line.endswith(AGAIN)]) != (call.code == 1):
         yield f"exit code {call.code} with {len(call.lines)} lines on stderr"
     if call.counted and len(call.lines) > len(call.photographs):
         yield f"{len(call.lines)} lines about {len(call.photographs)} photographs"
