@@ -1,13 +1,13 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
-import json
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol, TypeVar, runtime_checkable
+from typing import BinaryIO
 
 from blur2view.errors import OutputError
 from blur2view.input_files import open_regular, parse_json, read_regular
@@ -24,6 +24,7 @@ SIGNS = {
 }
 KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
+MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 GO_ON = "--resume to go on or --overwrite to replace it"
 
 
@@ -85,41 +86,62 @@ def check_file(
         )
 
 
-def remove_empty(folders: Sequence[Path]) -> None:
-    """Remove those of the folders that are empty, the deepest first."""
-    for folder in folders:
-        with suppress(OSError):
-            folder.rmdir()
+@contextmanager
+def prepared(*folders: Path) -> Iterator[None]:
+    """Create folders that can be written; at the end remove those of them in which nothing lies.
+
+    OutputError if one cannot be created or written.
+    """
+    created: set[Path] = set()
+    try:
+        for folder in folders:
+            created |= set(prepare_folder(folder))
+        yield
+    finally:
+        for folder in sorted(created, reverse=True):
+            with suppress(OSError):
+                folder.rmdir()
 
 
-Files = TypeVar("Files", bound="ResultFiles", covariant=True)
+@dataclass(frozen=True, kw_only=True)
+class ResultFiles:
+    """The files of one photograph, of which the last one, a document, is written last: then all are there.
 
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    stem : str
+        The photograph's name without its suffix.
+    endings : tuple of str
+        What follows it, such as ".json", in the order of writing.
+    """
 
-@runtime_checkable
-class ResultFiles(Protocol):
-    """The files of one photograph."""
+    folder: Path
+    stem: str
+    endings: tuple[str, ...]
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """All of them, in the order of writing."""
+        return tuple(self.folder / f"{self.stem}{ending}" for ending in self.endings)
 
-
-class ResultKind(Protocol[Files]):
-    """Names the files of one photograph, as the class :class:`OutputFiles` does."""
-
-    def __call__(self, *, folder: Path, stem: str) -> Files:
-        """Return those of a photograph's name without its suffix."""
+    @property
+    def document(self) -> Path:
+        """The JSON document."""
+        return self.paths[-1]
 
 
 def plan_outputs(
     images: Sequence[Path],
     folder: Path,
+    endings: Sequence[str],
     *,
     overwrite: bool,
     resume: bool = False,
-    kind: ResultKind[Files],
     names: Mapping[Path, Path] | None = None,
-) -> list[Files | OutputError]:
+    is_known: Callable[[Path], bool] = lambda path: False,
+) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
     Photographs of one stem get subfolders as they have, or else keep their suffix.
@@ -129,33 +151,36 @@ def plan_outputs(
     images : sequence of Path
     folder : Path
         Where the files go.
+    endings : sequence of str
+        As of `ResultFiles`.
     overwrite : bool
         Whether files of an earlier call may be replaced. Photographs and files of others never are.
     resume : bool
         Whether those may that are not of another photograph.
-    kind : ResultKind
-        What a photograph's files are, such as :class:`OutputFiles`.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
+    is_known : callable, optional
+        Whether it is written down elsewhere of which photograph a document is. That alone tells apart
+        photographs of one name that were named from different folders.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
-    plan: list[Files | OutputError] = []
+    plan: list[ResultFiles | OutputError] = []
     for image, name in zip(images, result_names(images, names or {}), strict=True):
-        files = kind(folder=folder / name.parent, stem=name.name)
+        files = ResultFiles(folder=folder / name.parent, stem=name.name, endings=tuple(endings))
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(image, files.paths, inputs, overwrite=overwrite, resume=resume)
+        refusal = _refusal(files.paths, inputs, overwrite=overwrite, resume=resume)
+        if refusal is None and not overwrite:
+            refusal = _refusal_of_document(files.document, image, is_known)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan
 
 
-def _refusal(
-    image: Path, paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool
-) -> str | None:
-    """Return why the files of a photograph must not be written, if so."""
+def _refusal(paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool) -> str | None:
+    """Return why files must not be written whatever photograph they are of, if so."""
     taken = [path for path in paths if os.path.lexists(path)]
     foreign = [path for path in taken if not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
@@ -165,42 +190,28 @@ def _refusal(
         return f"{taken[0]} exists; add {GO_ON}, or use another -o"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
-    other = None if overwrite or not taken else _image_of(paths[-1])
-    if other is not None and not _may_be(other, image, paths[-1]):
-        return f"{paths[-1]} is the result of {other}; use another -o or add --overwrite"
     return None
 
 
-def _may_be(named: str, image: Path, document: Path) -> bool:
-    """Return whether a call, from whatever folder, may have named a photograph so in a document.
-
-    Only a manifest tells apart photographs of one name that were named from different folders.
-    """
+def _refusal_of_document(document: Path, image: Path, is_known: Callable[[Path], bool]) -> str | None:
+    """Return why a document is of another photograph, which a call from another folder may have named."""
+    named = _image_of(document)
+    if named is None or os.path.realpath(named) == os.path.realpath(image):
+        return None
     below = "/".join(part for part in Path(named).parts if part != "..")
-    there = Path(os.path.abspath(image)).as_posix()
-    if os.path.realpath(named) == os.path.realpath(image):
-        return True
-    return there.endswith(f"/{below}") and _in_manifest(document)
-
-
-def _in_manifest(document: Path) -> bool:
-    """Return whether the manifest of a command names a document below its folder."""
-    for folder in document.absolute().parents:
-        name = json.dumps(document.absolute().relative_to(folder).as_posix()).encode()
-        with suppress(OSError):
-            manifests = [path for path in folder.glob("*.manifest.jsonl") if path.name.count(".") == 2]
-            if any(name in read_regular(manifest) for manifest in manifests):
-                return True
-    return False
+    if Path(os.path.abspath(image)).as_posix().endswith(f"/{below}") and is_known(document):
+        return None
+    return f"{document} is the result of {named}; use another -o or add --overwrite"
 
 
 def _image_of(document: Path) -> str | None:
     """Return the photograph that a document is of; None if it is not there or damaged."""
-    with suppress(OSError, ValueError):
-        content = parse_json(read_regular(document))
+    try:
+        content = parse_json(read_regular(document, MAX_DOCUMENT))
         image = content.get("image") if isinstance(content, dict) else None
         return image if isinstance(image, str) else None
-    return None
+    except (OSError, ValueError):
+        return None
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:

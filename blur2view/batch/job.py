@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, BinaryIO, Generic, TypeVar
 
 from blur2view.camera.image import read_content
+from blur2view.documents.table import Row
 from blur2view.errors import Blur2ViewError, RunError, within_memory
 from blur2view.output_files import Write, unwritable, write_together
 
@@ -22,7 +25,7 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job(Generic[Target]):
-    """One photograph, as it goes to the process that works on it; picklable.
+    """One photograph, as it goes to the process that works on it.
 
     Parameters
     ----------
@@ -60,26 +63,40 @@ class Made(Generic[Kept]):
     Parameters
     ----------
     kept : Kept
-        What the command needs in the end; picklable, of dataclasses, enums and arrays.
+        What the command needs in the end.
     summary : str
         What is printed; its first line stands for the photograph where there are many.
+    row : Row
+        The photograph's row in a table, without its name.
     files : mapping of Path to Write
         What to write, in this order; the last marks that all are there.
-    row : mapping of str, optional
-        The photograph's row in a table, of JSON's types.
     warnings : tuple of str
         Each begins with the option that it is about.
     """
 
     kept: Kept
     summary: str
+    row: Row
     files: Mapping[Path, Write] = field(default_factory=dict)
-    row: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
 
 
-Work = Callable[[Job[Target]], Made[Kept]]
-"""Picklable: a frozen dataclass with ``__call__``. It raises a Blur2ViewError where a photograph fails."""
+class Work(ABC, Generic[Target, Kept]):
+    """What is done with every photograph: a frozen dataclass of all that the result depends on."""
+
+    @abstractmethod
+    def __call__(self, job: Job[Target]) -> Made[Kept]:
+        """Return what is made of a photograph; Blur2ViewError where it fails."""
+
+    def stored(self, kept: Kept) -> Any:
+        """Return what a manifest holds of what is kept, in JSON's types; nothing where files hold it."""
+
+    @abstractmethod
+    def restored(self, job: Job[Target], stored: Any) -> Kept:
+        """Return what is kept, of what a manifest or the job's files hold, which may be anything.
+
+        OSError or one of `stored.DAMAGE` where that cannot be: then the work is done again.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,6 +117,8 @@ class Outcome(Generic[Kept]):
         Why it failed, one line.
     stop : bool
         Whether the others would fail likewise.
+    skipped : bool
+        Whether an earlier call did it.
     """
 
     made: Made[Kept] | None = None
@@ -108,65 +127,62 @@ class Outcome(Generic[Kept]):
     contents: Mapping[Path, bytes] = field(default_factory=dict)
     error: str = ""
     stop: bool = False
+    skipped: bool = False
+
+
+def failed(error: Blur2ViewError) -> Outcome[Any]:
+    """Return the outcome of a photograph that fails."""
+    return Outcome(error=str(error), stop=isinstance(error, RunError))
 
 
 def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -> Outcome[Kept]:
     """Return the outcome of one photograph, after writing its files; errors of the user's are data.
 
-    Parameters
-    ----------
-    work : Work
-    job : Job
-    write : bool
-        Otherwise the files come back as contents.
+    Without ``write`` the files come back as contents.
     """
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
             made = work(job)
-            outcome = Outcome(made=replace(made, files={}), digest=digest, contents={})
-            outcome = replace(outcome, **(_written(made.files) if write else _rendered(made.files)))
+            outcome = Outcome(made=replace(made, files={}), digest=digest)
+            if write:
+                return replace(outcome, outputs=_written(made.files))
+            return replace(outcome, contents={path: _content(one) for path, one in made.files.items()})
     except Blur2ViewError as error:
-        return Outcome(error=str(error), stop=isinstance(error, RunError))
-    return outcome
+        return failed(error)
 
 
 def write_contents(outcome: Outcome[Kept]) -> Outcome[Kept]:
     """Return an outcome whose contents are written; it is a failure if they cannot be."""
-    files = {path: _writer(content) for path, content in outcome.contents.items()}
+    files = {path: partial(_put, content) for path, content in outcome.contents.items()}
     try:
-        return replace(outcome, contents={}, **_written(files))
+        return replace(outcome, contents={}, outputs=_written(files))
     except Blur2ViewError as error:
-        return Outcome(error=str(error), stop=isinstance(error, RunError))
+        return failed(error)
 
 
-def _writer(content: bytes) -> Write:
-    """Return what writes bytes."""
-    return lambda file: file.write(content)
+def _put(content: bytes, file: BinaryIO) -> int:
+    """Write bytes."""
+    return file.write(content)
 
 
-def _written(files: Mapping[Path, Write]) -> dict[str, Any]:
+def _content(write: Write) -> bytes:
+    """Return the content of a file."""
+    stream = io.BytesIO()
+    write(stream)
+    return stream.getvalue()
+
+
+def _written(files: Mapping[Path, Write]) -> dict[Path, str]:
     """Return the digests of files, after writing them together."""
-    if not files:
-        return {}
-    folder = next(iter(files)).parent
     try:
-        write_together(files)
-        return {"outputs": {path: file_digest(path) for path in files}}
+        if files:
+            write_together(files)
+        return {path: file_digest(path) for path in files}
     except OSError as error:
-        failed = unwritable(folder, error)
-        raise (RunError(str(failed)) if error.errno in FULL else failed) from None
-
-
-def _rendered(files: Mapping[Path, Write]) -> dict[str, Any]:
-    """Return the contents of files."""
-    contents = {}
-    for path, write in files.items():
-        stream = io.BytesIO()
-        write(stream)
-        contents[path] = stream.getvalue()
-    return {"contents": contents}
+        refusal = unwritable(next(iter(files)).parent, error)
+        raise (RunError(str(refusal)) if error.errno in FULL else refusal) from None
 
 
 def file_digest(path: Path) -> str:

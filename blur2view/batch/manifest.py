@@ -2,38 +2,30 @@
 
 A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
 manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
-each, done or failed, or of a file of all photographs.
+each, done or failed, or of a file of all photographs. One call at a time has a manifest.
 """
 
 from __future__ import annotations
 
-import base64
-import contextlib
+import fcntl
 import hashlib
-import io
 import json
 import os
-import pickle
-import zlib
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, is_dataclass
-from enum import Enum
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, BinaryIO, Self
 
-from blur2view.batch.job import Job, Made, Outcome, file_digest
-from blur2view.errors import OutputError
+from blur2view.batch.job import Job, Kept, Made, Outcome, Target, Work, file_digest
+from blur2view.documents.stored import DAMAGE, plain, restore
+from blur2view.documents.table import Row
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.input_files import MAX_BYTES, parse_json
 from blur2view.output_files import ResultFiles, unwritable
 
-SIGN = "blur2view"
+SIGN, FORMAT = "blur2view", 2  # 1 held pickles
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
-ARRAYS = {  # what NumPy's arrays are pickled with
-    ("numpy", "dtype"),
-    ("numpy", "ndarray"),
-    ("numpy._core.multiarray", "_reconstruct"),
-    ("numpy._core.multiarray", "scalar"),
-    ("numpy._core.numeric", "_frombuffer"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,37 +38,36 @@ class Settings:
     version : str
         Of blur2view.
     options : mapping
-        Of JSON's types.
-    files : mapping of str to str
-        SHA-256 of networks and other files that are read.
+        Of JSON's types, digests of networks and other files among them.
     """
 
     command: str
     version: str
     options: Mapping[str, Any]
-    files: Mapping[str, str]
 
     @property
     def line(self) -> dict[str, Any]:
         """Return the line of a manifest."""
-        facts = {"command": self.command, "options": dict(self.options), "files": dict(self.files)}
-        return {SIGN: self.version, "settings": self.digest, **facts}
+        about = {"command": self.command, "options": dict(self.options)}
+        return {SIGN: self.version, "format": FORMAT, "settings": self.digest, **about}
 
     @property
     def digest(self) -> str:
         """Return a name of these settings, which every line repeats."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:16]
+        text = json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
-    A photograph is known by its path from the manifest's folder, from wherever it is named.
+    A photograph is known by its path from the manifest's folder, from wherever it is named. To be closed;
+    an empty one is then removed.
 
     Parameters
     ----------
     path : Path
-        The file, which appears with the first line.
+        The file.
     settings : Settings
         Of this call.
     resume : bool
@@ -85,22 +76,55 @@ class Manifest:
     Raises
     ------
     OutputError
-        If there is a file of another kind, or one that cannot be read.
+        If there is a file of another kind, one that cannot be read or written, or one of a call that runs.
     """
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
-        self.path, self.settings = path, settings
-        self._begun = False
-        self.cut_off = False
+        self.path, self.settings, self._resume = path, settings, resume
         self._done: dict[str, dict[str, Any]] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
-        for line in self._read():
-            self._look_up(line, resume=resume)
+        self._versions: set[tuple[Any, Any]] = set()
+        self._begun = self._damaged = False
+        self._new = not os.path.lexists(path)
+        self._file = _open_alone(path)
+        try:
+            self._read()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the manifest."""
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Let other calls have the file; remove it where this one made it and wrote nothing."""
+        if self._new and not os.fstat(self._file).st_size:
+            self.path.unlink(missing_ok=True)
+        os.close(self._file)
+
+    @property
+    def complaint(self) -> OutputError | None:
+        """Return one line about what cannot be gone on with, if there is such."""
+        ours = self.settings.version, FORMAT
+        if self._resume and self._versions and ours not in self._versions:
+            return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
+        if self._damaged:
+            return OutputError(f"{self.path}: its last line was cut off; that photograph is done again")
+        return None
 
     def knows(self, job: Job[Any]) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
         return self._name(job.path) in self._done
+
+    def knows_file(self, path: Path) -> bool:
+        """Return whether a file is a result of an earlier call, of whichever photograph."""
+        return self._name(path) in self._owners
 
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
         """Return the other photograph of which one of these files is a result, from the manifest's folder.
@@ -111,134 +135,133 @@ class Manifest:
             owner, digest = self._owners.get(self._name(output), ("", ""))
             if owner in ("", self._name(path)) or not os.path.lexists(output):
                 continue
-            with contextlib.suppress(OSError):
-                if file_digest(path) == digest:
-                    continue
-            return owner
+            if not _is_whole(path, digest):
+                return owner
         return None
 
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
-        try:
-            return Path(os.path.relpath(path, self.path.parent)).as_posix()
-        except ValueError:  # on another drive
-            return Path(os.path.abspath(path)).as_posix()
+        return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
-    def find(self, job: Job[Any], folder: Path) -> Made[Any] | None:
-        """Return what an earlier call made of a photograph, if it is the same and its files are whole.
+    def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
+        """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
 
-        Parameters
-        ----------
-        job : Job
-            With its digest.
-        folder : Path
-            That the names of files are relative to.
+        A line may hold anything: it is not found unless it gives values of the right types.
         """
         line = self._done.pop(self._name(job.path), None)  # which may be large
-        if line is None or (line["sha256"], line["source"]) != (job.digest, job.source):
+        if line is None or (line.get("sha256"), line.get("source")) != (job.digest, job.source):
             return None
-        outputs = {folder / name: digest for name, digest in line["outputs"].items()}
-        if isinstance(job.target, ResultFiles) and set(job.target.paths) != outputs.keys():
-            return None  # its results have other names since then
-        if not all(_is_whole(path, digest) for path, digest in outputs.items()):
-            return None
+        outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
+        expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
+        if set(expected) != outputs.keys() or not all(map(_is_whole, outputs, outputs.values())):
+            return None  # its results have other names since then, or another content
         try:
-            kept = _unpacked(line["kept"])
-        except Exception:  # damaged bytes, or those of another version, raise errors of any type
+            kept = work.restored(job, line.get("kept"))
+            return Made(kept=kept, summary=restore(str, line["summary"]), row=restore(Row, line["row"]))
+        except (OSError, Blur2ViewError, *DAMAGE):
             return None
-        return Made(kept=kept, summary=line["summary"], row=line["row"])
 
     def wrote(self, target: Path) -> bool:
-        """Return whether a file is as an earlier call left it."""
+        """Return whether a file of all photographs is as an earlier call left it."""
         return _is_whole(target, self._targets.get(target.name, ""))
 
     def has_target(self, target: Path) -> bool:
         """Return whether an earlier call wrote a file of this name."""
         return target.name in self._targets
 
-    def append(self, job: Job[Any], outcome: Outcome[Any], folder: Path) -> None:
-        """Append the line of a photograph that is done or failed.
-
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
-        """
-        about = {"settings": self.settings.digest, "image": self._name(job.path)}
+    def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
+        """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
+        line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
         if outcome.made is None:
-            self._write({**about, "error": outcome.error})
+            self._write(line | {"error": outcome.error})
             return
-        outputs = {path.relative_to(folder).as_posix(): digest for path, digest in outcome.outputs.items()}
-        self._write(
-            {
-                **about,
-                "sha256": outcome.digest,
-                "source": job.source,
-                "outputs": outputs,
-                "summary": outcome.made.summary,
-                "row": outcome.made.row,
-                "kept": _packed(outcome.made.kept),
-            }
-        )
+        made, folder = outcome.made, self.path.parent
+        line |= {"sha256": outcome.digest, "source": job.source, "summary": made.summary}
+        line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
+        self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
 
     def append_target(self, target: Path) -> None:
         """Append that a call wrote a file of all photographs, such as a database."""
         self._write({"target": target.name, "sha256": file_digest(target)})
 
-    def _read(self) -> list[dict[str, Any]]:
-        """Return the lines of earlier calls; one that was cut off is dropped."""
-        try:
-            content = self.path.read_bytes()
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise unwritable(self.path, error) from None
-        whole = content[: content.rfind(b"\n") + 1]
-        self.cut_off = whole != content
-        lines = []
-        for text in whole.splitlines():
-            try:
-                line = json.loads(text)
-            except (ValueError, RecursionError):
-                line = None
-            if isinstance(line, dict) and _is_whole_line(line):
-                lines.append(line)
-            else:
-                self.cut_off = True
-        if content[: len(HEAD)] != HEAD[: len(content)]:
-            raise OutputError(f"{self.path}: is no manifest of blur2view; rename or remove it")
-        return lines
-
-    def _look_up(self, line: dict[str, Any], *, resume: bool) -> None:
-        """Note a file of all photographs, or what was done with these settings."""
-        if "target" in line:
-            self._targets[line["target"]] = line["sha256"]
+    def _read(self) -> None:
+        """Note the lines of earlier calls; one that was cut off is dropped."""
+        size = os.fstat(self._file).st_size
+        if not size:  # some files of /proc that say so wait for ever
             return
-        owner = line.get("image", ""), line.get("sha256", "")
-        self._owners |= dict.fromkeys(line.get("outputs", ()), owner)
-        if resume and "outputs" in line and line.get("settings") == self.settings.digest:
-            self._done[line["image"]] = line
-        else:
-            self._done.pop(line.get("image", ""), None)  # failed since, or done otherwise
+        with open(self._file, "rb", closefd=False) as file:
+            if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
+                raise _foreign(self.path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
+            file.seek(0)
+            for line in _whole_lines(file):
+                try:
+                    self._look_up(parse_json(line))
+                except DAMAGE:
+                    self._damaged = True
+
+    def _look_up(self, line: Any) -> None:
+        """Note a file of all photographs, or what was done with these settings."""
+        if SIGN in line:
+            self._versions.add((restore(str, line[SIGN]), restore(int, line.get("format", 1))))
+            return
+        if "target" in line:
+            self._targets[restore(str, line["target"])] = restore(str, line["sha256"])
+            return
+        image = restore(str, line["image"])
+        self._done.pop(image, None)  # failed since, or done otherwise
+        if "outputs" in line:
+            owner = image, restore(str, line["sha256"])
+            self._owners |= dict.fromkeys(restore(dict[str, str], line["outputs"]), owner)
+            if self._resume and line.get("settings") == self.settings.digest:
+                self._done[image] = line
 
     def _write(self, line: dict[str, Any]) -> None:
         """Append a line and wait until the disk has it."""
         lines = [line] if self._begun else [self.settings.line, line]
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
         try:
-            file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-            try:
-                _drop_cut_line(file)
-                while content:
-                    content = content[os.write(file, content) :]
-                os.fsync(file)
-            finally:
-                os.close(file)
+            if not self._begun:
+                _drop_cut_line(self._file)
+            while content:
+                content = content[os.write(self._file, content) :]
+            os.fsync(self._file)
         except OSError as error:
             raise OutputError(
                 f"{self.path}: cannot be written ({error.strerror}); make room and go on with --resume"
             ) from None
         self._begun = True
+
+
+def _open_alone(path: Path) -> int:
+    """Return the descriptor of a regular file, open to append to and locked: no other call has it."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise unwritable(path, error) from None
+    try:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise _foreign(path)
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise OutputError(f"{path}: another call writes there; wait for its end or write elsewhere") from None
+    except OSError:  # a file system without locks
+        return file
+    except OutputError:
+        os.close(file)
+        raise
+    return file
+
+
+def _foreign(path: Path, more: str = "") -> OutputError:
+    """Return the line about a file that is not ours."""
+    return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
+
+
+def _whole_lines(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of a file; a last one without an end is empty."""
+    for line in file:
+        yield line if line.endswith(b"\n") else b""
 
 
 def _drop_cut_line(file: int) -> None:
@@ -256,54 +279,3 @@ def _is_whole(path: Path, digest: str) -> bool:
         return file_digest(path) == digest
     except (OSError, ValueError):  # of a name with a null character
         return False
-
-
-def _is_whole_line(line: dict[str, Any]) -> bool:
-    """Return whether a line has all that its kind is read for."""
-    of_target = {"target": str, "sha256": str}
-    of_done = {"image": str, "sha256": str, "source": str, "outputs": dict, "summary": str, "kept": str}
-    kind = of_target if "target" in line else of_done if "outputs" in line else {}
-    row, image = line.get("row"), line.get("image", "")
-    return (
-        all(isinstance(line.get(name), type_) for name, type_ in kind.items())
-        and isinstance(row, dict | None)
-        and isinstance(image, str)
-    )
-
-
-def _packed(kept: object) -> str:
-    """Return an object as text."""
-    return base64.b85encode(zlib.compress(pickle.dumps(kept), 1)).decode()
-
-
-def _unpacked(text: str) -> Any:
-    """Return the object of a text; it is of our dataclasses, enums and arrays, or refused."""
-    return _Unpickler(io.BytesIO(zlib.decompress(base64.b85decode(text)))).load()
-
-
-class _Unpickler(pickle._Unpickler):
-    """Reads objects of our own, as a manifest may be of anybody's: no other function is ever called.
-
-    No class or member of an enum is changed, either: that would outlive the object. The reader in C has no
-    place where that could be refused.
-    """
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return a dataclass or an enum of this package, or what arrays need; refuse all else."""
-        if (module, name) in ARRAYS or (module.partition(".")[0] == "pathlib" and name.endswith("Path")):
-            return super().find_class(module, name)
-        if module.partition(".")[0] == SIGN:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and (is_dataclass(found) or issubclass(found, Enum)):
-                return found
-        raise pickle.UnpicklingError(f"{module}.{name} is none of ours")
-
-    def load_build(self) -> None:
-        """Give an object its state, unless that would set attributes of what others share."""
-        instance, state = self.stack[-2:]  # type: ignore[attr-defined]
-        by_attribute = isinstance(state, tuple) and not hasattr(instance, "__setstate__")
-        if by_attribute or isinstance(instance, (type, Enum)):
-            raise pickle.UnpicklingError(f"the state of a {type(instance).__name__} is none of ours")
-        super().load_build()  # type: ignore[misc]
-
-    dispatch: ClassVar[dict[int, Any]] = {**pickle._Unpickler.dispatch, pickle.BUILD[0]: load_build}

@@ -1,154 +1,111 @@
-"""A run over many photographs: skips what is done, does the rest in any order, gives results in order."""
+"""A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Generic
 
-from blur2view.batch.job import Job, Kept, Made, Outcome, Target, Work, file_digest, write_contents
+from blur2view.batch.job import Job, Kept, Outcome, Target, Work, failed, file_digest, write_contents
 from blur2view.batch.manifest import Manifest
 from blur2view.batch.processes import Engine
 from blur2view.camera.image import read_content
 from blur2view.camera.video import EndOfVideo, frame_of
 from blur2view.errors import Blur2ViewError
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Result(Generic[Kept]):
-    """One photograph of a run.
-
-    Parameters
-    ----------
-    index : int
-        Its place in the call.
-    path : Path
-        As it was named.
-    made : Made or None
-        None if it failed.
-    error : str
-        Why, one line.
-    skipped : bool
-        Whether an earlier call did it.
-    stop : bool
-        Whether the others would fail likewise.
-    """
-
-    index: int
-    path: Path
-    made: Made[Kept] | None = None
-    error: str = ""
-    skipped: bool = False
-    stop: bool = False
+Jobs = Iterable[tuple[Job[Target], Blur2ViewError | None]]
+"""Of consecutive indices; with an error those that cannot be begun."""
+Waiting = dict[int, tuple[Job[Target], Outcome[Kept]] | None]
+"""By index, until it is their turn; None for a frame that its video does not have."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Batch(Generic[Target, Kept]):
-    """A run over many photographs.
+def outcomes(
+    work: Work[Target, Kept],
+    jobs: Jobs[Target],
+    engine: Engine,
+    manifest: Manifest | None = None,
+    *,
+    sends: bool = False,
+) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    """Yield every job with its outcome in their order; the manifest has it as soon as it is done.
 
     Parameters
     ----------
     work : Work
         On one photograph.
+    jobs : iterable
     engine : Engine
         Where it is done.
-    manifest : Manifest or None
+    manifest : Manifest, optional
         Where it is written down, and what is done already.
-    folder : Path
-        That the manifest's names of files are relative to.
     sends : bool
         Whether photographs are read here and sent, as to other machines.
+
+    Raises
+    ------
+    OutputError, RunError
+        If the manifest cannot be written, or no photograph can be done any more.
+    KeyboardInterrupt
+        After the outcomes that are there.
     """
+    waiting: Waiting[Target, Kept] = {}
+    turn = 0
+    left = _left(work, jobs, manifest, waiting, sends=sends)
+    try:
+        with closing(engine(work, left)) as done:
+            for job, outcome in done:
+                if outcome.contents:
+                    outcome = write_contents(outcome)
+                if manifest is not None and not outcome.stop:
+                    manifest.append(job, outcome, work)
+                waiting[job.index] = replace(job, content=None), outcome
+                while turn in waiting:
+                    pair = waiting.pop(turn)
+                    turn += 1
+                    if pair is not None:
+                        yield pair
+    except KeyboardInterrupt:
+        yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+        raise
+    yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
 
-    work: Work[Target, Kept]
-    engine: Engine
-    manifest: Manifest | None = None
-    folder: Path = Path()
-    sends: bool = False
 
-    def results(self, jobs: Iterable[Job[Target] | Result[Kept]]) -> Generator[Result[Kept]]:
-        """Yield the result of every job in their order; the manifest has it as soon as it is done.
-
-        Parameters
-        ----------
-        jobs : iterable of Job or Result
-            Of consecutive indices. What cannot be begun is given as its result.
-
-        Raises
-        ------
-        OutputError
-            If the manifest cannot be written.
-        KeyboardInterrupt
-            After the results that are there.
-        """
-        waiting: dict[int, Result[Kept] | None] = {}
-        given = 0
-
-        def ready() -> Iterator[Result[Kept]]:
-            """Yield what is next in order."""
-            nonlocal given
-            while given in waiting:
-                result = waiting.pop(given)
-                given += 1
-                if result is not None:
-                    yield result
-
+def _left(
+    work: Work[Target, Kept],
+    jobs: Jobs[Target],
+    manifest: Manifest | None,
+    waiting: Waiting[Target, Kept],
+    *,
+    sends: bool,
+) -> Iterator[Job[Target]]:
+    """Yield the jobs that are to be done; the outcomes of the others go where they wait."""
+    for job, refusal in jobs:
         try:
-            with closing(self.engine(self.work, self._left(jobs, waiting))) as outcomes:
-                for job, outcome in outcomes:
-                    waiting[job.index] = self._received(job, outcome)
-                    yield from ready()
-        except KeyboardInterrupt:
-            yield from (result for _, result in sorted(waiting.items()) if result is not None)
-            raise
-        yield from ready()
+            if refusal is not None:
+                raise refusal
+            if (outcome := _found(work, job, manifest)) is not None:
+                waiting[job.index] = job, outcome
+            elif frame_of(job.path) is not None:  # a video is read once, in order
+                yield replace(job, content=read_content(job.path), digest=_digest(job.path))
+            else:
+                yield replace(job, content=read_content(job.path)) if sends else job
+        except EndOfVideo:
+            waiting[job.index] = None
+        except Blur2ViewError as error:
+            waiting[job.index] = job, failed(error)
 
-    def _left(
-        self,
-        jobs: Iterable[Job[Target] | Result[Kept]],
-        waiting: dict[int, Result[Kept] | None],
-    ) -> Iterator[Job[Target]]:
-        """Yield the jobs that are to be done; the results of the others go where they wait."""
-        for job in jobs:
-            if isinstance(job, Result):
-                waiting[job.index] = job
-                continue
-            try:
-                made = self._found(job)
-                if made is not None:
-                    waiting[job.index] = Result(index=job.index, path=job.path, made=made, skipped=True)
-                elif frame_of(job.path) is not None:  # a video is read once, in order
-                    yield replace(job, content=read_content(job.path), digest=_digest(job.path))
-                elif self.sends:
-                    yield replace(job, content=read_content(job.path))
-                else:
-                    yield job
-            except EndOfVideo:
-                waiting[job.index] = None
-            except Blur2ViewError as error:
-                waiting[job.index] = Result(index=job.index, path=job.path, error=str(error))
 
-    def _found(self, job: Job[Target]) -> Made[Kept] | None:
-        """Return what an earlier call made of a photograph that is as it was."""
-        if self.manifest is None or not self.manifest.knows(job):
-            return None
-        try:
-            return self.manifest.find(replace(job, digest=_digest(job.path)), self.folder)
-        except OSError:  # reading it will say why
-            return None
-
-    def _received(self, job: Job[Target], outcome: Outcome[Kept]) -> Result[Kept]:
-        """Return the result of an outcome, written down in the manifest, after its files where they came."""
-        if outcome.contents:
-            outcome = write_contents(outcome)
-        if self.manifest is not None and not outcome.stop:
-            self.manifest.append(job, outcome, self.folder)
-        return Result(
-            index=job.index, path=job.path, made=outcome.made, error=outcome.error, stop=outcome.stop
-        )
+def _found(work: Work[Target, Kept], job: Job[Target], manifest: Manifest | None) -> Outcome[Kept] | None:
+    """Return what an earlier call made of a photograph that is as it was."""
+    if manifest is None or not manifest.knows(job):
+        return None
+    try:
+        made = manifest.find(replace(job, digest=_digest(job.path)), work)
+    except OSError:  # reading it will say why
+        return None
+    return None if made is None else Outcome(made=made, skipped=True)
 
 
 def _digest(path: Path) -> str:

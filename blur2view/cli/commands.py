@@ -8,6 +8,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from blur2view import __version__
 from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
@@ -46,9 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        options = parse(arguments)
-        take_inputs(options)
-        code = int(options.run(options))
+        code = run(parse(arguments))
         if sys.stdout is not None:  # None if the process was started without one
             sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
     except Blur2ViewError as error:
@@ -93,16 +92,12 @@ def option_names(command: str) -> set[str]:
     return {name for action in parser._actions for name in action.option_strings}
 
 
-def take_inputs(options: argparse.Namespace) -> None:
-    """Put the photographs in place of the words that name them, if the command takes any."""
-    if not hasattr(options, "recursive"):
-        return
-    from blur2view.batch.inputs import Frames, list_photographs
+def run(parsed: argparse.Namespace) -> int:
+    """Return the exit code of a command; what it needs is imported only now."""
+    from blur2view.cli.options import read_options
 
-    frames = Frames(every=options.every, first=options.first, last=options.last)
-    stdin = None if sys.stdin is None else sys.stdin.buffer
-    options.inputs = list_photographs(options.images, recursive=options.recursive, frames=frames, stdin=stdin)
-    options.images = options.inputs.paths
+    command = import_module(f"blur2view.cli.{parsed.command.replace('-', '_')}")
+    return int(command.run(read_options(parsed)))
 
 
 def build_parser() -> CommandParser:

@@ -1,51 +1,286 @@
-"""From the options of the command line to the dataclasses that check them."""
+"""The options of each command, frozen and checked: what argparse gives becomes one of these at once."""
 
-import argparse
+from __future__ import annotations
+
 import math
-from collections.abc import Callable
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from blur2view.camera.intrinsics import Intrinsics
-from blur2view.colmap.cameras import stored_camera
+from blur2view.cli.terminal import QUIET
+from blur2view.documents.to_colmap import DATABASE, HLOC
 from blur2view.errors import CameraError
-from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.pipeline import Run
-from blur2view.smears.sampling import SelectOptions
-from blur2view.two_view.options import EstimatorOptions
+from blur2view.output_files import GO_ON
+
+if TYPE_CHECKING:
+    from blur2view.batch.inputs import Inputs
+    from blur2view.pipeline import Run
 
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 
-def read_run(options: argparse.Namespace, usage_error: Callable[[str], object]) -> Run:
-    """Return the options as dataclasses; a wrong value is a usage error."""
-    exposure_s, readout_s = getattr(options, "exposure", None), getattr(options, "readout", None)
-    if options.resume and options.command in ("estimate", "segment") and options.output is None:
-        usage_error("--resume goes on with results in a folder; name it with -o")
-    try:
-        if options.seed < 0:
-            raise ValueError(f"seed must not be negative, got {options.seed}")
-        if exposure_s is not None and not SHORTEST_S < exposure_s < math.inf:
-            raise ValueError(f"exposure must be above {SHORTEST_S:g} s and finite, got {exposure_s}")
-        if readout_s is not None and options.focal is None and options.camera is None:
-            raise ValueError("--readout corrects the pose of --focal or --camera only; add one")
-        if exposure_s is not None and options.focal is None and options.camera is None:
-            raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
-        if readout_s is not None:
-            RollingShutter(readout_s=readout_s, exposure_s=exposure_s or 1.0)  # which checks it
-        camera = stored_camera(options.camera or "") or options.camera
-        intrinsics = Intrinsics(focal_px=options.focal, camera=camera)
-        if options.dask is not None and intrinsics.in_database:
+@dataclass(frozen=True, kw_only=True)
+class PhotographOptions:
+    """What the commands over photographs share.
+
+    Parameters
+    ----------
+    command : str
+    inputs : Inputs
+        The photographs.
+    run : Run
+        How each is estimated.
+    model : str or None
+        The network's file.
+    csv : Path or None
+        The table.
+    resume, overwrite : bool
+        Whether earlier results are gone on with, or replaced.
+    jobs, dask : int or None, str or None
+        How many processes, or whose.
+    max_failures : int or None
+    verbosity : int
+        Of `terminal`.
+    json, timings : bool
+        Whether a document is printed instead of summaries; whether results hold seconds.
+    """
+
+    command: str
+    inputs: Inputs
+    run: Run
+    model: str | None
+    csv: Path | None
+    resume: bool
+    overwrite: bool = False
+    jobs: int | None
+    dask: str | None
+    max_failures: int | None
+    verbosity: int
+    json: bool = False
+    timings: bool = True
+
+    remedy: ClassVar[str] = GO_ON
+    """What may be added to the call so that a table is replaced."""
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.dask is not None and self.run.intrinsics.in_database:
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )
-        return Run(
-            select=SelectOptions(beta=options.beta),
-            options=EstimatorOptions(max_error_px=options.max_error),
-            seed=options.seed,
-            intrinsics=intrinsics,
-            exposure_s=exposure_s,
-            readout_s=readout_s,
-            max_memory_gib=options.max_memory,
-        )
+
+    @property
+    def replaces(self) -> bool:
+        """Whether files of an earlier call may be replaced."""
+        return self.overwrite or self.resume
+
+    @property
+    def prints(self) -> bool:
+        """Whether a line is printed for each photograph, and a total."""
+        return not self.json and self.verbosity > QUIET
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(PhotographOptions):
+    """Those of a command that writes files of each photograph into a folder, if one is named."""
+
+    output: Path | None
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.resume and self.output is None:
+            raise ValueError("--resume goes on with results in a folder; name it with -o")
+        super().__post_init__()
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(FolderOptions):
+    """Those of ``blur2view estimate``."""
+
+    full_field: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentCommandOptions(FolderOptions):
+    """Those of ``blur2view segment``."""
+
+    objects: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(PhotographOptions):
+    """Those of ``blur2view report``."""
+
+    output: Path
+    mask: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions(PhotographOptions):
+    """Those of ``blur2view triage``."""
+
+    keep: Path | None
+    max_smear: float
+    blurred: bool
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.csv is None and self.keep is None:
+            raise ValueError("name the table with --csv, the list with --keep, or both")
+        if not 0 <= self.max_smear < math.inf:
+            raise ValueError(f"--max-smear must not be negative, got {self.max_smear}")
+        super().__post_init__()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToColmapOptions(PhotographOptions):
+    """Those of ``blur2view to-colmap``."""
+
+    db: Path | None
+    output: Path | None
+    format: str
+    link: bool
+    replace: bool
+    backup: bool
+    dry_run: bool
+    skip_degenerate: bool
+    corrected: bool
+    sequence: bool | None
+
+    remedy: ClassVar[str] = "--resume to go on"
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if not self.link and (self.replace or not self.backup):
+            raise ValueError("--replace and --no-backup go with --link")
+        if self.link and self.dask is not None:
+            raise ValueError("--link goes without --dask, whose workers see no database")
+        if self.link and self.corrected:
+            raise ValueError("--corrected is not for --link, whose views take the place of your features")
+        if self.format == DATABASE and self.output is not None:
+            raise ValueError("-o goes with --format matches or hloc; a database is named with --db alone")
+        if self.format == DATABASE and self.db is None:
+            raise ValueError("name the database with --db")
+        if self.format != DATABASE and (self.output is None or self.db is not None or self.link):
+            raise ValueError(f"--format {self.format} needs -o DIR, and neither --db nor --link")
+        super().__post_init__()
+
+    @property
+    def prints(self) -> bool:
+        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
+        return False
+
+    @property
+    def in_order(self) -> bool | None:
+        """Whether neighbours show which view came first; None: those whose names say so."""
+        return True if self.sequence is None and self.inputs.one_video else self.sequence
+
+    @property
+    def target(self) -> Path:
+        """The database or the folder that is written."""
+        target = self.output if self.db is None else self.db
+        if target is None:
+            raise ValueError("there is neither --db nor -o")
+        return target
+
+    @property
+    def hloc(self) -> bool:
+        """Whether hloc's files are written."""
+        return self.format == HLOC
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToTransformsOptions:
+    """Those of ``blur2view to-transforms``."""
+
+    model: Path
+    photographs: Path | None
+    exposure: float
+    output: Path
+    dialect: str
+    overwrite: bool
+    verbosity: int
+
+    def __post_init__(self) -> None:
+        """Refuse an exposure time that is none."""
+        if not 0 < self.exposure < math.inf:
+            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
+
+
+Options = PhotographOptions | ToTransformsOptions
+OF_COMMAND: dict[str, type[Options]] = {
+    "estimate": EstimateOptions,
+    "segment": SegmentCommandOptions,
+    "report": ReportOptions,
+    "triage": TriageOptions,
+    "to-colmap": ToColmapOptions,
+    "to-transforms": ToTransformsOptions,
+}
+
+
+def read_options(parsed: Namespace) -> Options:
+    """Return what argparse gave as the options of its command; a wrong value is a usage error."""
+    kind, values = OF_COMMAND[parsed.command], dict(vars(parsed))
+    if issubclass(kind, PhotographOptions):
+        with _usage(parsed):
+            values["run"] = _run(values)
+        values["inputs"] = _inputs(values)
+    known = {field.name for field in fields(kind)}
+    with _usage(parsed):
+        return kind(**{name: value for name, value in values.items() if name in known})
+
+
+@contextmanager
+def _usage(parsed: Namespace) -> Iterator[None]:
+    """End the program with the usage of the command where a value is wrong."""
+    try:
+        yield
     except (ValueError, CameraError) as error:
-        usage_error(str(error))
+        parsed.usage_error(str(error))
         raise
+
+
+def _inputs(values: Mapping[str, Any]) -> Inputs:
+    """Return the photographs that the words of a call name."""
+    from blur2view.batch.inputs import Frames, list_photographs
+
+    frames = Frames(every=values["every"], first=values["first"], last=values["last"])
+    stdin = None if sys.stdin is None else sys.stdin.buffer
+    return list_photographs(values["images"], recursive=values["recursive"], frames=frames, stdin=stdin)
+
+
+def _run(values: Mapping[str, Any]) -> Run:
+    """Return how a photograph is estimated."""
+    from blur2view.camera.intrinsics import Intrinsics
+    from blur2view.colmap.cameras import stored_camera
+    from blur2view.geometry.rolling_shutter import RollingShutter
+    from blur2view.pipeline import Run
+    from blur2view.smears.sampling import SelectOptions
+    from blur2view.two_view.options import EstimatorOptions
+
+    exposure_s, readout_s = values.get("exposure"), values.get("readout")
+    stated = values["focal"] is not None or values["camera"] is not None
+    if values["seed"] < 0:
+        raise ValueError(f"seed must not be negative, got {values['seed']}")
+    if exposure_s is not None and not SHORTEST_S < exposure_s < math.inf:
+        raise ValueError(f"exposure must be above {SHORTEST_S:g} s and finite, got {exposure_s}")
+    if readout_s is not None and not stated:
+        raise ValueError("--readout corrects the pose of --focal or --camera only; add one")
+    if exposure_s is not None and not stated:
+        raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
+    if readout_s is not None:
+        RollingShutter(readout_s=readout_s, exposure_s=exposure_s or 1.0)  # which checks it
+    camera = stored_camera(values["camera"] or "") or values["camera"]
+    return Run(
+        select=SelectOptions(beta=values["beta"]),
+        options=EstimatorOptions(max_error_px=values["max_error"]),
+        seed=values["seed"],
+        intrinsics=Intrinsics(focal_px=values["focal"], camera=camera),
+        exposure_s=exposure_s,
+        readout_s=readout_s,
+        max_memory_gib=values["max_memory"],
+    )

@@ -1,7 +1,7 @@
-"""Files that the commands write beside each other: arrays, overlays, masks and documents."""
+"""Commands that write files of each photograph beside each other: which, when, and what they hold."""
 
 import io
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from operator import methodcaller
 from pathlib import Path
 
@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from blur2view.batch.job import Job, Kept, Outcome, Target, Work
+from blur2view.batch.manifest import Manifest
+from blur2view.cli.options import FolderOptions
+from blur2view.cli.run import Finished, Taken, begun, manifest_beside, refuse_shared, run_over
+from blur2view.documents.document import Document, FailureDocument
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
-from blur2view.output_files import SIGNED_BY, Write
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.stored import StoredSmears
@@ -24,61 +30,85 @@ _PNG_EFFORT = 3
 PALETTE = {MotionLabel.STATIC: (0, 0, 0), MotionLabel.MOVING: PINK, MotionLabel.UNOBSERVABLE: (110, 110, 110)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class OutputFiles:
-    """The three files of one photograph.
+ESTIMATE = (".smear.npz", ".png", ".json")
+MASK = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
+"""What the files of a photograph are called after its stem, in the order of writing."""
 
-    Parameters
-    ----------
-    folder : Path
-        Where they lie.
-    stem : str
-        The photograph's name without its suffix.
+
+def run_with_files(
+    options: FolderOptions,
+    endings: Sequence[str],
+    work: Work[ResultFiles | None, Taken | None],
+    collect: Callable[[list[Taken], list[FailureDocument]], Document],
+) -> int:
+    """Return the exit code, after the work on every photograph, which has files of its own, with -o.
+
+    With ``--json`` the one document of ``collect`` is printed at the end.
     """
+    folder = options.output
+    path = None if options.csv is None else manifest_beside(options.csv)
+    path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
+    with prepared(*([] if folder is None else [folder])), begun(options, work, path, [folder]) as manifest:
+        jobs = _planned(options, endings, manifest)
+        paths = {path for job, error in jobs if job.target and error is None for path in job.target.paths}
+        refuse_shared(options, options.csv, paths, "--csv")
+        folders = sorted({path.parent for path in paths})
+        with prepared(*folders):
+            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=_kept)
+            if options.resume:  # at the end: workers of a killed call live on for a moment
+                remove_left_over(paths, folders)
+    if options.json:
+        print(collect([one for one in finished.taken if one is not None], list(finished.failures)).to_json())
+    return finished.exit_code
 
-    folder: Path
-    stem: str
 
-    @property
-    def document(self) -> Path:
-        """``<stem>.json``."""
-        return self.folder / f"{self.stem}.json"
+def _kept(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
+    """Return what is kept of a photograph; None if it failed."""
+    return None if outcome.made is None else outcome.made.kept
 
-    @property
-    def arrays(self) -> Path:
-        """``<stem>.smear.npz``."""
-        return self.folder / f"{self.stem}.smear.npz"
 
-    @property
-    def picture(self) -> Path:
-        """``<stem>.png``."""
-        return self.folder / f"{self.stem}.png"
+def _planned(
+    options: FolderOptions, endings: Sequence[str], manifest: Manifest | None
+) -> list[tuple[Job[ResultFiles | None], Blur2ViewError | None]]:
+    """Return the jobs with the files of each; with an error those that may not be written."""
+    inputs = options.inputs
+    jobs: list[tuple[Job[ResultFiles | None], Blur2ViewError | None]] = []
+    plan: Sequence[ResultFiles | OutputError | None] = [None] * len(inputs.paths)
+    if options.output is not None:
+        plan = plan_outputs(
+            inputs.paths,
+            options.output,
+            endings,
+            overwrite=options.overwrite,
+            resume=options.resume,
+            names=inputs.names,
+            is_known=manifest.knows_file if manifest is not None else lambda path: False,
+        )
+    for index, (path, files) in enumerate(zip(inputs.paths, plan, strict=True)):
+        error = files if isinstance(files, OutputError) else None
+        target = files if isinstance(files, ResultFiles) else None
+        if target and manifest is not None and options.resume and not options.overwrite:
+            error = _refusal_by_owner(manifest, path, target)
+        jobs.append((Job(index=index, path=path, target=target), error))
+    return jobs
 
-    @property
-    def paths(self) -> tuple[Path, Path, Path]:
-        """All three, in the order of writing: the document last, so that it marks completeness."""
-        return self.arrays, self.picture, self.document
+
+def _refusal_by_owner(manifest: Manifest, path: Path, files: ResultFiles) -> OutputError | None:
+    """Return why results of another photograph would be replaced, if a manifest says that they are such."""
+    other = manifest.other_owner(path, files.paths)
+    told = f"{path}: its results would replace those of {other}; use another -o or add --overwrite"
+    return OutputError(told) if other else None
 
 
 def result_contents(
-    files: OutputFiles, document: EstimateDocument, one: FileEstimate, *, full_field: bool = False
+    files: ResultFiles, document: EstimateDocument, one: FileEstimate, *, full_field: bool = False
 ) -> dict[Path, Write]:
     """Return what is written for a photograph: the arrays, the overlay and the document.
 
-    Parameters
-    ----------
-    files : OutputFiles
-        Where.
-    document : EstimateDocument
-        Of the photograph.
-    one : FileEstimate
-        The photograph and its estimate.
-    full_field : bool
-        Whether the smears of all pixels are written, which take much, instead of the network's grid.
+    With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, field = one.estimate.geometry, one.estimate.matches, one.estimate.field
     picture = draw_overlay(one.image, field, matches, geometry)
-    encoded = png(Image.fromarray(picture))
     stored = StoredSmears(
         smears=field if full_field or one.estimate.grid is None else one.estimate.grid,
         ends=matches.ends,
@@ -86,70 +116,30 @@ def result_contents(
         inlier_mask=geometry.inlier_mask,
         swapped=geometry.swapped,
     )
-    return {
-        files.arrays: lambda file: np.savez(file, **stored.arrays()),  # type: ignore[arg-type]
-        files.picture: methodcaller("write", encoded),
-        files.document: methodcaller("write", (document.to_json() + "\n").encode()),
-    }
-
-
-@dataclass(frozen=True, kw_only=True)
-class MaskFiles:
-    """The four files of one photograph's mask.
-
-    Parameters
-    ----------
-    folder : Path
-        Where they lie.
-    stem : str
-        The photograph's name without its suffix.
-    """
-
-    folder: Path
-    stem: str
-
-    @property
-    def mask(self) -> Path:
-        """``<stem>.mask.png``: one byte per pixel, a `MotionLabel`, with a palette."""
-        return self.folder / f"{self.stem}.mask.png"
-
-    @property
-    def probability(self) -> Path:
-        """``<stem>.moving.png``: probability times 255."""
-        return self.folder / f"{self.stem}.moving.png"
-
-    @property
-    def picture(self) -> Path:
-        """``<stem>.motion.png``."""
-        return self.folder / f"{self.stem}.motion.png"
-
-    @property
-    def document(self) -> Path:
-        """``<stem>.motion.json``."""
-        return self.folder / f"{self.stem}.motion.json"
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """All four, in the order of writing: the document last, so that it marks completeness."""
-        return self.mask, self.probability, self.picture, self.document
+    contents: tuple[Write, ...] = (
+        lambda file: np.savez(file, **stored.arrays()),  # type: ignore[arg-type]
+        methodcaller("write", png(Image.fromarray(picture))),
+        methodcaller("write", (document.to_json() + "\n").encode()),
+    )
+    return dict(zip(files.paths, contents, strict=True))
 
 
 def mask_contents(
-    files: MaskFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
+    files: ResultFiles, document: MaskDocument, image: NDArray[np.float32], mask: MotionMask
 ) -> dict[Path, Write]:
-    """Return what is written for a photograph: mask, probabilities, overlay and document."""
+    """Return what is written for a photograph: labels, probabilities times 255, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
-    encoded = {
-        files.mask: indexed_png(mask),
-        files.probability: png(Image.fromarray(levels)),
-        files.picture: png(Image.fromarray(draw_motion(image, mask))),
-        files.document: (document.to_json() + "\n").encode(),
-    }
-    return {path: methodcaller("write", encoded[path]) for path in files.paths}
+    contents = (
+        indexed_png(mask),
+        png(Image.fromarray(levels)),
+        png(Image.fromarray(draw_motion(image, mask))),
+        (document.to_json() + "\n").encode(),
+    )
+    return {path: methodcaller("write", one) for path, one in zip(files.paths, contents, strict=True)}
 
 
 def indexed_png(mask: MotionMask) -> bytes:
-    """Return the labels as a PNG whose pixels are `MotionLabel`, with a palette to look at."""
+    """Return the labels as a PNG of one byte per pixel, a `MotionLabel`, with a palette to look at."""
     picture = Image.fromarray(mask.labels)
     picture.putpalette([level for label in MotionLabel for level in PALETTE[label]])
     return png(picture)

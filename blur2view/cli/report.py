@@ -1,51 +1,40 @@
 """The command ``blur2view report``: one page that shows the result of every photograph."""
 
-import argparse
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from blur2view import __version__
-from blur2view.batch.job import Job, Made
-from blur2view.cli.batch import CommandRun, manifest_beside
-from blur2view.cli.network import CommandNetwork
-from blur2view.cli.options import read_run
+from blur2view.batch.job import Job, Made, Outcome
+from blur2view.cli.options import ReportOptions
+from blur2view.cli.run import End, begun, jobs_of, manifest_beside, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
-from blur2view.documents.table import facts
+from blur2view.cli.work import EstimatingWork
+from blur2view.documents.stored import plain, restore
 from blur2view.errors import OutputError
-from blur2view.output_files import (
-    below_shared_folder,
-    check_file,
-    prepare_folder,
-    remove_empty,
-    unwritable,
-    write_atomically,
-)
-from blur2view.pipeline import Run, estimate_file
+from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
 from blur2view.segmentation.mask import SegmentOptions, segment
 from blur2view.visualization.report import Entry, report
+from blur2view.visualization.verdicts import VERDICT_ORDER
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportWork:
+class ReportWork(EstimatingWork[None, Entry]):
     """The work on one photograph."""
 
-    run: Run
-    network: CommandNetwork
     mask: bool
-    timings: bool
-    verbosity: int
 
     def __call__(self, job: Job[None]) -> Made[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+        one = self.estimated(job)
         start = time.perf_counter()
         mask = None
         if self.mask:
@@ -54,45 +43,51 @@ class ReportWork:
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), geometry)
-        summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
-        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        entry = Entry.of(one, mask, mask_s, timings=self.timings)
-        return Made(kept=entry, summary=summary, row=said, warnings=one.warnings)
+        return Made(
+            kept=Entry.of(one, mask, mask_s, timings=self.timings),
+            summary=line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}",
+            row=self.row(one),
+            warnings=one.warnings,
+        )
+
+    def stored(self, kept: Entry) -> Any:
+        """Return the entry in JSON's types."""
+        return plain(kept)
+
+    def restored(self, job: Job[None], stored: Any) -> Entry:
+        """Return the entry of an earlier call; ValueError without a verdict or a document of ours."""
+        entry: Entry = restore(Entry, stored)
+        if entry.verdict not in VERDICT_ORDER:
+            raise ValueError(f"expected a verdict, got {entry.verdict}")
+        return entry.renamed(str(job.path))
 
 
-def run_report(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+def run(options: ReportOptions) -> int:
     """Return the exit code, after estimating every photograph and writing the page.
 
     A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
     leaves a page of what is done.
     """
-    work = ReportWork(
-        run=read_run(options, usage_error),
-        network=CommandNetwork.of(options.model),
-        mask=not options.no_mask,
-        timings=not options.no_timings,
-        verbosity=options.verbosity,
-    )
-    overwrite = options.overwrite or options.resume
-    check_file(options.output, "page", options.images, overwrite=overwrite)
-    run: CommandRun[None, Entry] = CommandRun(options, work, manifest_beside(options.output))
-    created = prepare_folder(options.output.parent)
-    names = shown_names(options.images)
-    shown = {path: name for path, name in zip(options.images, names, strict=True)}
-    entries = [
-        _failed(result.path, shown[result.path], result.error)
-        if result.made is None
-        else result.made.kept.renamed(shown[result.path])
-        for result in run.results(options.images, [None] * len(names))
-        if not options.inputs.is_folder(result.path)
-    ]
-    if run.broken or all(entry.kind == "failed" for entry in entries):
-        remove_empty(created)
-        if run.interrupted or run.broken or len(entries) < 2:  # its own line says all
-            return run.exit_code
-        raise OutputError(f"{options.output}: is not written, as every photograph failed; name others")
-    _write(options, entries)
-    return run.exit_code
+    work = ReportWork(**ReportWork.shared(options), mask=options.mask)
+    images, page = options.inputs.paths, options.output
+    shown = dict(zip(images, shown_names(images), strict=True))
+
+    def entry_of(job: Job[None], outcome: Outcome[Entry]) -> Entry | None:
+        """Return the entry of a photograph; a folder that cannot be used has none."""
+        if outcome.made is not None:
+            return outcome.made.kept.renamed(shown[job.path])
+        is_folder = options.inputs.is_folder(job.path)
+        return None if is_folder else _failed(job.path, shown[job.path], outcome.error)
+
+    check_file(page, "page", images, overwrite=options.replaces)
+    with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
+        finished = run_over(options, work, jobs_of(options), manifest, take=entry_of)
+        entries = [entry for entry in finished.taken if entry is not None]
+        if finished.end is not End.BROKEN and any(entry.kind != "failed" for entry in entries):
+            _write(options, entries)
+        elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
+            raise OutputError(f"{page}: is not written, as every photograph failed; name others")
+    return finished.exit_code
 
 
 def shown_names(images: Sequence[Path]) -> list[str]:
@@ -105,7 +100,7 @@ def _failed(path: Path, name: str, error: str) -> Entry:
     return Entry.failed(name, FOLDERS.sub("", error.replace(str(path), name)))
 
 
-def _write(options: argparse.Namespace, entries: list[Entry]) -> None:
+def _write(options: ReportOptions, entries: list[Entry]) -> None:
     """Write the page and print where it is."""
     page = report(entries, __version__)
     try:

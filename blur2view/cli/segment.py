@@ -1,64 +1,56 @@
 """The command ``blur2view segment``: which pixels of a photograph move by themselves."""
 
-import argparse
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from blur2view.batch.job import Job, Made
-from blur2view.cli.batch import plan_files, run_each
-from blur2view.cli.network import CommandNetwork
-from blur2view.cli.options import read_run
-from blur2view.cli.outputs import MaskFiles, mask_contents
+from blur2view.cli.options import SegmentCommandOptions
+from blur2view.cli.outputs import MASK, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
-from blur2view.documents.document import FailureDocument
+from blur2view.cli.work import EstimatingWork
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument, MasksDocument
-from blur2view.documents.table import facts
-from blur2view.pipeline import Run, estimate_file
+from blur2view.documents.stored import restored_file
+from blur2view.output_files import ResultFiles
 from blur2view.segmentation.mask import SegmentOptions, segment
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentWork:
-    """The work on one photograph."""
+class SegmentWork(EstimatingWork[ResultFiles | None, MaskDocument | None]):
+    """The work on one photograph; its document is kept where it is printed."""
 
-    run: Run
     wanted: SegmentOptions
-    network: CommandNetwork
-    timings: bool
-    verbosity: int
+    json: bool
 
-    def __call__(self, job: Job[MaskFiles | None]) -> Made[MaskDocument]:
+    def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+        one, files = self.estimated(job), job.target
         start = time.perf_counter()
         mask = segment(one.estimate, self.wanted, np.random.default_rng(self.run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         document = document if self.timings else replace(document, timings_s=None)
-        summary = mask_summary(document, mask, job.target, self.verbosity)
-        contents = {} if job.target is None else mask_contents(job.target, document, one.image, mask)
-        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        return Made(kept=document, summary=summary, files=contents, row=said, warnings=one.warnings)
+        return Made(
+            kept=document if self.json else None,
+            summary=mask_summary(document, mask, files, self.verbosity),
+            row=self.row(one),
+            files={} if files is None else mask_contents(files, document, one.image, mask),
+            warnings=one.warnings,
+        )
+
+    def restored(self, job: Job[ResultFiles | None], stored: Any) -> MaskDocument | None:
+        """Return the document that an earlier call has written."""
+        if not self.json or job.target is None:
+            return None
+        return restored_file(MaskDocument, job.target.document)
 
 
-def run_segment(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+def run(options: SegmentCommandOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
-    run = read_run(options, usage_error)
-    wanted = SegmentOptions(objects=options.objects, estimator=run.options)
-    plan = plan_files(options, MaskFiles)
-    work = SegmentWork(
-        run=run,
-        wanted=wanted,
-        network=CommandNetwork.of(options.model),
-        timings=not options.no_timings,
-        verbosity=options.verbosity,
+    wanted = SegmentOptions(objects=options.objects, estimator=options.run.options)
+    work = SegmentWork(**SegmentWork.shared(options), wanted=wanted, json=options.json)
+    return run_with_files(
+        options, MASK, work, lambda done, failed: MasksDocument(masks=done, failures=failed)
     )
-    return run_each(options, plan, work, collect)
-
-
-def collect(masks: list[MaskDocument], failures: list[FailureDocument]) -> MasksDocument:
-    """Return the document of the call."""
-    return MasksDocument(masks=masks, failures=failures)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.cli.outputs import MaskFiles, OutputFiles
 from blur2view.cli.terminal import SHORT, printable
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.mask_overlay import headline
@@ -26,7 +26,7 @@ def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
 
 
 def estimate_summary(
-    document: EstimateDocument, estimate: Estimate, files: OutputFiles | None, verbosity: int = SHORT
+    document: EstimateDocument, estimate: Estimate, files: ResultFiles | None, verbosity: int = SHORT
 ) -> str:
     """Return two lines about one photograph, or everything.
 
@@ -35,7 +35,7 @@ def estimate_summary(
     document : EstimateDocument
     estimate : Estimate
         Of the same photograph.
-    files : OutputFiles, optional
+    files : ResultFiles, optional
         Where the results were written, if they were.
     verbosity : int
         `terminal.SHORT` or `terminal.VERBOSE`.
@@ -46,7 +46,7 @@ def estimate_summary(
 
 
 def mask_summary(
-    document: MaskDocument, mask: MotionMask, files: MaskFiles | None, verbosity: int = SHORT
+    document: MaskDocument, mask: MotionMask, files: ResultFiles | None, verbosity: int = SHORT
 ) -> str:
     """Return two lines about one photograph's mask, or everything."""
     lines = [f"{printable(document.image)}: {headline(mask)}"]
@@ -60,10 +60,10 @@ def mask_summary(
     return _with_files([*lines, *_seconds(document.timings_s)], files)
 
 
-def _with_files(lines: list[str], files: OutputFiles | MaskFiles | None) -> str:
+def _with_files(lines: list[str], files: ResultFiles | None) -> str:
     """Return the lines, the last of which names the files."""
     if files:
-        endings = ",".join(path.name.removeprefix(f"{files.stem}.") for path in reversed(files.paths))
+        endings = ",".join(ending.removeprefix(".") for ending in reversed(files.endings))
         name = printable(str(files.folder / files.stem))
         lines = [*lines[:-1], f"{lines[-1]}; wrote {name}.{{{endings}}}"]
     return "\n  ".join(lines)

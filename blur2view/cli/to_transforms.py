@@ -1,28 +1,24 @@
 """The command ``blur2view to-transforms``: a model with views as transforms.json."""
 
-import argparse
 import json
-import math
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
+from blur2view.cli.options import ToTransformsOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, prepare_folder, remove_empty, unwritable, write_atomically
+from blur2view.output_files import check_file, prepared, unwritable, write_atomically
 
 DONE = 0
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 
 
-def run_to_transforms(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+def run(options: ToTransformsOptions) -> int:
     """Return the exit code, after writing the file."""
-    if not 0 < options.exposure < math.inf:
-        usage_error(f"--exposure must be positive and finite, got {options.exposure}")
-    target: Path = options.output
+    target = options.output
     check_file(target, "file", overwrite=options.overwrite, remedy="--overwrite")
     images = options.photographs or target.parent / "images"
     content = transforms(
@@ -54,12 +50,11 @@ def _write(target: Path, content: dict[str, Any]) -> None:
     """Write the file whole or not at all."""
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
     text = json.dumps(signed, indent=2, allow_nan=False) + "\n"
-    created = prepare_folder(target.parent)
-    try:
-        write_atomically(target, lambda file: file.write(text.encode()))
-    except OSError as error:
-        remove_empty(created)
-        raise unwritable(target.parent, error) from None
+    with prepared(target.parent):
+        try:
+            write_atomically(target, lambda file: file.write(text.encode()))
+        except OSError as error:
+            raise unwritable(target.parent, error) from None
 
 
 def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> str:

@@ -1,76 +1,80 @@
 """The command ``blur2view triage``: which photographs are sharp, and which blurred ones are of use."""
 
-import argparse
-import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from blur2view.batch.job import Job, Made
-from blur2view.cli.batch import CommandRun, manifest_beside, write_text
-from blur2view.cli.network import CommandNetwork
-from blur2view.cli.options import read_run
+from blur2view.cli.options import TriageOptions
+from blur2view.cli.run import (
+    End,
+    begun,
+    colmap_names,
+    jobs_of,
+    manifest_beside,
+    refuse_shared,
+    run_over,
+    write_text,
+)
 from blur2view.cli.terminal import QUIET, complain, plural, printable
-from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row, facts
+from blur2view.cli.work import EstimatingWork
+from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, prepare_folder, remove_empty
-from blur2view.pipeline import Run, estimate_file
+from blur2view.output_files import check_file, prepared
 
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageWork:
-    """The work on one photograph."""
-
-    run: Run
-    network: CommandNetwork
-    timings: bool
+class TriageWork(EstimatingWork[None, None]):
+    """The work on one photograph, of which nothing is kept but its row."""
 
     def __call__(self, job: Job[None]) -> Made[None]:
         """Return the row of one photograph."""
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
-        said = facts(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        median = said["smear_px"]
-        length = "no texture" if median is None else f"median of all smears {median:.1f} px"
-        summary = f"{printable(str(job.path))}: {length}; {said['verdict']}"
-        return Made(kept=None, summary=summary, row=said, warnings=one.warnings)
+        one = self.estimated(job)
+        row = self.row(one)
+        length = "no texture" if row.smear_px is None else f"median of all smears {row.smear_px:.1f} px"
+        summary = f"{printable(str(job.path))}: {length}; {row.verdict}"
+        return Made(kept=None, summary=summary, row=row, warnings=one.warnings)
+
+    def restored(self, job: Job[None], stored: Any) -> None:
+        """Return nothing."""
 
 
-def run_triage(options: argparse.Namespace, usage_error: Callable[[str], object]) -> int:
+def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table and list."""
-    if options.csv is None and options.keep is None:
-        usage_error("name the table with --csv, the list with --keep, or both")
-    if not 0 <= options.max_smear < math.inf:
-        usage_error(f"--max-smear must not be negative, got {options.max_smear}")
-    work = TriageWork(
-        run=read_run(options, usage_error),
-        network=CommandNetwork.of(options.model),
-        timings=not options.no_timings,
-    )
-    run: CommandRun[None, None] = CommandRun(options, work, manifest_beside(options.csv or options.keep))
-    run.judge = lambda row: replace(row, use=use_of(row, options.max_smear))
-    if options.keep is not None:
-        wrote = run.manifest is not None and run.manifest.wrote(options.keep)
-        _check_list(options, run.names.values(), wrote=wrote)
-    created = [] if options.keep is None else prepare_folder(options.keep.parent)
-    for _ in run.results(options.images, [None] * len(options.images)):
-        pass  # a row is all that is left of a photograph
-    if run.broken or not run.rows:
-        remove_empty(created)
-        return run.exit_code
-    wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
-    listed = [row.name for row in run.rows if row.use in wanted]
-    if options.keep is not None:
-        write_text(options.keep, list_text(listed))
-        if run.manifest is not None:
-            run.manifest.append_target(options.keep)
+    work, keep = TriageWork(**TriageWork.shared(options)), options.keep
+    first = options.csv or keep
+    path = None if first is None else manifest_beside(first)
+    refuse_shared(options, keep, [path], "--keep")
+    folders = [] if keep is None else [keep.parent]
+    with prepared(*folders), begun(options, work, path, [keep]) as manifest:
+        if keep is not None:
+            wrote = manifest is not None and manifest.wrote(keep)
+            _check_list(options, keep, colmap_names(options.inputs).values(), wrote=wrote)
+        finished = run_over(
+            options,
+            work,
+            jobs_of(options),
+            manifest,
+            take=lambda job, outcome: None,
+            judge=lambda row: replace(row, use=use_of(row, options.max_smear)),
+        )
+        if finished.end is End.BROKEN or not finished.rows:
+            return finished.exit_code
+        wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
+        listed = [row.name for row in finished.rows if row.use in wanted]
+        if keep is not None:
+            write_text(keep, list_text(listed))
+            if manifest is not None:
+                manifest.append_target(keep)
     if options.verbosity > QUIET:
-        print(summary(run.rows, options, has_table=run.has_table))
-        if options.keep is not None and not listed:
-            print(f"the list is empty: {hint(run.rows, options)}")
-    return run.exit_code
+        print(summary(finished.rows, options, has_table=finished.has_table))
+        if keep is not None and not listed:
+            print(f"the list is empty: {hint(finished.rows, options)}")
+    return finished.exit_code
 
 
 def use_of(row: Row, max_smear_px: float) -> str:
@@ -94,13 +98,12 @@ def list_text(names: Sequence[str]) -> str:
     return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
 
 
-def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: bool) -> None:
+def _check_list(options: TriageOptions, target: Path, names: Collection[str], *, wrote: bool) -> None:
     """Refuse a list that would replace what it must not.
 
     Ours is as the manifest says that an earlier call wrote it, or names nothing but these photographs.
     """
-    target: Path = options.keep
-    if target.is_file() and (options.overwrite or options.resume):
+    if target.is_file() and options.replaces:
         try:
             ours = wrote or set(target.read_text().splitlines()) <= set(names)
         except (OSError, ValueError):
@@ -110,10 +113,10 @@ def _check_list(options: argparse.Namespace, names: Collection[str], *, wrote: b
                 f"{target}: is no list of an earlier call; name another with --keep or remove it"
             )
     else:
-        check_file(target, "list", options.images, overwrite=False, option="--keep")
+        check_file(target, "list", options.inputs.paths, overwrite=False, option="--keep")
 
 
-def hint(rows: Sequence[Row], options: argparse.Namespace) -> str:
+def hint(rows: Sequence[Row], options: TriageOptions) -> str:
     """Return what would put photographs on an empty list."""
     if any(row.use == BLURRED for row in rows):
         return "--blurred lists the blurred ones that are of use"
@@ -125,7 +128,7 @@ def hint(rows: Sequence[Row], options: argparse.Namespace) -> str:
     return f"the sharpest has a median of {min(lengths):.1f} px, --max-smear is {options.max_smear:g}"
 
 
-def summary(rows: Sequence[Row], options: argparse.Namespace, *, has_table: bool) -> str:
+def summary(rows: Sequence[Row], options: TriageOptions, *, has_table: bool) -> str:
     """Return one line: how many photographs are of which use, and what was written."""
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.batch.job import Job, Made
+from blur2view.batch.manifest import Manifest
 from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.batch import CommandRun, colmap_names
-from blur2view.cli.network import CommandNetwork
+from blur2view.cli.options import ToColmapOptions
+from blur2view.cli.run import Finished, colmap_names, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
+from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import inliers, matched
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
@@ -26,7 +29,8 @@ from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.documents.document import FailureDocument
-from blur2view.documents.table import facts
+from blur2view.documents.stored import plain, restore
+from blur2view.documents.table import Row
 from blur2view.documents.to_colmap import DATABASE, ViewsDocument
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
@@ -85,22 +89,22 @@ class PhotographViews:
         )
 
 
-def name_photographs(options: argparse.Namespace) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
+def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
     """Return the photographs with their names and plans, and those that cannot be stored, before any work."""
     photographs: list[NamedPhotograph] = []
     failures: list[FailureDocument] = []
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(options.images)
+    paths, names = options.inputs.paths, colmap_names(options.inputs)
+    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
     if options.link:
-        plans = plan_links(options.db, options.images, replace=options.replace)
-    names = colmap_names(options.inputs)
-    for path, plan in zip(options.images, plans, strict=True):
-        found = refusal(path, names[path], options.format) if plan is None else plan
-        if isinstance(found, Blur2ViewError):
-            complain(found)
-            failures.append(FailureDocument(image=str(path), error=str(found)))
+        plans = plan_links(options.target, paths, replace=options.replace)
+    for path, plan in zip(paths, plans, strict=True):
+        step = refusal(path, names[path], options.format) if plan is None else plan
+        if isinstance(step, Blur2ViewError):
+            complain(step)
+            failures.append(FailureDocument(image=str(path), error=str(step)))
         else:
-            name = found.image.name if found else names[path]
-            photographs.append(NamedPhotograph(path=path, name=name, plan=found))
+            name = step.image.name if step else names[path]
+            photographs.append(NamedPhotograph(path=path, name=name, plan=step))
     return photographs, failures
 
 
@@ -115,58 +119,102 @@ def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeptViews:
-    """A photograph's views as a manifest keeps them."""
+    """A photograph's views as a manifest keeps them; linked ones with the features that are usable."""
 
     views: ExposureViews
-    usable: np.ndarray | None
+    usable: NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewsWork:
-    """The work on one photograph."""
+class ViewsWork(EstimatingWork[NamedPhotograph, KeptViews]):
+    """The work on one photograph, whose field, which is large, is not kept."""
 
     database: Path | None
-    run: Run
-    network: CommandNetwork
+    link: bool
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[KeptViews]:
-        """Return the views of one photograph; its field, which is large, is not kept."""
+        """Return the views of one photograph."""
         photograph, run = job.target, self.run
         # COLMAP does not turn pictures upright
         image = read_image(job.path, as_stored=True, max_memory_gib=run.max_memory_gib, content=job.content)
-        size = (image.shape[1], image.shape[0])
         exif = read_exif(job.path, job.content)
-        camera = _camera(self.database, photograph, run, size, exif)
-        rng = np.random.default_rng(run.seed)
-        network = self.network.loaded
+        camera = _camera(self.database, photograph, run, (image.shape[1], image.shape[0]), exif)
         result = estimate(
-            image, network=network, select=run.select, options=run.options, rng=rng, camera=camera
+            image,
+            network=self.network.loaded,
+            select=run.select,
+            options=run.options,
+            rng=np.random.default_rng(run.seed),
+            camera=camera,
         )
         if photograph.plan is None:
             kept = KeptViews(views=views_of(photograph.name, result), usable=None)
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
             kept = KeptViews(views=linked.views, usable=linked.usable)
-        said = facts(result, exif.exposure_s, sum(asdict(result.timings).values()))
-        summary, warnings = verdict_line(photograph.name, result.geometry), contradictions(run, camera, exif)
-        return Made(kept=kept, summary=summary, row=said, warnings=warnings)
+        return Made(
+            kept=kept,
+            summary=verdict_line(photograph.name, result.geometry),
+            row=Row.of(result, exif.exposure_s, sum(asdict(result.timings).values())),
+            warnings=contradictions(run, camera, exif),
+        )
+
+    def stored(self, kept: KeptViews) -> Any:
+        """Return the views in JSON's types."""
+        return plain(kept)
+
+    def restored(self, job: Job[NamedPhotograph], stored: Any) -> KeptViews:
+        """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
+        kept: KeptViews = restore(KeptViews, stored)
+        plan = job.target.plan
+        count = len(kept.views.points_open if plan is None else plan.image.keypoints)
+        if kept.views.name != job.target.name or (kept.usable is None) != (plan is None):
+            raise ValueError(f"expected the views of {job.target.name}")
+        _check_shapes(kept, count)
+        return kept
+
+
+def _check_shapes(kept: KeptViews, count: int) -> None:
+    """Raise ValueError unless all arrays are of so many points, and the camera is one of COLMAP's."""
+    views, geometry, camera = kept.views, kept.views.geometry, kept.views.camera
+    usable = geometry.inlier_mask if kept.usable is None else kept.usable
+    of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px, usable)}
+    matrices = {one.shape for one in (geometry.F, geometry.H, geometry.E) if one is not None}
+    if of_points != {(count,)} or not matrices <= {(3, 3)} or geometry.backward is not None:
+        raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
+    if camera is not None and (camera.width, camera.height) != views.size:
+        raise ValueError("expected a camera of the photograph's size")
+    if camera is not None and camera.params:
+        colmap_camera(camera.model, *views.size, camera.params)
 
 
 def make_views(
-    run: CommandRun[NamedPhotograph, KeptViews], photographs: list[NamedPhotograph]
-) -> tuple[list[PhotographViews], list[FailureDocument]]:
-    """Return the views of the photographs, and those that fail."""
-    made: list[PhotographViews] = []
-    failures: list[FailureDocument] = []
-    sources = [_source(photograph) for photograph in photographs]
-    for result in run.results([photograph.path for photograph in photographs], photographs, sources):
-        if result.made is None:
-            failures.append(FailureDocument(image=str(result.path), error=result.error))
-        else:
-            kept = result.made.kept
-            photograph = photographs[result.index]
-            made.append(PhotographViews(photograph=photograph, views=kept.views, usable=kept.usable))
-    return made, failures
+    options: ToColmapOptions,
+    work: ViewsWork,
+    photographs: Sequence[NamedPhotograph],
+    manifest: Manifest | None,
+) -> Finished[PhotographViews | None]:
+    """Return the views of the photographs, None for those that fail."""
+    jobs = [
+        (Job(index=index, path=one.path, target=one, source=_source(one)), None)
+        for index, one in enumerate(photographs)
+    ]
+    if not jobs:
+        return Finished()
+    return run_over(
+        options,
+        work,
+        jobs,
+        manifest,
+        take=lambda job, outcome: (
+            None
+            if outcome.made is None
+            else PhotographViews(
+                photograph=job.target, views=outcome.made.kept.views, usable=outcome.made.kept.usable
+            )
+        ),
+        names=colmap_names(options.inputs) | {one.path: one.name for one in photographs},
+    )
 
 
 def _source(photograph: NamedPhotograph) -> str:
@@ -197,17 +245,17 @@ def _camera(
     return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if image.prior_focal and not asked else stated
 
 
-def with_time(options: argparse.Namespace, made: list[PhotographViews]) -> list[PhotographViews]:
+def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[PhotographViews]:
     """Return the views with the direction of time that neighbouring frames decide."""
-    if options.sequence is False:
+    if options.in_order is False:
         return made
     names = [one.photograph.name for one in made]
-    if options.link and made and not options.sequence:  # photographs that are not linked have a vote too
-        names += sorted(set(database_names(options.db)) - set(names))
-    runs = consecutive_runs(names, in_order=bool(options.sequence))
+    if options.link and made and not options.in_order:  # photographs that are not linked have a vote too
+        names += sorted(set(database_names(options.target)) - set(names))
+    runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
     if options.link:
-        matcher = DatabaseMatcher(options.db, names)
+        matcher = DatabaseMatcher(options.target, names)
     else:
         matcher = PhotographMatcher([one.photograph.path for one in made])
     views = with_time_direction([one.views for one in made], runs, matcher)

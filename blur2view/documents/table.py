@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +52,7 @@ class Row(Document):
         Why a photograph failed.
     """
 
-    name: str
+    name: str = ""
     verdict: str = ""
     parallax: str = ""
     smear_px: float | None = None
@@ -65,32 +65,25 @@ class Row(Document):
     use: str = ""
     error: str = ""
 
+    @classmethod
+    def of(cls, estimate: Estimate, exposure_s: float | None, time_s: float | None) -> Row:
+        """Return the row of an estimate, without a name."""
+        from blur2view.smears.sharpness import median_smear
 
-def facts(estimate: Estimate, exposure_s: float | None, time_s: float | None) -> dict[str, Any]:
-    """Return what a row says of an estimate, by the names of its columns."""
-    from blur2view.smears.sharpness import median_smear
-
-    geometry, smear = estimate.geometry, median_smear(estimate.field)
-    pose = geometry.cam2_from_cam1
-    angle = None if pose is None else pose.angle_deg
-    speed = None if angle is None or exposure_s is None else math.radians(angle) / exposure_s
-    return {
-        "verdict": geometry.config.name,
-        "parallax": str(geometry.parallax),
-        "smear_px": None if smear is None else smear.length_px,
-        "direction_deg": None if smear is None else smear.direction_deg,
-        "sharpness": None if smear is None else smear.sharpness,
-        "rotation_deg": angle,
-        "angular_velocity_rad_s": speed,
-        "inliers": int(geometry.inlier_mask.sum()),
-        "time_s": time_s,
-    }
-
-
-def row(name: str, said: Mapping[str, Any] | None, error: str = "") -> Row:
-    """Return the row of a photograph of whose estimate `facts` says this; None if it failed."""
-    known = {field.name for field in fields(Row)}
-    return Row(name=name, error=error, **{key: value for key, value in (said or {}).items() if key in known})
+        geometry, smear = estimate.geometry, median_smear(estimate.field)
+        angle = None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg
+        speed = None if angle is None or exposure_s is None else math.radians(angle) / exposure_s
+        return cls(
+            verdict=geometry.config.name,
+            parallax=str(geometry.parallax),
+            smear_px=None if smear is None else smear.length_px,
+            direction_deg=None if smear is None else smear.direction_deg,
+            sharpness=None if smear is None else smear.sharpness,
+            rotation_deg=angle,
+            angular_velocity_rad_s=speed,
+            inliers=int(geometry.inlier_mask.sum()),
+            time_s=time_s,
+        )
 
 
 def table_text(rows: Sequence[Row]) -> str:

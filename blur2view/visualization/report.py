@@ -151,19 +151,20 @@ def _card(index: int, entry: Entry) -> str:
     """Return the photograph's card in the gallery, readable without any script."""
     length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
     order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
-    picture_html = f'<img src="{entry.thumbnail}" alt="" decoding="async">' if entry.content else ""
+    picture_html = f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' if entry.content else ""
     facts = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
+    kind = escape(entry.kind)
     body = (
         f'<span class="card-picture">{picture_html}</span>'
         f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
-        f'<span class="card-verdict"><span class="chip chip-{entry.kind}">{escape(entry.verdict)}</span>'
+        f'<span class="card-verdict"><span class="chip chip-{kind}">{escape(entry.verdict)}</span>'
         f'<span class="card-length">{facts if entry.content else ""}</span></span>'
         f'<span class="card-text">{escape(entry.text)}</span>'
     )
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
     return (
-        f'<li class="card card-{entry.kind}" data-index="{index}" data-name="{escape(entry.name)}" '
-        f'data-verdict="{order}" data-kind="{entry.kind}" data-length="{length}">'
+        f'<li class="card card-{kind}" data-index="{index}" data-name="{escape(entry.name)}" '
+        f'data-verdict="{order}" data-kind="{kind}" data-length="{length}">'
         + (link if entry.content else f'<div class="card-body">{body}</div>')
         + "</li>"
     )

@@ -10,10 +10,11 @@ from typing import Any
 import cv2
 import pytest
 
-from blur2view.batch.job import Job, Made
+from blur2view.batch.job import Job, Made, Outcome, Work
 from blur2view.batch.processes import Engine, in_processes, in_this_process, processes
-from blur2view.batch.run import Batch, Result
+from blur2view.batch.run import outcomes
 from blur2view.camera import video as video_module
+from blur2view.documents.table import Row
 from blur2view.errors import ImageError
 from tests.support.many_photographs import write_video
 
@@ -27,7 +28,7 @@ class Number:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CountWork:
+class CountWork(Work[float, Number]):
     """Counts the bytes of a file; the first take longest, and a word in the file makes it fail or die."""
 
     def __call__(self, job: Job[float]) -> Made[Number]:
@@ -38,26 +39,31 @@ class CountWork:
             raise ImageError(f"{job.path}: fails")
         if content == b"die":
             os._exit(9)
-        return Made(kept=Number(process=os.getpid(), length=len(content)), summary=str(job.path))
+        return Made(kept=Number(process=os.getpid(), length=len(content)), summary=str(job.path), row=Row())
+
+    def restored(self, job: Job[float], stored: Any) -> Number:
+        """Return nothing, as there is no manifest."""
+        raise ValueError("there is no manifest")
 
 
-def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0) -> list[Result[Number]]:
-    """Return the results of files that hold these words."""
+def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0) -> list[Outcome[Number]]:
+    """Return the outcomes of files that hold these words, which come in the order of the files."""
     for index, word in enumerate(words):
         (folder / f"{index}.txt").write_text(word)
-    batch: Batch[float, Number] = Batch(work=CountWork(), engine=engine)
     pauses = [pause_s * (len(words) - index) for index in range(len(words))]
     jobs = [
         Job(index=index, path=folder / f"{index}.txt", target=pause) for index, pause in enumerate(pauses)
     ]
-    return list(batch.results(jobs))
+    found = list(outcomes(CountWork(), [(job, None) for job in jobs], engine))
+    assert [job.index for job, _ in found] == list(range(len(words)))
+    return [outcome for _, outcome in found]
 
 
 def test_one_process_is_this_one(tmp_path: Path) -> None:
     assert processes(1) is in_this_process
     found = results(processes(1), tmp_path, ["a", "fail", "ccc"])
-    assert [(one.index, one.made and one.made.kept.length, one.error) for one in found] == [
-        (0, 1, ""), (1, None, f"{tmp_path / '1.txt'}: fails"), (2, 3, "")
+    assert [(one.made and one.made.kept.length, one.error) for one in found] == [
+        (1, ""), (None, f"{tmp_path / '1.txt'}: fails"), (3, "")
     ]  # fmt: skip
     assert found[0].made is not None and found[0].made.kept.process == os.getpid()
 
@@ -65,7 +71,6 @@ def test_one_process_is_this_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_results_of_several_processes_come_in_order(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "fail", "dddd", "eeeee"], pause_s=0.05)
-    assert [one.index for one in found] == list(range(5))
     assert [one.made and one.made.kept.length for one in found] == [1, 2, None, 4, 5]
     others = {one.made.kept.process for one in found if one.made is not None}
     assert len(others) == 2 and os.getpid() not in others
@@ -93,15 +98,14 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
 def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
     taken = 0
 
-    def jobs() -> Iterator[Job[float]]:
+    def jobs() -> Iterator[tuple[Job[float], None]]:
         nonlocal taken
         for index in range(9):
             taken += 1
-            yield Job(index=index, path=tmp_path / "a.txt", target=0.0)
+            yield Job(index=index, path=tmp_path / "a.txt", target=0.0), None
 
     (tmp_path / "a.txt").write_text("a")
-    batch: Batch[float, Number] = Batch(work=CountWork(), engine=in_this_process)
-    running = batch.results(jobs())
+    running = outcomes(CountWork(), jobs(), in_this_process)
     next(running)
     assert taken == 1
     running.close()
@@ -127,12 +131,11 @@ def test_frames_that_a_video_only_announces_are_left_out(
             return getattr(self.capture, name)
 
     monkeypatch.setattr(video_module, "_opened", Announcing)
-    batch: Batch[float, Number] = Batch(work=CountWork(), engine=in_this_process)
-    jobs: list[Job[float]] = [
-        Job(index=index, path=video / f"{number:06d}", target=0.0)
+    jobs = [
+        (Job(index=index, path=video / f"{number:06d}", target=0.0), None)
         for index, number in enumerate((3, 11, 12, 14, 15))
     ]
-    found = list(batch.results(jobs))
-    assert [one.index for one in found] == [0, 1, 4]
-    assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for one in found[:2])
-    assert "has 15 frames, none of number 15" in found[2].error
+    found = list(outcomes(CountWork(), jobs, in_this_process))
+    assert [job.index for job, _ in found] == [0, 1, 4]
+    assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for _, one in found[:2])
+    assert "has 15 frames, none of number 15" in found[2][1].error

@@ -151,5 +151,5 @@ def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
     photograph.write_bytes(b"photograph")
     folder.mkdir()
     (folder / "a.png").symlink_to(photograph)
-    (plan,) = plan_outputs([photograph], folder, overwrite=True, kind=results.OutputFiles)
+    (plan,) = plan_outputs([photograph], folder, [".smear.npz", ".png", ".json"], overwrite=True)
     assert isinstance(plan, OutputError) and "would replace the photograph" in str(plan)

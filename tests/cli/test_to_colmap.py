@@ -14,7 +14,7 @@ from PIL import ExifTags, Image
 
 from blur2view.batch.inputs import Inputs
 from blur2view.cli import commands as cli
-from blur2view.cli.batch import colmap_names
+from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.sampson import sampson
 from tests.cli.test_cli_camera import SIZE, smears

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from blur2view.batch.manifest import Manifest
-from blur2view.cli import batch
 from blur2view.cli import commands as cli
+from blur2view.cli import run as cli_run
 from blur2view.cli.triage import list_text, use_of
-from blur2view.documents.table import Row, row, table_text
+from blur2view.documents.table import Row, table_text
 from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_atomically
 from blur2view.smears.field import SmearField
@@ -290,7 +290,7 @@ def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[
 
 def test_names_with_commas_and_lines_stay_one_cell() -> None:
     odd = 'a,"b"\nc.png'
-    text = table_text([row(odd, None, "x"), row("b.png", {"smear_px": 1 / 3})])
+    text = table_text([Row(name=odd, error="x"), Row(name="b.png", smear_px=1 / 3)])
     rows = list(csv.DictReader(text.splitlines(keepends=True)))
     assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
 
@@ -342,7 +342,7 @@ def test_table_that_cannot_be_written_costs_no_other_result(
             raise OSError(28, "No space left on device")
         write_atomically(path, write)
 
-    monkeypatch.setattr(batch, "write_atomically", full)
+    monkeypatch.setattr(cli_run, "write_atomically", full)
     words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
     assert call(command, tiny_model, frames, *words, "--csv", tmp_path / "t.csv") == 1
     printed = capsys.readouterr()

@@ -26,9 +26,9 @@ import cv2
 import numpy as np
 
 import blur2view
-from blur2view.cli.outputs import OutputFiles, result_contents
+from blur2view.cli.outputs import ESTIMATE, result_contents
 from blur2view.documents.estimate import EstimateDocument
-from blur2view.output_files import write_together
+from blur2view.output_files import ResultFiles, write_together
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.robust.minimal_solvers import solve_seven_smears
 from blur2view.smears.sampling import SelectOptions, select_matches
@@ -77,7 +77,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     one = estimate_file(photo, network, run)
     image, found = one.image, one.estimate
     field, matches = found.field, found.matches
-    files = OutputFiles(folder=folder, stem="stages")
+    files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
     write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
     return {
         "decode": timed(lambda: blur2view.read_image(photo), repeats),

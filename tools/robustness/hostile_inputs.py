@@ -255,7 +255,7 @@ def _load_libraries() -> None:
         "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
-    from blur2view.cli.network import CommandNetwork
+    from blur2view.cli.work import CommandNetwork
 
     CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
     gc.freeze()

@@ -1,23 +1,6 @@
 """``blur2view estimate``: its options and its help."""
 
-import argparse
-from functools import partial
-
-from blur2view.cli.arguments.shared import (
-    MANIFEST,
-    CommandParser,
-    add_camera,
-    add_estimation,
-    add_photographs,
-    add_running,
-    add_table,
-    add_verbosity,
-    epilog,
-    keys,
-    output_path,
-    paragraph,
-    table,
-)
+from blur2view.cli.arguments import shared
 from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
 
 ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
@@ -27,35 +10,28 @@ matrix F between what the camera saw when the shutter opened and when it closed,
 essential matrix and the pose. Where no F can be trusted the configuration and its reason say why. Prints two
 lines about one photograph, one line about each of several; with -o writes files beside each other.
 """
-CONFIGURATIONS = (
-    ("UNCALIBRATED", "parallax is proven: F"),
-    ("CALIBRATED", "the same with known intrinsics: E and the pose, too"),
-    ("MULTIPLE", "two motions share the picture: F is that of the one most smears follow; no pose"),
-    ("PANORAMIC", "a rotation explains the smears: H, and F beside it where parallax is open"),
-    ("PLANAR", "one plane does: the same"),
-    ("PLANAR_OR_PANORAMIC", "one of both does, it is open which: the same"),
-    ("DEGENERATE", "too few, too short or collinear smears, a still camera or a constant picture: no F"),
-    ("UNDEFINED", "the best F explains hardly more smears than chance: none is given"),
-)
-FILES = (
-    ("<stem>.json", "the JSON document of the photograph; written last"),
-    (
-        "<stem>.smear.npz",
-        "smear_grid (h, w, 3 or 4), float16: the network's own grid, stride pixels a cell, cell j's centre "
-        "at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d| "
-        "sin 2phi of its smear d in pixels, sigma_px and, where the network has it, sigma_rad, the standard "
-        "deviations of the whole (pixels) and of its direction (radians). blur2view.load_smears(FILE)"
-        ".at_pixels() has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so "
-        "has the file with --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the "
-        "smears that were used, their sigma as the estimator weighs them, whether they fit, and whether "
-        "ends[:, 1] is the open end",
-    ),
-    (
-        "<stem>.png",
-        "the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar "
-        "lines white and epipoles ringed; below it the verdict and a map of sigma",
-    ),
-)
+CONFIGURATIONS = """
+UNCALIBRATED: parallax is proven: F
+CALIBRATED: the same with known intrinsics: E and the pose, too
+MULTIPLE: two motions share the picture: F is that of the one most smears follow; no pose
+PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is open
+PLANAR: one plane does: the same
+PLANAR_OR_PANORAMIC: one of both does, it is open which: the same
+DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
+UNDEFINED: the best F explains hardly more smears than chance: none is given
+"""
+FILES = """
+<stem>.json: the JSON document of the photograph; written last
+<stem>.smear.npz: smear_grid (h, w, 3 or 4), float16: the network's own grid, stride pixels a cell, cell j's
+    centre at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d|
+    sin 2phi of its smear d in pixels, sigma_px and, where the network has it, sigma_rad, the standard
+    deviations of the whole (pixels) and of its direction (radians). blur2view.load_smears(FILE).at_pixels()
+    has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so has the file with
+    --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
+    sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
+<stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
+    lines white and epipoles ringed; below it the verdict and a map of sigma
+"""
 EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
     "blur2view estimate photographs --recursive -o results --resume",
@@ -64,16 +40,16 @@ EXAMPLES = (
 )
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
-    parser.description = paragraph(DESCRIPTION)
-    add_photographs(parser)
+    parser.description = shared.paragraph(DESCRIPTION)
+    shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
     add(
         "-o",
         "--output",
-        type=output_path,
+        type=shared.output_path,
         metavar="DIR",
         help="write DIR/<stem>.json, .smear.npz and .png, see below",
     )
@@ -85,24 +61,14 @@ def describe(parser: CommandParser) -> None:
         "bytes a pixel",
     )
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
-    add_table(output.add_argument)
-    add_verbosity(output)
-    add_running(parser)
-    add_camera(parser, exposure=True)
-    add_estimation(parser)
-    parser.epilog = epilog(
-        table("configurations, in COLMAP's names", CONFIGURATIONS),
-        table("files of -o", (*FILES, MANIFEST)),
-        table("JSON document of --json", keys(EstimatesDocument)),
-        table("JSON document of a photograph", keys(EstimateDocument)),
+    shared.add_timings(add)
+    shared.add_table(add)
+    shared.add_verbosity(output)
+    shared.add_estimating(parser, exposure=True)
+    parser.epilog = shared.epilog(
+        shared.table("configurations, in COLMAP's names", CONFIGURATIONS),
+        shared.table("files of -o", FILES + shared.MANIFEST),
+        shared.table("JSON document of --json", shared.keys(EstimatesDocument)),
+        shared.table("JSON document of a photograph", shared.keys(EstimateDocument)),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.estimate import run_estimate
-
-    return run_estimate(options, parser.error)

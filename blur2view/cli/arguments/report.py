@@ -1,22 +1,8 @@
 """``blur2view report``: its options and its help."""
 
-import argparse
-from functools import partial
 from pathlib import Path
 
-from blur2view.cli.arguments.shared import (
-    CommandParser,
-    add_camera,
-    add_estimation,
-    add_photographs,
-    add_running,
-    add_table,
-    add_verbosity,
-    epilog,
-    output_path,
-    paragraph,
-    table,
-)
+from blur2view.cli.arguments import shared
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -26,54 +12,44 @@ epipolar lines, sigma and motion mask as layers, the verdict with its reason, th
 timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card with its
 reason. It needs a browser of 2023 or later.
 """
-CONTROLS = (
-    ("click or tap", "a smear: its ends and, where there is no H, both epipolar lines"),
-    ("hover", "the values of a smear"),
-    ("pinch, Ctrl and wheel", "zoom; also by the keys + and -"),
-    ("arrow keys", "walk from smear to smear"),
-)
-TERMS = (
-    ("SErrMin", "squared Sampson distance of a smear's ends, in the better of both orders, squared pixels"),
-    ("sqrt SErrMin", "its root: the distance in pixels that --max-error is compared with"),
-    ("P(moves)", "probability that a pixel moves by itself, of the motion mask"),
-    ("sigma", "standard deviation of a smear that the network predicts, pixels"),
-)
+CONTROLS = """
+click or tap: a smear: its ends and, where there is no H, both epipolar lines
+hover: the values of a smear
+pinch, Ctrl and wheel: zoom; also by the keys + and -
+arrow keys: walk from smear to smear
+"""
+TERMS = """
+SErrMin: squared Sampson distance of a smear's ends, in the better of both orders, squared pixels
+sqrt SErrMin: its root: the distance in pixels that --max-error is compared with
+P(moves): probability that a pixel moves by itself, of the motion mask
+sigma: standard deviation of a smear that the network predicts, pixels
+"""
 EXAMPLES = (
     "blur2view report clip.mp4 --every 10 -o report.html",
     "blur2view report a.jpg --focal 525 --no-mask --overwrite",
 )
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
-    parser.description = paragraph(DESCRIPTION)
-    add_photographs(parser)
+    parser.description = shared.paragraph(DESCRIPTION)
+    shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
     add(
         "-o",
         "--output",
-        type=output_path,
+        type=shared.output_path,
         default=Path("report.html"),
         metavar="HTML",
         help="the page (default: %(default)s)",
     )
     add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
-    add("--no-mask", action="store_true", help="without the motion mask: faster")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
-    add_table(output.add_argument)
-    add_verbosity(output)
-    add_running(parser)
-    add_camera(parser, exposure=True)
-    add_estimation(parser)
-    parser.epilog = epilog(
-        table("on the page", CONTROLS), table("terms of the page", TERMS), examples=EXAMPLES
+    add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
+    shared.add_timings(add)
+    shared.add_table(add)
+    shared.add_verbosity(output)
+    shared.add_estimating(parser, exposure=True)
+    parser.epilog = shared.epilog(
+        shared.table("on the page", CONTROLS), shared.table("terms of the page", TERMS), examples=EXAMPLES
     )
-    parser.set_defaults(run=partial(_run, parser), json=False)
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.report import run_report
-
-    return run_report(options, parser.error)

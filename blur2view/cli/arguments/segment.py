@@ -1,23 +1,6 @@
 """``blur2view segment``: its options and its help."""
 
-import argparse
-from functools import partial
-
-from blur2view.cli.arguments.shared import (
-    MANIFEST,
-    CommandParser,
-    add_camera,
-    add_estimation,
-    add_photographs,
-    add_running,
-    add_table,
-    add_verbosity,
-    epilog,
-    keys,
-    output_path,
-    paragraph,
-    table,
-)
+from blur2view.cli.arguments import shared
 from blur2view.documents.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
@@ -30,19 +13,13 @@ one has none. Smears are read in windows of 96 pixels: what is small, or moves m
 mostly has no smear of its own, and is not seen, nor is an object that moves along the camera's epipolar
 lines, which looks like one at another depth.
 """
-FILES = (
-    (
-        "<stem>.mask.png",
-        "indexed: 0 static, 1 moving, 2 unobservable (the smear is too short or uncertain, or so near the "
-        "epipole that any motion would fit, or the camera's motion is not sure there)",
-    ),
-    ("<stem>.moving.png", "probability of moving, times 255; above one half where the mask says moving"),
-    (
-        "<stem>.motion.png",
-        "the photograph over a caption, pink on what moves, hatched where it is unobservable",
-    ),
-    ("<stem>.motion.json", "the JSON document of the photograph; written last"),
-)
+FILES = """
+<stem>.mask.png: indexed: 0 static, 1 moving, 2 unobservable (the smear is too short or uncertain, or so near
+    the epipole that any motion would fit, or the camera's motion is not sure there)
+<stem>.moving.png: probability of moving, times 255; above one half where the mask says moving
+<stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
+<stem>.motion.json: the JSON document of the photograph; written last
+"""
 EXAMPLES = (
     "blur2view segment street.jpg -o masks",
     "blur2view segment photographs/*.jpg --objects --json > masks.json",
@@ -54,40 +31,30 @@ REFUSED = {
 }
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view segment``."""
-    parser.description = paragraph(DESCRIPTION)
-    add_photographs(parser)
+    parser.description = shared.paragraph(DESCRIPTION)
+    shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
     add(
         "-o",
         "--output",
-        type=output_path,
+        type=shared.output_path,
         metavar="DIR",
         help="write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below",
     )
     add("--objects", action="store_true", help="fit an F or a homography to each moving part, too")
     add("--overwrite", action="store_true", help="replace results of an earlier call")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
-    add_table(output.add_argument)
-    add_verbosity(output)
-    add_running(parser)
-    add_camera(parser, exposure=False)
-    add_estimation(parser)
-    parser.epilog = epilog(
-        table("files of -o", (*FILES, MANIFEST)),
-        table("JSON document of --json", keys(MasksDocument)),
-        table("JSON document of a photograph", keys(MaskDocument)),
-        table("not here", REFUSED.items()),
+    shared.add_timings(add)
+    shared.add_table(add)
+    shared.add_verbosity(output)
+    shared.add_estimating(parser, exposure=False)
+    parser.epilog = shared.epilog(
+        shared.table("files of -o", FILES + shared.MANIFEST),
+        shared.table("JSON document of --json", shared.keys(MasksDocument)),
+        shared.table("JSON document of a photograph", shared.keys(MaskDocument)),
+        shared.table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.segment import run_segment
-
-    return run_segment(options, parser.error)

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
@@ -12,12 +13,12 @@ from typing import Any, NoReturn
 from blur2view.cli.terminal import printable
 
 NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
-EXIT_CODES = (
-    ("0", "done; a photograph without F is a result, with its reason"),
-    ("1", "something failed: one line on stderr each, other photographs are done all the same"),
-    ("2", "wrong usage"),
-    ("130", "interrupted by Ctrl-C: what is done is kept, --resume goes on"),
-)
+EXIT_CODES = """
+0: done; a photograph without F is a result, with its reason
+1: something failed: one line on stderr each, other photographs are done all the same
+2: wrong usage
+130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+"""
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -40,6 +41,7 @@ class CommandParser(argparse.ArgumentParser):
         if self._describe is not None:
             describe, self._describe = self._describe, None
             describe(self)
+            self.set_defaults(usage_error=self.error)
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -64,10 +66,16 @@ def paragraph(text: str) -> str:
     return textwrap.fill(" ".join(text.split()), width())
 
 
-def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
-    """Return a titled list of names and their explanations."""
+def entries(text: str) -> list[tuple[str, str]]:
+    """Return names and explanations of a text: "name: explanation", whose other lines are indented."""
+    whole = filter(None, re.sub(r"\n +", " ", text).splitlines())
+    return [(name, told) for name, _, told in (line.partition(": ") for line in whole)]
+
+
+def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:
+    """Return a titled list of names and their explanations, or of `entries`."""
     lines = [f"{title}:"]
-    for name, text in rows:
+    for name, text in entries(rows) if isinstance(rows, str) else rows:
         first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
         start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
         lines += [] if start is first else [first.rstrip()]
@@ -89,10 +97,10 @@ def keys(document: type) -> list[tuple[str, str]]:
     return rows
 
 
-MANIFEST = (
-    "<command>.manifest.jsonl",
-    "the manifest of a call of several photographs, JSON lines: what --resume goes on with",
-)
+MANIFEST = """
+<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+    with
+"""
 
 
 def epilog(*tables: str, examples: Sequence[str]) -> str:
@@ -140,6 +148,12 @@ def add_table(add: Callable[..., Any]) -> None:
     )
 
 
+def add_timings(add: Callable[..., Any]) -> None:
+    """Describe how results come to be equal to the byte."""
+    text = "without timings: equal calls give equal bytes"
+    add("--no-timings", dest="timings", action="store_false", help=text)
+
+
 def add_running(parser: argparse.ArgumentParser) -> None:
     """Describe how many photographs are gone through."""
     group = parser.add_argument_group(
@@ -162,7 +176,9 @@ def add_running(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker "
         "tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers "
-        "need this blur2view (pip install '.[dask]'). Not with a database's camera, nor with --link",
+        "need this blur2view (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it "
+        "can run programs on the workers and here; blur2view itself listens nowhere. Not with a database's "
+        "camera, nor with --link",
     )
     add(
         "--resume",
@@ -214,6 +230,13 @@ def add_verbosity(group: Any) -> None:
         help="print everything: reasons, matrices, the costs of the models, timings",
     )
     add("-q", "--quiet", action="store_const", dest="verbosity", const=-1, help="print failures only")
+
+
+def add_estimating(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
+    """Describe what all commands that estimate have: running, the camera and the estimator."""
+    add_running(parser)
+    add_camera(parser, exposure=exposure)
+    add_estimation(parser)
 
 
 def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:

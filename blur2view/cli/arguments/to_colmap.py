@@ -1,23 +1,9 @@
 """``blur2view to-colmap``: its options and its help."""
 
 import argparse
-from functools import partial
 from typing import Any
 
-from blur2view.cli.arguments.shared import (
-    CommandParser,
-    add_camera,
-    add_estimation,
-    add_photographs,
-    add_running,
-    add_table,
-    add_verbosity,
-    epilog,
-    keys,
-    output_path,
-    paragraph,
-    table,
-)
+from blur2view.cli.arguments import shared
 from blur2view.documents.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
@@ -30,38 +16,25 @@ of EXIF is not applied. No files have these names, and mapping needs none; blur2
 mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
 to map.
 """
-WRITTEN = (
-    (
-        "a fresh database",
-        "appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get COLMAP's "
-        "guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that as "
-        "a prior. Without F and H a photograph has its configuration and no matches: its ends have no order",
-    ),
-    (
-        "--link",
-        "finds the image of each photograph by the longest ending of its path, moves its features k to k - "
-        "d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to "
-        "1.5 px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run "
-        "through all three. Rows of yours are read, never written; one transaction, after a copy to "
-        "DB.<time>.bak: killed at any moment it leaves the database as before or as after. A second run "
-        "changes nothing. Our rows are listed in the table blur2view_views, with how sure the direction of "
-        "time is. Where COLMAP has a prior, the project's focal length is a hint; --camera project.db takes "
-        "it for true. Whatever maps the project later sees the views, too, unless it is limited to images "
-        "(image_names) or given the backup. Databases up to COLMAP 4.2 are known; newer, locked, damaged and "
-        "foreign ones are refused in one line",
-    ),
-    (
-        "--format matches",
-        "text for colmap feature_importer and matches_importer --match_type inliers; the docstring of "
-        "blur2view.colmap.text_formats has both commands",
-    ),
-    ("--format hloc", "features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')"),
-    (
-        "open or close first",
-        "one photograph does not show the direction of time; neighbours in a video do, by the project's "
-        "matches or by SIFT. Where they do not decide, one direction is taken and marked unknown",
-    ),
-)
+WRITTEN = """
+a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
+    COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
+    as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order
+--link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
+    d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
+    px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
+    three. Rows of yours are read, never written; one transaction, after a copy to DB.<time>.bak: killed at
+    any moment it leaves the database as before or as after. A second run changes nothing. Our rows are listed
+    in the table blur2view_views, with how sure the direction of time is. Where COLMAP has a prior, the
+    project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
+    sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
+    COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
+--format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
+    blur2view.colmap.text_formats has both commands
+--format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
+open or close first: one photograph does not show the direction of time; neighbours in a video do, by the
+    project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
+"""
 EXAMPLES = (
     "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
     "blur2view to-colmap --db project.db --link --sequence frames/*.png",
@@ -74,31 +47,28 @@ REFUSED = {
 }
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
-    parser.description = paragraph(DESCRIPTION)
-    add_photographs(parser)
+    parser.description = shared.paragraph(DESCRIPTION)
+    shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     _add_target(output.add_argument)
-    add_table(output.add_argument)
-    add_verbosity(output)
+    shared.add_table(output.add_argument)
+    shared.add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
-    add_running(parser)
-    add_camera(parser, exposure=False)
-    add_estimation(parser)
-    parser.epilog = epilog(
-        table("what is written", WRITTEN),
-        table("JSON document of --json", keys(ToColmapDocument)),
-        table("JSON object of a photograph", keys(ViewsDocument)),
-        table("not here", REFUSED.items()),
+    shared.add_estimating(parser, exposure=False)
+    parser.epilog = shared.epilog(
+        shared.table("what is written", WRITTEN),
+        shared.table("JSON document of --json", shared.keys(ToColmapDocument)),
+        shared.table("JSON object of a photograph", shared.keys(ViewsDocument)),
+        shared.table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser))
 
 
 def _add_target(add: Any) -> None:
     """Describe where the views go."""
-    add("--db", type=output_path, metavar="DB", help="the database: a new one, or with --link yours")
+    add("--db", type=shared.output_path, metavar="DB", help="the database: a new one, or with --link yours")
     add("--link", action="store_true", help="add to a database that holds the photographs and their features")
     add(
         "--replace",
@@ -107,7 +77,8 @@ def _add_target(add: Any) -> None:
     )
     add(
         "--no-backup",
-        action="store_true",
+        dest="backup",
+        action="store_false",
         help="with --link: do not copy the database to DB.<time>.bak first",
     )
     add(
@@ -117,7 +88,9 @@ def _add_target(add: Any) -> None:
         help="instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files "
         "(default: %(default)s)",
     )
-    add("-o", "--output", type=output_path, metavar="DIR", help="where --format matches and hloc write")
+    add(
+        "-o", "--output", type=shared.output_path, metavar="DIR", help="where --format matches and hloc write"
+    )
     add("--dry-run", action="store_true", help="estimate, say what would be written, and write nothing")
     add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
 
@@ -138,10 +111,3 @@ def _add_views(add: Any) -> None:
         "--no-sequence nothing is concluded from neighbours (default: from those in one folder whose names "
         "differ by one in their number)",
     )
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.to_colmap import run_to_colmap
-
-    return run_to_colmap(options, parser.error)

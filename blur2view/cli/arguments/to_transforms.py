@@ -1,18 +1,8 @@
 """``blur2view to-transforms``: its options and its help."""
 
-import argparse
-from functools import partial
 from pathlib import Path
 
-from blur2view.cli.arguments.shared import (
-    CommandParser,
-    add_verbosity,
-    epilog,
-    output_path,
-    paragraph,
-    seconds,
-    table,
-)
+from blur2view.cli.arguments import shared
 from blur2view.documents.transforms import DIALECTS
 
 ABOUT = "write a COLMAP model with views as transforms.json, for radiance fields of blurred photographs"
@@ -22,29 +12,17 @@ transforms.json that trainers of radiance fields read: instant-ngp, which lets e
 random instant of its exposure, or the motion-blur fork of nerfstudio. The world is the model's, in its unit.
 help("blur2view.colmap.transforms") has all conventions with their sources.
 """
-KEYS = (
-    (
-        "transform_matrix",
-        "world_from_camera at mid exposure; axes x right, y up, z backwards (OpenGL)",
-    ),
-    ("fl_x, cx, k1, ...", "COLMAP's own numbers; above the frames, or in each if they have several cameras"),
-    (
-        "instant-ngp",
-        "transform_matrix_start and _end at shutter-open and shutter-close; rolling_shutter [0, 0, 0, 1], a "
-        "global shutter; sharpness, 1 / (1 + median smear in pixels); aabb_scale, scale and offset put the "
-        "cameras into its box",
-    ),
-    (
-        "nerfstudio",
-        "camera_linear_velocity (units of the model per second) and camera_angular_velocity (radians per "
-        "second) in the camera's axes; exposure_time, rolling_shutter_time 0. The model's points as PLY "
-        "(colmap model_converter --output_type PLY) can be named in ply_file_path as they are",
-    ),
-    (
-        "open or close first",
-        "a photograph does not show it, nor does it matter to one blurred by a global shutter",
-    ),
-)
+KEYS = """
+transform_matrix: world_from_camera at mid exposure; axes x right, y up, z backwards (OpenGL)
+fl_x, cx, k1, ...: COLMAP's own numbers; above the frames, or in each if they have several cameras
+instant-ngp: transform_matrix_start and _end at shutter-open and shutter-close; rolling_shutter [0, 0, 0, 1],
+    a global shutter; sharpness, 1 / (1 + median smear in pixels); aabb_scale, scale and offset put the
+    cameras into its box
+nerfstudio: camera_linear_velocity (units of the model per second) and camera_angular_velocity (radians per
+    second) in the camera's axes; exposure_time, rolling_shutter_time 0. The model's points as PLY (colmap
+    model_converter --output_type PLY) can be named in ply_file_path as they are
+open or close first: a photograph does not show it, nor does it matter to one blurred by a global shutter
+"""
 EXAMPLES = (
     "blur2view to-transforms with_views",
     "blur2view to-transforms with_views --images frames -o scene/transforms.json",
@@ -52,9 +30,9 @@ EXAMPLES = (
 )
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view to-transforms``."""
-    parser.description = paragraph(DESCRIPTION)
+    parser.description = shared.paragraph(DESCRIPTION)
     given = parser.add_argument_group("input")
     given.add_argument("model", type=Path, metavar="MODEL", help="folder of a COLMAP model with views")
     given.add_argument(
@@ -66,7 +44,7 @@ def describe(parser: CommandParser) -> None:
     )
     given.add_argument(
         "--exposure",
-        type=seconds,
+        type=shared.seconds,
         default=1.0,
         metavar="S",
         help="exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the "
@@ -76,7 +54,7 @@ def describe(parser: CommandParser) -> None:
     output.add_argument(
         "-o",
         "--output",
-        type=output_path,
+        type=shared.output_path,
         default=Path("transforms.json"),
         metavar="JSON",
         help="the file (default: %(default)s)",
@@ -85,13 +63,5 @@ def describe(parser: CommandParser) -> None:
         "--dialect", choices=DIALECTS, default=DIALECTS[0], help="whose file (default: %(default)s)"
     )
     output.add_argument("--overwrite", action="store_true", help="replace a file of an earlier call")
-    add_verbosity(output)
-    parser.epilog = epilog(table("what is written", KEYS), examples=EXAMPLES)
-    parser.set_defaults(run=partial(_run, parser))
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.to_transforms import run_to_transforms
-
-    return run_to_transforms(options, parser.error)
+    shared.add_verbosity(output)
+    parser.epilog = shared.epilog(shared.table("what is written", KEYS), examples=EXAMPLES)

@@ -1,22 +1,6 @@
 """``blur2view triage``: its options and its help."""
 
-import argparse
-from functools import partial
-
-from blur2view.cli.arguments.shared import (
-    CommandParser,
-    add_camera,
-    add_estimation,
-    add_photographs,
-    add_running,
-    add_table,
-    add_verbosity,
-    epilog,
-    keys,
-    output_path,
-    paragraph,
-    table,
-)
+from blur2view.cli.arguments import shared
 from blur2view.documents.table import Row
 
 MAX_SMEAR_PX = 3.0
@@ -30,28 +14,19 @@ Look at every photograph and say how long its smears are: a table of all, and a 
 structure from motion. Smears, unlike the variance of the Laplacian, do not confuse a lack of texture with
 blur.
 """
-USES = (
-    ("sharp", "the median of all smears of the picture is at most --max-smear; on the list"),
-    (
-        "blurred",
-        "it is longer, but F or H explains the smears, so that the views of the exposure are of use "
-        "(blur2view to-colmap); on the list with --blurred only",
-    ),
-    (
-        "unusable",
-        "it is longer, and no geometry explains it (DEGENERATE, UNDEFINED), or nothing shows texture; never "
-        "on the list",
-    ),
-)
-LIST = (
-    (
-        "--keep",
-        "names, one on a line, relative to the folder that was given or that all photographs share: what "
-        "COLMAP takes as --image_list_path with that folder as --image_path. Written into that folder, it is "
-        "also a list for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them "
-        "are blurred stands in the table",
-    ),
-)
+USES = """
+sharp: the median of all smears of the picture is at most --max-smear; on the list
+blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
+    to-colmap); on the list with --blurred only
+unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED), or nothing shows texture; never
+    on the list
+"""
+LIST = """
+--keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
+    takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
+    for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them are blurred stands
+    in the table
+"""
 EXAMPLES = (
     "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
     "blur2view triage frames --keep frames/keep.txt --max-smear 3 --blurred",
@@ -60,14 +35,19 @@ EXAMPLES = (
 )
 
 
-def describe(parser: CommandParser) -> None:
+def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view triage``."""
-    parser.description = paragraph(DESCRIPTION)
-    add_photographs(parser)
+    parser.description = shared.paragraph(DESCRIPTION)
+    shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
-    add_table(add)
-    add("--keep", type=output_path, metavar="LIST", help="write the list of photographs to use, see below")
+    shared.add_table(add)
+    add(
+        "--keep",
+        type=shared.output_path,
+        metavar="LIST",
+        help="write the list of photographs to use, see below",
+    )
     add(
         "--max-smear",
         type=float,
@@ -78,22 +58,12 @@ def describe(parser: CommandParser) -> None:
     )
     add("--blurred", action="store_true", help="list the blurred ones, too, that geometry can use")
     add("--overwrite", action="store_true", help="replace table and list of an earlier call")
-    add("--no-timings", action="store_true", help="without timings: equal calls give equal bytes")
-    add_verbosity(output)
-    add_running(parser)
-    add_camera(parser, exposure=True)
-    add_estimation(parser)
-    parser.epilog = epilog(
-        table("uses", USES),
-        table("columns of --csv", keys(Row)),
-        table("the list", LIST),
+    shared.add_timings(add)
+    shared.add_verbosity(output)
+    shared.add_estimating(parser, exposure=True)
+    parser.epilog = shared.epilog(
+        shared.table("uses", USES),
+        shared.table("columns of --csv", shared.keys(Row)),
+        shared.table("the list", LIST),
         examples=EXAMPLES,
     )
-    parser.set_defaults(run=partial(_run, parser), json=False)
-
-
-def _run(parser: CommandParser, options: argparse.Namespace) -> int:
-    """Return the exit code of the command; what it needs is imported only now."""
-    from blur2view.cli.triage import run_triage
-
-    return run_triage(options, parser.error)

@@ -1,0 +1,302 @@
+"""A command over many photographs: checked before any work, done, printed and written down."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from blur2view.batch.inputs import Inputs
+from blur2view.batch.job import Job, Kept, Outcome, Target, Work
+from blur2view.batch.manifest import Manifest
+from blur2view.batch.processes import Engine, processes
+from blur2view.batch.run import Jobs, outcomes
+from blur2view.cli.options import PhotographOptions
+from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
+from blur2view.cli.work import settings_of
+from blur2view.documents.document import FailureDocument
+from blur2view.documents.table import Row, table_text
+from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
+from blur2view.networks.model_file import usable_cores
+from blur2view.output_files import (
+    below_shared_folder,
+    check_file,
+    is_there,
+    prepared,
+    unwritable,
+    write_atomically,
+)
+
+DONE, FAILED, INTERRUPTED = 0, 1, 130
+Taken = TypeVar("Taken")
+Paths = Iterable[Path | None]
+
+
+class End(Enum):
+    """How a run ended: after all photographs, by too many failures, by Ctrl-C, or as none can be done."""
+
+    WHOLE = auto()
+    STOPPED = auto()
+    INTERRUPTED = auto()
+    BROKEN = auto()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finished(Generic[Taken]):
+    """What came of a run over photographs.
+
+    Parameters
+    ----------
+    taken : sequence
+        What the command takes of every photograph, in their order.
+    rows : sequence of Row
+        Of the table, as far as the run has come.
+    failures : sequence of FailureDocument
+        Photographs that failed.
+    end : End
+        Of a broken run files of all photographs stay as an earlier call left them, but for the table.
+    has_table : bool
+        Whether it was not asked for, or could be written.
+    """
+
+    taken: Sequence[Taken] = ()
+    rows: Sequence[Row] = ()
+    failures: Sequence[FailureDocument] = ()
+    end: End = End.WHOLE
+    has_table: bool = True
+
+    @property
+    def exit_code(self) -> int:
+        """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
+        if self.end is End.INTERRUPTED:
+            return INTERRUPTED
+        return FAILED if self.failures or self.end is End.BROKEN or not self.has_table else DONE
+
+
+@contextmanager
+def begun(
+    options: PhotographOptions, work: Work[Target, Kept], path: Path | None, others: Paths = ()
+) -> Iterator[Manifest | None]:
+    """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
+
+    Parameters
+    ----------
+    options : PhotographOptions
+    work : Work
+    path : Path or None
+        Of the manifest. One photograph alone leaves nothing to go on with.
+    others : iterable of Path or None
+        What else the call writes.
+    """
+    folders = [] if options.csv is None else [options.csv.parent]
+    if options.csv is not None:
+        overwrite, remedy = options.replaces, options.remedy
+        check_file(
+            options.csv, "table", options.inputs.paths, overwrite=overwrite, option="--csv", remedy=remedy
+        )
+        refuse_shared(options, options.csv, (path, *others), "--csv")
+    with prepared(*folders):
+        alone = len(options.inputs.paths) == 1 and not options.resume
+        if path is None or alone or not path.parent.is_dir():
+            yield None
+            return
+        settings = settings_of(options.command, work, options.run.intrinsics)
+        with Manifest(path, settings, resume=options.resume) as manifest:
+            if manifest.complaint is not None:
+                complain(manifest.complaint)
+            yield manifest
+
+
+def run_over(
+    options: PhotographOptions,
+    work: Work[Target, Kept],
+    jobs: Jobs[Target],
+    manifest: Manifest | None,
+    *,
+    take: Callable[[Job[Target], Outcome[Kept]], Taken],
+    names: dict[Path, str] | None = None,
+    judge: Callable[[Row], Row] = lambda row: row,
+) -> Finished[Taken]:
+    """Return what came of all photographs, in order, after printing a line for each and writing the table.
+
+    Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
+    as on a full disk, or as many failed as --max-failures allows.
+
+    Parameters
+    ----------
+    options : PhotographOptions
+    work : Work
+    jobs : sequence of (Job, Blur2ViewError or None)
+        With an error those that cannot be begun.
+    manifest : Manifest or None
+    take : callable
+        What is kept of every photograph.
+    names : dict of Path to str, optional
+        What the table calls them, by default what COLMAP does.
+    judge : callable
+        Adds to a row what the command says of it.
+    """
+    jobs = list(jobs)
+    names = names or colmap_names(options.inputs)
+    engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
+    taken: list[Taken] = []
+    rows: list[Row] = []
+    failures: list[FailureDocument] = []
+    skipped, warned = 0, set[str]()
+    end, start = End.WHOLE, time.monotonic()
+    sends = options.dask is not None
+    try:
+        with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
+            for job, outcome in done:
+                row = Row(error=outcome.error) if outcome.made is None else outcome.made.row
+                row = judge(replace(row, name=names[job.path]))
+                bar.step()
+                _tell(options, bar, job.path, outcome, row.use, short=len(jobs) > 1)
+                if outcome.made is None:
+                    failures.append(FailureDocument(image=str(job.path), error=outcome.error))
+                else:
+                    warned |= _warn(options, bar, job.path, outcome.made.warnings, warned)
+                if not options.inputs.is_folder(job.path):
+                    rows.append(row)
+                skipped += outcome.skipped
+                taken.append(take(job, outcome))
+                if outcome.stop or len(failures) == options.max_failures:
+                    end = End.STOPPED
+                    break
+    except KeyboardInterrupt:
+        end = End.INTERRUPTED
+    except (RunError, OutputError) as error:  # no cluster, or no manifest, any more; it says how to go on
+        complain(error)
+        end = End.BROKEN
+    finally:
+        bar.close()
+    has_table = _write_table(options.csv, rows)
+    if end is End.WHOLE and len(jobs) > 1 and options.prints:
+        print(_total(len(jobs), len(taken), skipped, len(failures), time.monotonic() - start))
+    elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
+        print(_how_to_go_on(end, len(taken), len(jobs), manifest), file=sys.stderr)
+    return Finished(taken=taken, rows=rows, failures=failures, end=end, has_table=has_table)
+
+
+def _engine(options: PhotographOptions, count: int) -> Engine:
+    """Return where the work on so many photographs is done."""
+    if options.dask is not None:
+        from blur2view.batch.cluster import Cluster
+
+        return Cluster(options.dask)
+    return processes(max(min(options.jobs or usable_cores(), count), 1))
+
+
+def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
+    """Yield the jobs, with an error those whose input cannot be used."""
+    for job, error in jobs:
+        refused = options.inputs.refused.get(job.path)
+        yield job, error if refused is None else ImageError(refused)
+
+
+def _tell(
+    options: PhotographOptions, bar: Progress, path: Path, outcome: Outcome[Kept], use: str, *, short: bool
+) -> None:
+    """Print a photograph's lines: of many the first of its summary, unless all is wanted."""
+    if outcome.made is None:
+        complain(Blur2ViewError(outcome.error), bar.say)
+    elif options.prints:
+        lines = outcome.made.summary.split("\n")[: 1 if short and options.verbosity == SHORT else None]
+        text = "\n".join(map(printable, lines))  # a manifest's may hold anything
+        bar.say(f"{text}; {use}" if use else text)
+
+
+def _warn(
+    options: PhotographOptions, bar: Progress, path: Path, warnings: Iterable[str], known: set[str]
+) -> set[str]:
+    """Return the options that warnings are about, after printing of each one: of most it is the same."""
+    about = {warning.partition(" ")[0]: warning for warning in warnings}
+    for option, warning in about.items():
+        if option not in known and options.verbosity > QUIET:
+            complain(Blur2ViewError(f"{path}: {warning}"), bar.say)
+    return set(about)
+
+
+def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
+    """Return whether the table could be written, if one is wanted; the others are of use without it."""
+    if target is None or not rows:
+        return True
+    try:
+        write_text(target, table_text(rows))
+    except OutputError as error:
+        complain(error)
+        return False
+    return True
+
+
+def _how_to_go_on(end: End, done: int, count: int, manifest: Manifest | None) -> str:
+    """Return what is said of a run that ended early."""
+    told = f"blur2view: {end.name.lower()}"
+    if count > 1:
+        told += f" after {done} of {plural(count, 'photograph')}"
+        told += "; what is done is kept, the same call with --resume goes on" if manifest else ""
+    return told
+
+
+def _total(count: int, gone_through: int, skipped: int, failed: int, seconds: float) -> str:
+    """Return the closing line; a video may have fewer frames than it says."""
+    done = gone_through - skipped - failed
+    parts = [f"{done} done"] if done or not (skipped or failed) else []
+    parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
+    rate = f", {done / seconds:.2g} a second" if done and seconds > 0 else ""
+    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
+
+
+def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
+    """Return the jobs of a command that writes no files of single photographs."""
+    paths = options.inputs.paths
+    return [(Job(index=index, path=path, target=None), None) for index, path in enumerate(paths)]
+
+
+def colmap_names(inputs: Inputs) -> dict[Path, str]:
+    """Return the name of every photograph below the one folder that was given, or else that all share."""
+    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    shared = below_shared_folder(inputs.paths)
+    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
+    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
+    roots |= {path.parent for path in there if path not in below}
+    if len(roots) == 1:
+        (root,) = roots
+        return {
+            path: path.relative_to(root).as_posix() if path.is_relative_to(root) else name
+            for path, name in names.items()
+        }
+    return names
+
+
+def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths, option: str) -> None:
+    """Refuse a table or a list that would be one file with another one of the call."""
+    if target is None:
+        return
+    real = os.path.realpath(target)
+    if real in {os.path.realpath(other) for other in others if other is not None}:
+        raise OutputError(f"{target}: two results would be one file; name another with {option}")
+    if real in {os.path.realpath(path) for path in options.inputs.lists}:
+        raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write a table or a list, whole or not at all."""
+    with prepared(target.parent):
+        try:
+            write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+        except OSError as error:
+            raise unwritable(target.parent, error) from None
+
+
+def manifest_beside(target: Path) -> Path:
+    """Return the manifest of a file of all photographs."""
+    named = target if target.name else Path(os.path.abspath(target))  # . has no name
+    return named.with_name(f"{named.name}.manifest.jsonl")

@@ -1,0 +1,132 @@
+"""The work on one photograph, as far as the commands share it: how it is estimated, by which network.
+
+The network is loaded once in each process and run in one thread, so that bytes are equal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, TypedDict
+
+from blur2view import __version__
+from blur2view.batch.job import Job, Kept, Target, Work, file_digest
+from blur2view.batch.manifest import Settings
+from blur2view.camera.intrinsics import Intrinsics
+from blur2view.cli.options import PhotographOptions
+from blur2view.cli.terminal import TileProgress
+from blur2view.colmap.cameras import StoredCamera
+from blur2view.documents.stored import plain
+from blur2view.documents.table import Row
+from blur2view.errors import RunError
+from blur2view.networks.model_file import model_path, usable_cores
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import FileEstimate, Run, estimate_file
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandNetwork:
+    """The file of the network, as it goes to the processes that run it.
+
+    Parameters
+    ----------
+    model : str or None
+        That of --model.
+    digest : str
+        SHA-256 of its file.
+    """
+
+    model: str | None
+    digest: str
+
+    @classmethod
+    def of(cls, model: str | None) -> CommandNetwork:
+        """Return those of --model, which is loaded to see that it can be; its tiles are shown to a person.
+
+        Raises
+        ------
+        ModelError
+            If it cannot.
+        """
+        path = model_path(model)
+        digest = file_digest(path) if path.is_file() else ""
+        network = _smears(model, digest)  # which says what is wrong, if anything is
+        network.on_tile = TileProgress()
+        network.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        return cls(model=model, digest=digest)
+
+    @property
+    def loaded(self) -> SmearNetwork:
+        """Return the smear network of this process.
+
+        Raises
+        ------
+        RunError
+            If another file has its name where this is run.
+        """
+        return _smears(self.model, self.digest)
+
+
+@lru_cache(maxsize=1)
+def _smears(model: str | None, digest: str) -> SmearNetwork:
+    """Return the smear network of a file with this digest."""
+    network = SmearNetwork(model, threads=1)
+    if file_digest(network.path) != digest:  # as a machine of a cluster may have
+        raise RunError(f"{network.path}: is another network on a worker; install the same blur2view there")
+    return network
+
+
+class Shared(TypedDict):
+    """What every work is made with."""
+
+    run: Run
+    network: CommandNetwork
+    timings: bool
+    verbosity: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatingWork(Work[Target, Kept]):
+    """Work that begins with the estimate of a photograph."""
+
+    run: Run
+    network: CommandNetwork
+    timings: bool
+    verbosity: int
+
+    @staticmethod
+    def shared(options: PhotographOptions) -> Shared:
+        """Return what the options of any command say of its work, after loading the network."""
+        return {
+            "run": options.run,
+            "network": CommandNetwork.of(options.model),
+            "timings": options.timings,
+            "verbosity": options.verbosity,
+        }
+
+    def estimated(self, job: Job[Target]) -> FileEstimate:
+        """Return the estimate of a photograph."""
+        return estimate_file(job.path, self.network.loaded, self.run, job.content)
+
+    def row(self, one: FileEstimate) -> Row:
+        """Return the row of a photograph in a table, without its name."""
+        return Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+
+
+NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}
+"""What a work holds besides that on which results depend; the network's file stands for its name."""
+
+
+def settings_of(command: str, work: object, intrinsics: Intrinsics) -> Settings:
+    """Return all that a work holds on which the results depend, and the digest of the camera's file."""
+    options = _without(plain(work))
+    camera = intrinsics.camera
+    files = [camera.database] if isinstance(camera, StoredCamera) and camera.database.is_file() else []
+    options["camera_files"] = [file_digest(path) for path in files]
+    return Settings(command=command, version=__version__, options=options)
+
+
+def _without(stored: dict[str, Any]) -> dict[str, Any]:
+    """Return settings without those on which no result depends."""
+    kept = {name: value for name, value in stored.items() if name not in NOT_OF_A_RESULT}
+    return {name: _without(value) if isinstance(value, dict) else value for name, value in kept.items()}

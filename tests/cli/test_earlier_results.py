@@ -1,0 +1,141 @@
+"""What an earlier call has left may be of anybody: it is read as values, or the work is done again."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from blur2view.batch.manifest import Manifest, Settings
+from blur2view.cli import commands as cli
+from tests.support.many_photographs import contents, write_photographs
+
+COMMANDS = {
+    "estimate": (["estimate", "-o", "out", "--json"], "out/estimate.manifest.jsonl"),
+    "report": (["report", "-o", "page.html", "--no-mask"], "page.html.manifest.jsonl"),
+    "triage": (["triage", "--csv", "t.csv"], "t.csv.manifest.jsonl"),
+    "to-colmap": (["to-colmap", "--db", "new.db"], "new.db.manifest.jsonl"),
+}
+Call = Callable[..., tuple[int, str, list[str]]]
+
+
+@pytest.fixture
+def call(tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> Call:
+    """Return a command over two small photographs, here: the code, stdout and the lines of stderr."""
+    monkeypatch.chdir(tmp_path)
+    write_photographs(tmp_path / "in", 2)
+
+    def finish(command: str, *more: str) -> tuple[int, str, list[str]]:
+        words = [*COMMANDS[command][0], "in", "--jobs", "1", "--model", str(tiny_model), *more]
+        code = cli.main(words)
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err.splitlines()
+
+    return finish
+
+
+def change(command: str, *keys: Any, value: Any) -> None:
+    """Put another value into the line of the first photograph."""
+    manifest = Path(COMMANDS[command][1])
+    head, *lines = map(json.loads, manifest.read_text().splitlines())
+    holder = lines[0]
+    for key in keys[:-1]:
+        holder = holder[key]
+    holder[keys[-1]] = value
+    manifest.write_text("".join(json.dumps(line) + "\n" for line in (head, *lines)))
+
+
+@pytest.mark.parametrize(
+    ("command", "keys", "value"),
+    [
+        ("estimate", ["row", "smear_px"], "far"),
+        ("report", ["kept", "verdict"], "NONE"),
+        ("report", ["kept", "content"], "[]"),
+        ("report", ["kept", "content"], '{"document": "7"}'),
+        ("report", ["kept", "median_px"], {"px": 3}),
+        ("triage", ["row", "smear_px"], [3]),
+        ("triage", ["summary"], 3),
+        ("to-colmap", ["kept"], {"views": None, "usable": None}),
+        ("to-colmap", ["kept", "views", "name"], "001.png"),
+        ("to-colmap", ["kept", "views", "size"], [80, 10**30]),
+        ("to-colmap", ["kept", "views", "points_open", "shape"], [1, -1]),
+        ("to-colmap", ["kept", "views", "points_open", "dtype"], "|O"),
+        ("to-colmap", ["kept", "views", "geometry", "F", "shape"], [9]),
+        ("to-colmap", ["kept", "views", "geometry", "config"], "NONE"),
+        ("to-colmap", ["kept", "views", "geometry", "inlier_mask"], [True]),
+        ("to-colmap", ["kept", "views", "camera"], {"model": "NONE"}),
+    ],
+)
+def test_photograph_whose_line_was_changed_is_done_again(
+    call: Call, tmp_path: Path, command: str, keys: list[Any], value: Any
+) -> None:
+    assert call(command)[0] == 0
+    before = contents(tmp_path)
+    change(command, *keys, value=value)
+    code, printed, complaints = call(command, "--resume")
+    assert (code, complaints) == (0, [])
+    if command == "to-colmap":  # in which no time stands
+        assert contents(tmp_path) == before
+    if command == "triage":
+        assert "1 done, 1 done before" in printed
+
+
+def test_page_of_a_changed_manifest_holds_no_other_markup(call: Call) -> None:
+    assert call("report")[0] == 0
+    change("report", "kept", "thumbnail", value='"><script>alert(1)</script>')
+    change("report", "kept", "kind", value='"><script>alert(2)</script>')
+    assert call("report", "--resume")[0] == 0
+    assert "<script>alert" not in Path("page.html").read_text()
+
+
+def test_control_characters_of_a_stored_summary_are_printed_as_escapes(call: Call) -> None:
+    assert call("triage")[0] == 0
+    change("triage", "summary", value="a\x1b[31m.png: fine")
+    assert "a\\x1b[31m.png: fine" in call("triage", "--resume")[1]
+
+
+@pytest.mark.parametrize("document", ["[" * 99999, '{"model_id": "", "image": "a\\u0000"}', "null"])
+@pytest.mark.parametrize("listed", [True, False])
+def test_documents_that_make_no_sense_are_made_again(call: Call, document: str, listed: bool) -> None:
+    assert call("estimate")[0] == 0
+    Path("out/000.json").write_text('"model_id":' * (document != "null") + document)
+    if listed:
+        Path(COMMANDS["estimate"][1]).unlink()
+    code, _, complaints = call("estimate", "--resume")
+    assert code == (document == "null") and len(complaints) == code  # which does not say that it is ours
+
+
+def test_manifest_of_another_version_is_told_in_one_line(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert call("triage")[0] == 0
+    monkeypatch.setattr("blur2view.cli.work.__version__", "9.9")
+    code, printed, (line,) = call("triage", "--resume")
+    assert code == 0 and "2 photographs: 2 done in" in printed
+    assert line.endswith("t.csv.manifest.jsonl: is of another version of blur2view; all is done again")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("kind", ["fifo", "/dev/zero"])
+def test_manifest_that_is_no_file_is_one_line_before_any_work(
+    call: Call, tmp_path: Path, command: str, kind: str
+) -> None:
+    manifest = Path(COMMANDS[command][1])
+    manifest.parent.mkdir(exist_ok=True)
+    if kind == "fifo":
+        os.mkfifo(manifest)
+    else:
+        manifest.symlink_to(kind)
+    for more in ([], ["--resume"]):
+        code, printed, (line,) = call(command, *more)
+        assert (code, printed) == (1, "") and "is no manifest of blur2view; rename or remove it" in line
+    assert os.path.lexists(manifest) and len([one for one in tmp_path.iterdir() if one.is_file()]) == 0
+
+
+def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(call: Call) -> None:
+    Path("out").mkdir()
+    settings = Settings(command="estimate", version="1", options={})
+    with Manifest(Path(COMMANDS["estimate"][1]), settings, resume=False):
+        code, printed, (line,) = call("estimate", "--resume")
+    assert code == 1 and "another call writes there" in line and '"estimates"' not in printed
+    assert call("estimate")[0] == 0
