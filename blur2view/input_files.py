@@ -1,23 +1,103 @@
-"""Files that a user names: read whole, if they are files and of a possible size."""
+"""Files that a user names or that an earlier call left: any of them may be anything, or anybody's."""
 
 import errno
-from pathlib import Path
+import io
+import json
+import math
+import os
+import stat
+from contextlib import ExitStack
+from typing import Any, BinaryIO, NoReturn
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
+# Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
+MAX_PIXELS = 175_000_000
 MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
+MAX_DEPTH = 64  # of nested JSON; no result of ours has more than 8
 
 
-def read_regular(path: Path) -> bytes:
-    """Return a file's content; OSError of a pipe or a device, which may never end, or of more than 1 GiB.
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a regular file for reading; OSError of a pipe, a device or a folder, which may wait for ever.
 
-    What says that it is empty is not read: some files of /proc wait for ever.
+    What says that it is empty is read as such: some files of /proc wait, too.
     """
     try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            raise OSError(errno.EINVAL, "is no regular file")
-        size = path.stat().st_size if path.is_file() else -1
-        if size > MAX_BYTES:
-            raise OSError(errno.EFBIG, f"is larger than {MAX_BYTES >> 30} GiB")
-        return path.read_bytes() if size else b""
+        _require_regular(os.stat(path))
     except ValueError as error:  # a null character in the path
         raise OSError(errno.EINVAL, str(error)) from None
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    file = os.fdopen(os.open(path, flags), "rb")
+    with ExitStack() as unused:
+        unused.callback(file.close)
+        if not _require_regular(os.fstat(file.fileno())):  # now of what nobody can exchange any more
+            return io.BytesIO()
+        unused.pop_all()
+    return file
+
+
+def _require_regular(found: os.stat_result) -> int:
+    """Return the size of a regular file; OSError of any other."""
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "is no regular file")
+    return found.st_size
+
+
+def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
+    """Return a regular file's content; OSError of any other, or if it has more bytes than allowed."""
+    with open_regular(path) as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        return file.read(size) if size <= most else _refuse_size(most)
+
+
+def read_stream(stream: BinaryIO, most: int) -> bytes:
+    """Return what is left of a stream, which may never end; OSError if that is more bytes than allowed."""
+    content = stream.read(most + 1)
+    return content if len(content) <= most else _refuse_size(most)
+
+
+def _refuse_size(most: int) -> NoReturn:
+    """Refuse what has more bytes than allowed."""
+    raise OSError(errno.EFBIG, f"is larger than {most >> 20} MiB")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the value of a JSON text that anybody may have written; ValueError if it is none of ours.
+
+    Ours nest no deeper than `MAX_DEPTH`, hold no NaN, no infinity and no integer of more than 64 bits; every
+    text in them can be a name of a file: it has no null character, and no surrogate but for an odd byte.
+    """
+    try:
+        value = json.loads(text, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    level = [value]
+    for _ in range(MAX_DEPTH):
+        for one in level:
+            _check_scalar(one)
+        level = [part for one in level if isinstance(one, list | dict) for part in _parts(one)]
+        if not level:
+            return value
+    raise ValueError("is nested too deeply")
+
+
+def _parts(container: list[Any] | dict[str, Any]) -> list[Any]:
+    """Return what a list or an object holds, its keys too."""
+    return [*container, *container.values()] if isinstance(container, dict) else container
+
+
+def _check_scalar(value: Any) -> None:
+    """Raise ValueError of a number that overflows and of a text that no file system takes."""
+    if value in (math.inf, -math.inf) or (isinstance(value, int) and abs(value) >> 63):  # 1e999 is infinite
+        raise ValueError("holds a number that is too large")
+    if isinstance(value, str):
+        os.fsencode(value)  # UnicodeEncodeError, a ValueError, of a lone surrogate
+        if "\0" in value:
+            raise ValueError("holds a null character")
+
+
+def _no_number(constant: str) -> NoReturn:
+    """Refuse NaN and infinity, which JSON does not have."""
+    raise ValueError(f"{constant} is no number")

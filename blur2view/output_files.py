@@ -1,6 +1,5 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
-import json
 import os
 import tempfile
 from collections import Counter
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from blur2view.errors import OutputError
+from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
@@ -217,10 +217,10 @@ def _refusal_of_document(document: Path, image: Path, is_known: Callable[[Path],
 def _image_of(document: Path) -> str | None:
     """Return the photograph that a document is of; None if it is not there or damaged."""
     try:
-        content = json.loads(document.read_bytes()) if document.stat().st_size <= MAX_DOCUMENT else None
+        content = parse_json(read_regular(document, MAX_DOCUMENT))
         image = content.get("image") if isinstance(content, dict) else None
-        return image if isinstance(image, str) and b"\0" not in os.fsencode(image) else None
-    except (OSError, ValueError, RecursionError):
+        return image if isinstance(image, str) else None
+    except (OSError, ValueError):
         return None
 
 
@@ -229,10 +229,8 @@ def is_ours(path: Path, kind: str | None = None) -> bool:
 
     ``kind`` is the suffix that stands for what it should be; its own by default.
     """
-    if not path.is_file():
-        return False
     signs = SIGNS.get(kind or path.suffix.lower(), ())
-    with suppress(OSError), path.open("rb") as file:
+    with suppress(OSError), open_regular(path) as file:
         start = file.read(1 << 20)
         return any(sign in start for sign in signs)
     return False

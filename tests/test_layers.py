@@ -19,7 +19,8 @@ PACKAGE = ROOT / "blur2view"
 # A row uses only rows above it; within a row nothing is used across rooms.
 ROWS = [
     "arrays errors",
-    "input_files output_files",
+    "input_files",
+    "output_files",
     "camera smears",
     "geometry networks",
     "robust",

@@ -14,10 +14,11 @@ from typing import BinaryIO
 from blur2view.camera.image import PHOTOGRAPH_SUFFIXES
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video
 from blur2view.errors import ImageError
-from blur2view.input_files import read_regular
+from blur2view.input_files import read_regular, read_stream
 from blur2view.output_files import is_ours
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
+MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +112,7 @@ def list_photographs(
     Raises
     ------
     ImageError
-        If a list cannot be read or names nothing.
+        If a list cannot be read, names nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
@@ -136,10 +137,12 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
     """Yield words, those of lists in place of the lists."""
     for word in words:
         if word == STANDARD_INPUT:
-            yield from _lines("standard input", lambda: b"" if stdin is None else stdin.read())
+            yield from _lines(
+                "standard input", lambda: b"" if stdin is None else read_stream(stdin, MAX_LIST_BYTES)
+            )
         elif word.startswith(LIST):
             path = Path(word[1:])
-            for name in _lines(word[1:], partial(read_regular, path)):
+            for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES)):
                 beside = path.parent / name
                 there = [p for p in (name, beside) if os.path.lexists(p)]
                 if len({os.path.realpath(p) for p in there}) > 1:
@@ -160,10 +163,15 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
+    lines = text.split("\0") if "\0" in text else text.splitlines()
+    if len(lines) > MAX_LINES:
+        raise ImageError(
+            f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
+        )
     if "\0" in text:
-        names = [name for name in text.split("\0") if name.strip()]
+        names = [name for name in lines if name.strip()]
     else:
-        lines = [line for line in text.splitlines() if line.strip() and not _is_comment(line)]
+        lines = [line for line in lines if line.strip() and not _is_comment(line)]
         names = [line if os.path.lexists(line) else line.strip() for line in lines]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")

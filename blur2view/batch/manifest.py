@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from blur2view.batch.job import Job, Kept, Made, Outcome, Target, Work, file_digest
-from blur2view.documents.stored import DAMAGE, parse, plain, restore
+from blur2view.documents.stored import DAMAGE, plain, restore
 from blur2view.documents.table import Row
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import MAX_BYTES
+from blur2view.input_files import MAX_BYTES, parse_json
 from blur2view.output_files import ResultFiles, unwritable
 
 SIGN, FORMAT = "blur2view", 2  # 1 held pickles
@@ -198,7 +198,7 @@ class Manifest:
             file.seek(0)
             for line in _whole_lines(file):
                 try:
-                    self._look_up(parse(line))
+                    self._look_up(parse_json(line))
                 except DAMAGE:
                     self._damaged = True
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,6 @@ from blur2view.camera.colmap_camera import (
     rescaled_matrix,
     to_colmap,
 )
-from blur2view.camera.colmap_database import choose_camera
 from blur2view.errors import CameraError
 
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
@@ -95,17 +92,6 @@ class Camera:
         CameraError if it is none.
         """
         return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
-
-    @classmethod
-    def from_database(
-        cls, path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
-    ) -> Camera:
-        """Return a camera of a COLMAP database: by id, else the image's, else the only one.
-
-        CameraError if the database or the camera cannot be used; see `colmap_database.choose_camera`.
-        """
-        chosen, camera = choose_camera(Path(path), camera_id, image_name)
-        return cls.from_colmap(camera, f"database, camera {chosen}")
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:

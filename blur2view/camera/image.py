@@ -1,6 +1,7 @@
 """Photographs: decode, refuse what cannot be used, orient upright, scale to [0, 1]."""
 
 import io
+import logging
 import math
 import os
 import warnings
@@ -16,12 +17,10 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 from blur2view.camera.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
 from blur2view.camera.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import read_regular
+from blur2view.input_files import MAX_PIXELS, read_regular
 
 # Four cells of the network's grid: anything smaller shows no smear.
 MIN_SIDE_PX = 16
-# Above medium-format sensors (150 megapixels) and just below where Pillow itself refuses (179).
-MAX_PIXELS = 175_000_000
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
 # What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
@@ -33,6 +32,9 @@ NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy o
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+logging.getLogger("PIL").addHandler(
+    logging.NullHandler()
+)  # which prints what it logs unless somebody listens
 
 
 def read_image(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,8 +22,9 @@ class Intrinsics:
     ----------
     focal_px : float or None
         Focal length in pixels.
-    camera : str or None
-        A COLMAP camera string, "path.db", "path.db:ID", or "exif".
+    camera : str, callable or None
+        A COLMAP camera string or "exif"; or what looks the camera up by the photograph's path, as
+        `blur2view.colmap.cameras.StoredCamera` does.
 
     Raises
     ------
@@ -32,7 +33,7 @@ class Intrinsics:
     """
 
     focal_px: float | None = None
-    camera: str | None = None
+    camera: str | Callable[[Path], Camera] | None = None
 
     def __post_init__(self) -> None:
         """Check what can be checked without a photograph."""
@@ -40,7 +41,7 @@ class Intrinsics:
             raise ValueError("give a focal length or a camera, not both")
         if self.focal_px is not None and not possible_focal(self.focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {self.focal_px}")
-        if self.camera is not None and self.camera != "exif" and self._database() is None:
+        if isinstance(self.camera, str) and self.camera != "exif":
             Camera.from_string(self.camera)
 
     @property
@@ -53,16 +54,7 @@ class Intrinsics:
     @property
     def in_database(self) -> bool:
         """Whether the camera is in a COLMAP database, which is read for every photograph."""
-        return self.focal_px is None and self._database() is not None
-
-    def _database(self) -> tuple[Path, int | None] | None:
-        """Return path and camera id if a database is meant: what exists or looks like a path."""
-        text = self.camera or ""
-        path, colon, number = text.rpartition(":")
-        if colon and number.isdecimal():
-            return Path(path), int(number)
-        looks_like_one = text.endswith(".db") or os.path.isfile(text)
-        return (Path(text), None) if looks_like_one else None
+        return callable(self.camera)
 
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
         """Return the camera of one photograph.
@@ -93,11 +85,7 @@ class Intrinsics:
             if self.camera is None:
                 return None
             raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
-        database = self._database()
-        if database is not None:
-            camera = Camera.from_database(*database, str(path))
-        else:
-            camera = Camera.from_string(self.camera)
+        camera = Camera.from_string(self.camera) if isinstance(self.camera, str) else self.camera(path)
         try:
             return camera.for_image(image_size)
         except CameraError as error:

@@ -16,10 +16,10 @@ from blur2view.errors import ImageError
 # Of what OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
-DIGITS = 6  # of a frame's name
+DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
-
-
+# The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
+MAX_FRAME_PIXELS = 80_000_000
 # By the degrees clockwise by which OpenCV turns frames upright.
 ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
 
@@ -40,7 +40,7 @@ def frame_path(video: Path, number: int) -> Path:
 
 def frame_of(path: Path) -> tuple[Path, int] | None:
     """Return video and number of a frame's path; None of any other path."""
-    if path.name.isdecimal() and is_video(path.parent):
+    if path.name.isdecimal() and len(path.name) <= MOST_DIGITS and is_video(path.parent):
         return path.parent, int(path.name)
     return None
 
@@ -69,7 +69,7 @@ def frame_numbers(
     if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
         raise ImageError(f"{video}: does not say how many frames it has a second; name frames by number")
     begin, end = (
-        number if isinstance(number, int) else min(round(number * rate), count)
+        number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)
     )
     numbers = range(begin, min(end, count - 1) + 1, every)
@@ -130,8 +130,13 @@ def _reader(video: Path) -> _Reader:
 
 
 def _opened(video: Path) -> Any:
-    """Return a video that is open, or raise ImageError."""
+    """Return a video that is open, or raise ImageError; a frame too large is refused before it is decoded."""
     capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
+    width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > MAX_FRAME_PIXELS:
+        capture.release()
+        most = MAX_FRAME_PIXELS // 1_000_000
+        raise ImageError(f"{video}: has frames of {width}x{height} pixels; resize it to {most} megapixels")
     return capture

@@ -244,6 +244,7 @@ def _inputs(values: Mapping[str, Any]) -> Inputs:
 def _run(values: Mapping[str, Any]) -> Run:
     """Return how a photograph is estimated."""
     from blur2view.camera.intrinsics import Intrinsics
+    from blur2view.colmap.cameras import stored_camera
     from blur2view.geometry.rolling_shutter import RollingShutter
     from blur2view.pipeline import Run
     from blur2view.smears.selection import SelectOptions
@@ -261,11 +262,12 @@ def _run(values: Mapping[str, Any]) -> Run:
         raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
     if readout_s is not None:
         RollingShutter(readout_s=readout_s, exposure_s=exposure_s or 1.0)  # which checks it
+    camera = stored_camera(values["camera"] or "") or values["camera"]
     return Run(
         select=SelectOptions(beta=values["beta"]),
         options=EstimatorOptions(max_error_px=values["max_error"]),
         seed=values["seed"],
-        intrinsics=Intrinsics(focal_px=values["focal"], camera=values["camera"]),
+        intrinsics=Intrinsics(focal_px=values["focal"], camera=camera),
         exposure_s=exposure_s,
         readout_s=readout_s,
         max_memory_gib=values["max_memory"],

@@ -16,6 +16,7 @@ from blur2view.colmap.database import refuse_changed, refuse_existing, stored_ph
 from blur2view.colmap.link import write_links
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import OPEN
+from blur2view.input_files import read_regular
 
 SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 
@@ -123,7 +124,7 @@ class ViewsFolder(ViewsTarget):
     def photographs(self) -> set[str]:
         """Return those whose views are there: those of hloc's pairs, or of the matches."""
         path = self.files[-1 if self.hloc else 0]
-        words = path.read_text("utf-8", "replace").split() if path.exists() else []
+        words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
         return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
 
     def write(self, made: Sequence[PhotographViews]) -> None:

@@ -97,7 +97,7 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     verb = "would write" if document.dry_run else "wrote"
     pairs = plural(count * (3 if linked else 1), "pair")
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
-    return "\n".join([*lines, total + (f"; backup {document.backup}" if document.backup else "")])
+    return "\n".join([*lines, total + (f"; backup {printable(document.backup)}" if document.backup else "")])
 
 
 def _line(one: ViewsDocument, verbosity: int) -> str:

@@ -22,6 +22,7 @@ from blur2view.cli.run import Finished, colmap_names, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
+from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import inliers, matched
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
@@ -234,7 +235,7 @@ def _camera(
     if photograph.plan is None or database is None:
         return stated
     image = photograph.plan.image
-    own = Camera.from_database(database, image.camera_id)
+    own = camera_of_database(database, image.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
             f"{photograph.path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"

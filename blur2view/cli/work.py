@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, TypedDict
 
 from blur2view import __version__
@@ -16,6 +15,7 @@ from blur2view.batch.manifest import Settings
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import TileProgress
+from blur2view.colmap.cameras import StoredCamera
 from blur2view.documents.stored import plain
 from blur2view.documents.table import Row
 from blur2view.errors import RunError
@@ -120,8 +120,8 @@ NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}
 def settings_of(command: str, work: object, intrinsics: Intrinsics) -> Settings:
     """Return all that a work holds on which the results depend, and the digest of the camera's file."""
     options = _without(plain(work))
-    camera = intrinsics.camera or ""
-    files = [path for path in (Path(camera), Path(camera.rpartition(":")[0])) if path.is_file()]
+    camera = intrinsics.camera
+    files = [camera.database] if isinstance(camera, StoredCamera) and camera.database.is_file() else []
     options["camera_files"] = [file_digest(path) for path in files]
     return Settings(command=command, version=__version__, options=options)
 

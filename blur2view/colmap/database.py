@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.colmap_database import open_read_only
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.rows import (
     CameraColumns,
     Pair,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
-from blur2view.camera.colmap_database import open_read_only
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.project import image_names
 from blur2view.colmap.schema import keypoints_from_blob, matches_from_blob, pair_id
 from blur2view.errors import DatabaseError

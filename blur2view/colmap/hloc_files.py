@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
+from blur2view.input_files import open_regular, read_regular
 from blur2view.output_files import write_together
 
 UNMATCHED = -1
+DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes
 NAMES = ("features.h5", "matches.h5", "pairs.txt")
 
 
@@ -91,10 +93,10 @@ def _holds_views_alone(path: Path) -> bool:
 
     try:
         if path.suffix == ".txt":
-            return are_views(path.read_text("utf-8", "replace").split())
-        with _h5py().File(path, "r") as file:
+            return are_views(read_regular(path).decode("utf-8", "replace").split())
+        with open_regular(path) as opened, _h5py().File(opened, "r") as file:
             file.visititems(note)
-    except OSError:
+    except DAMAGE:
         return False
     return are_views(names)
 

@@ -18,12 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.camera.colmap_database import connect, longest_suffix
+from blur2view.colmap.checks import check_room, rows_of_the_user
+from blur2view.colmap.connection import connect
 from blur2view.colmap.database import mark_views
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
     image_names,
+    longest_suffix,
     open_project,
     own_views,
     read_image,
@@ -67,7 +69,7 @@ def plan_links(
     """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
     With ``replace`` views that an earlier call wrote are written anew. DatabaseError is raised if the
-    database as a whole cannot be used.
+    database as a whole cannot be used, and where it has an image of the user's that is called as a view.
     """
     plan: list[LinkStep | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -82,6 +84,9 @@ def plan_links(
             else:
                 first_of[name] = photograph
                 plan.append(_plan_one(path, database, names, name, replace))
+        writes = sum(isinstance(one, LinkStep) and one.step is not Step.KEEP for one in plan)
+        if writes:
+            check_room(path, database, 2 * writes)
     return plan
 
 
@@ -96,7 +101,7 @@ def _without_image(path: Path, names: dict[str, int], photograph: Path) -> Datab
 def _plan_one(
     path: Path, database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool
 ) -> LinkStep | DatabaseError:
-    """Return the plan for one image of the project, or why it has none."""
+    """Return the plan for one image of the project, or why it has none; raises as `plan_links` does."""
     try:
         image = read_image(path, database, name)
     except DatabaseError as error:
@@ -105,7 +110,7 @@ def _plan_one(
     ours = {number for number, _ in own.values()}
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in ours:
-            return DatabaseError(
+            raise DatabaseError(
                 f"{path}: holds an image {view} that blur2view did not write; rename or delete it"
             )
     if not own or replace:
@@ -145,8 +150,11 @@ def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> 
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
+            before = rows_of_the_user(database)
             for job in jobs:
                 _write_link(database, job)
+            if rows_of_the_user(database) != before:
+                raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
     return copy
 

@@ -1,6 +1,6 @@
 """A user's COLMAP project: its database opened, checked, and the images in it.
 
-It is opened for reading only (`blur2view.camera.colmap_database`) but where views are linked. Then SQLite
+It is opened for reading only (`blur2view.colmap.connection`) but where views are linked. Then SQLite
 writes to the file, in place, and one transaction changes it or nothing does: its journal outlives a kill at
 any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over the
 original would lose what others write meanwhile, and would come apart from a log beside the file.
@@ -9,7 +9,7 @@ original would lose what others write meanwhile, and would come apart from a log
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Container, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,18 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
-from blur2view.camera.colmap_database import connect, database_errors, open_read_only
-from blur2view.colmap.schema import (
-    COLUMNS,
-    MAX_IMAGES,
-    NEWEST_KNOWN,
-    RIG_COLUMNS,
-    keypoints_from_blob,
-    pair_id,
-)
+from blur2view.colmap.checks import check_schema
+from blur2view.colmap.connection import connect, database_errors, open_read_only
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, keypoints_from_blob, pair_id
 from blur2view.errors import DatabaseError
-
-OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,46 +73,24 @@ def _write_transaction(path: Path) -> Iterator[sqlite3.Connection]:
         database.execute("COMMIT")
 
 
-def check_schema(path: Path, database: sqlite3.Connection) -> None:
-    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use."""
-    version = database.execute("PRAGMA user_version").fetchone()[0]
-    if version < 0:
-        raise DatabaseError(f"{path}: has version {version}, which no COLMAP writes; is it COLMAP's?")
-    if version > NEWEST_KNOWN:
-        raise DatabaseError(
-            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
-            "update blur2view"
-        )
-    kinds = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
-    required = COLUMNS | (RIG_COLUMNS if "frames" in kinds or "rigs" in kinds else {})
-    own = {"blur2view_views": OWN_COLUMNS} if "blur2view_views" in kinds else {}
-    for table, columns in (required | own).items():
-        if kinds.get(table) != "table":
-            raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
-        _check_columns(path, database, table, columns)
-    if "trigger" in kinds.values():
-        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
-    damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
-    if damage != ["ok"]:
-        raise DatabaseError(f"{path}: is damaged ({' '.join(damage[0].split())}); restore a backup")
-
-
-def _check_columns(path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...]) -> None:
-    """Refuse a table without our columns, or with others that must be filled."""
-    rows = database.execute(f"PRAGMA table_info({table})").fetchall()
-    have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
-    missing = [column for column in columns if column not in have]
-    must = [name for name, (needed, default) in have.items() if needed and default is None]
-    foreign = [name for name in must if name not in columns]
-    if missing or foreign:
-        what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
-        raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")
-
-
 def image_names(database: sqlite3.Connection) -> dict[str, int]:
     """Return the id of every image by its name, in the order of ids; names that are no UTF-8 are left out."""
     rows = database.execute("SELECT name, image_id FROM images ORDER BY image_id").fetchall()
     return {name: number for name, number in rows if isinstance(name, str) and storable(name)}
+
+
+def longest_suffix(names: Container[str], photograph: Path) -> str | None:
+    """Return the longest suffix of a photograph's path that is an image's name, None if there is none.
+
+    So "/data/left/a.jpg" is "left/a.jpg" of a database that has it, else "a.jpg".
+    """
+    return next((name for name in suffixes(photograph) if name in names), None)
+
+
+def suffixes(photograph: Path) -> Iterator[str]:
+    """Yield the names by which a project may know a photograph, the longest first."""
+    parts = photograph.absolute().parts
+    return ("/".join(parts[start:]) for start in range(1, len(parts)))
 
 
 def storable(name: str) -> bool:
@@ -150,6 +120,8 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
         ) from None
     if prior is None:
         raise DatabaseError(f"{path}: image {name} has no camera; the database is damaged")
+    if has_frames(database) and rig_of(database, camera_id) is None:
+        raise DatabaseError(f"{path}: camera {camera_id} of image {name} has no rig; the database is damaged")
     return ProjectImage(
         image_id=image_id,
         camera_id=camera_id,
@@ -165,6 +137,17 @@ def has_frames(database: sqlite3.Connection) -> bool:
     """Return whether images of this project have frames; then every image needs one."""
     table = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'frames'").fetchone()
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
+
+
+def rig_of(database: sqlite3.Connection, camera_id: int) -> int | None:
+    """Return the id of the rig that a camera belongs to, None if there is none."""
+    sensor = (camera_id, CAMERA_SENSOR)
+    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
+        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
+        row = database.execute(sql, sensor).fetchone()
+        if row is not None:
+            return int(row[0])
+    return None
 
 
 def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:

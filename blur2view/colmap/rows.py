@@ -16,6 +16,7 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.colmap.project import rig_of
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
     keypoints_blob,
@@ -81,19 +82,9 @@ def add_camera(database: Connection, camera: CameraColumns) -> int:
     sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
     row = (model_number(model), width, height, matrix_blob(np.array(params)), prior)
     camera_id = _inserted(database, sql, row)
-    rig_of(database, camera_id)
-    return camera_id
-
-
-def rig_of(database: Connection, camera_id: int) -> int:
-    """Return the id of the rig that a camera belongs to; one is inserted where there is none."""
     sensor = (camera_id, CAMERA_SENSOR)
-    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
-        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
-        row = database.execute(sql, sensor).fetchone()
-        if row is not None:
-            return int(row[0])
-    return _inserted(database, "INSERT INTO rigs(ref_sensor_id, ref_sensor_type) VALUES (?, ?)", sensor)
+    _inserted(database, "INSERT INTO rigs(ref_sensor_id, ref_sensor_type) VALUES (?, ?)", sensor)
+    return camera_id
 
 
 def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bool) -> int:
@@ -113,8 +104,11 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
     )
     row = (image_id, camera_id, CAMERA_SENSOR)
     if with_frame and not database.execute(sql, row).fetchone():
-        sql = "DELETE FROM frame_data WHERE data_id = ? AND sensor_type = ?"
-        database.execute(sql, (image_id, CAMERA_SENSOR))
+        which = "data_id = ? AND sensor_type = ?", (image_id, CAMERA_SENSOR)
+        old = database.execute(f"SELECT frame_id FROM frame_data WHERE {which[0]}", which[1]).fetchall()
+        database.execute(f"DELETE FROM frame_data WHERE {which[0]}", which[1])
+        unused = "frame_id = ? AND frame_id NOT IN (SELECT frame_id FROM frame_data)"
+        database.executemany(f"DELETE FROM frames WHERE {unused}", old)
         _add_frame(database, image_id, camera_id)
 
 

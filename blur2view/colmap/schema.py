@@ -71,6 +71,7 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
+OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
 # What our rows fill, by table; a project may have more columns as long as they may stay empty.
 COLUMNS: dict[str, tuple[str, ...]] = {
     "cameras": ("camera_id", "model", "width", "height", "params", "prior_focal_length"),

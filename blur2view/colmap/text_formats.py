@@ -25,6 +25,7 @@ from blur2view.camera.image import read_content
 from blur2view.camera.video import frame_of
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.input_files import read_regular
 from blur2view.output_files import write_atomically
 
 DESCRIPTOR = " 0" * 128
@@ -108,7 +109,7 @@ def refuse_foreign(folder: Path) -> None:
     if not os.path.lexists(path):
         return
     try:
-        words = path.read_text("utf-8", "replace").split()
+        words = read_regular(path).decode("utf-8", "replace").split()
     except OSError as error:
         raise OutputError(
             f"{path}: cannot be read ({error.strerror}); choose another folder with -o"

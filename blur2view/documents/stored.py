@@ -7,19 +7,18 @@ value of another type, a key too many or too few is a ValueError.
 from __future__ import annotations
 
 import base64
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.input_files import read_regular
+from blur2view.input_files import parse_json, read_regular
 
 Kind = TypeVar("Kind")
 DAMAGE = (ValueError, TypeError, LookupError, ArithmeticError)
@@ -42,14 +41,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     return str(value) if isinstance(value, Path) else value
-
-
-def parse(text: str | bytes) -> Any:
-    """Return the value of a JSON text; ValueError of any other, also of one that is nested too deeply."""
-    try:
-        return json.loads(text, parse_constant=_refuse)
-    except RecursionError:
-        raise ValueError("is nested too deeply") from None
 
 
 def restore(kind: Any, stored: Any) -> Any:
@@ -123,12 +114,7 @@ def _array(kind: type[np.generic], stored: Any) -> AnyArray:
     return array.reshape(shape).astype(kind)  # a copy that can be written
 
 
-def _refuse(constant: str) -> NoReturn:
-    """Refuse NaN and infinity, which JSON does not have."""
-    raise ValueError(f"{constant} is no number")
-
-
 def restored_file(kind: type[Kind], path: Path) -> Kind:
     """Return the object that a JSON file holds; OSError or one of `DAMAGE` if it holds none."""
-    restored: Kind = restore(kind, parse(read_regular(path)))
+    restored: Kind = restore(kind, parse_json(read_regular(path)))
     return restored

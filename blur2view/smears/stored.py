@@ -6,19 +6,26 @@ network errs by, and a photograph of 20 megapixels takes 0.2 MB, where all its p
 
 from __future__ import annotations
 
+import math
+import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import OutputError
+from blur2view.input_files import MAX_PIXELS, open_regular
 from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
 
 GRID, FIELD = "smear_grid", "displacement"  # the first array of either kind of file
 USED = ("ends", "match_sigma_px", "inlier_mask", "swapped")
+DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
+          RuntimeError, zipfile.BadZipFile)  # fmt: skip
+"""What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +44,11 @@ class StoredSmears:
         Whether they fit the geometry.
     swapped : ndarray of bool, shape (N,)
         Whether ``ends[:, 1]`` is the open end.
+
+    Raises
+    ------
+    ValueError
+        If a shape or a type is another.
     """
 
     smears: SmearGrid | SmearField
@@ -44,6 +56,16 @@ class StoredSmears:
     match_sigma_px: AnyArray
     inlier_mask: AnyArray
     swapped: AnyArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and types."""
+        count = self.ends.shape[:1]
+        shapes = {"ends": (*count, 2, 2), "match_sigma_px": count, "inlier_mask": count, "swapped": count}
+        kinds = dict(zip(USED, "ffbb", strict=True))
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array.shape != shape or array.dtype.kind != kinds[name]:
+                raise ValueError(f"expected {name} of shape {shape}, got {array.dtype} {array.shape}")
 
     def at_pixels(self) -> SmearField:
         """Return the smear of every pixel and its standard deviations."""
@@ -79,14 +101,33 @@ def load_smears(path: str | Path) -> StoredSmears:
         If the file is missing, damaged or something else.
     """
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        with open_regular(path) as file:
+            _check_sizes(file)
+            with np.load(file, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
         return StoredSmears(smears=_smears(arrays), **{name: arrays[name] for name in USED})
     except FileNotFoundError:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile):
+    except DAMAGE:
         remedy = "write it again with blur2view estimate -o"
         raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
+
+
+def _check_sizes(file: BinaryIO) -> None:
+    """Raise ValueError of an archive whose arrays would take more memory than the file takes on the disk."""
+    size = file.seek(0, os.SEEK_END)
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+        if sum(one.file_size for one in members) > size or any(one.compress_type for one in members):
+            raise ValueError("its arrays are not stored as they are")
+        for one in members:
+            with archive.open(one) as member:
+                if np.lib.format.read_magic(member) != (1, 0):
+                    raise ValueError("is of another version")
+                shape, _, dtype = np.lib.format.read_array_header_1_0(member)
+                if math.prod(shape) * dtype.itemsize > one.file_size:
+                    raise ValueError("an array claims more than is there")
+    file.seek(0)
 
 
 def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
@@ -96,6 +137,6 @@ def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
         return SmearField(displacement=arrays[FIELD], **sigmas)
     height, width = map(int, arrays["shape"])
     cells = arrays[GRID].astype(np.float32)
-    if not np.isfinite(cells).all():
-        raise ValueError("a smear grid must be finite")
+    if not np.isfinite(cells).all() or height * width > MAX_PIXELS:
+        raise ValueError("a smear grid must be finite, and of a photograph")
     return SmearGrid(cells=cells, stride=int(arrays["stride"]), shape=(height, width))

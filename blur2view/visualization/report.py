@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -12,16 +13,18 @@ from string import Template
 
 import numpy as np
 
+from blur2view.input_files import parse_json
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.visualization.overlay import draw_smears
 from blur2view.visualization.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
 from blur2view.visualization.report_photograph import photograph
-from blur2view.visualization.verdicts import VERDICT_ORDER, sentence
+from blur2view.visualization.verdicts import VERDICT_ORDER, VERDICTS, sentence
 
 SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
 SCRIPTS += ["viewer", "gestures", "gallery", "main"]
 STYLES = ("page", "stage")
+PICTURE = re.compile(r"(data:image/[a-z]+;base64,[A-Za-z0-9+/=]+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +45,11 @@ class Entry:
         Data URI of the photograph with its smears, empty for a failed one.
     content : str
         JSON of `report_photograph.photograph`, empty for a failed photograph.
+
+    Raises
+    ------
+    ValueError
+        If what goes into the page as it is, which a file of an earlier call may say, is something else.
     """
 
     name: str
@@ -51,6 +59,15 @@ class Entry:
     median_px: float | None = None
     thumbnail: str = ""
     content: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what is not escaped."""
+        known = {(kind, config.name) for config, (kind, _) in VERDICTS.items()}
+        known |= {("open", verdict) for kind, verdict in known if kind == "flat"} | {("failed", "FAILED")}
+        if (self.kind, self.verdict) not in known or (self.kind == "failed") == bool(self.content):
+            raise ValueError(f"{self.kind!r}, {self.verdict!r} is no verdict of a photograph")
+        if not PICTURE.fullmatch(self.thumbnail):
+            raise ValueError("the thumbnail is no picture")
 
     @classmethod
     def of(
@@ -77,8 +94,8 @@ class Entry:
 
     def renamed(self, name: str) -> "Entry":
         """Return the entry of an estimated photograph by another name, also in its document."""
-        shown = json.loads(self.content)
-        document = json.loads(shown["document"]) | {"image": name}
+        shown = parse_json(self.content)
+        document = parse_json(shown["document"]) | {"image": name}
         shown |= {"name": name, "document": json.dumps(document, indent=2, allow_nan=False)}
         return replace(self, name=name, content=json.dumps(shown, allow_nan=False))
 

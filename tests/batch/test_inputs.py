@@ -9,6 +9,7 @@ import cv2
 import pytest
 
 from blur2view.batch.inputs import Frames, Inputs, list_photographs
+from blur2view.camera.video import frame_of, read_frame
 from blur2view.cli.outputs import png
 from blur2view.errors import ImageError
 from tests.support.many_photographs import write_video
@@ -136,6 +137,20 @@ def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
             listed(f"@{endless}")
 
 
+def test_list_larger_than_one_of_photographs_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("blur2view.batch.inputs.MAX_LIST_BYTES", 1 << 20)
+    with (
+        open("/dev/zero", "rb") as endless,
+        pytest.raises(ImageError, match="standard input.*larger than 1 MiB"),
+    ):
+        listed("-", stdin=endless)
+    monkeypatch.setattr("blur2view.batch.inputs.MAX_LINES", 3)
+    for separator in ("\n", "\0", "\u2028"):
+        assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3
+        with pytest.raises(ImageError, match="has 4 lines; name at most 3"):
+            listed("-", stdin=io.BytesIO(separator.join("abcd").encode()))
+
+
 @pytest.mark.parametrize("claim", [{cv2.CAP_PROP_FRAME_COUNT: 1e9}, {cv2.CAP_PROP_FPS: float("nan")}])
 def test_video_that_claims_what_cannot_be_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, claim: dict[int, float]
@@ -167,6 +182,7 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
         (Frames(every=4, first=3, last=12), [3, 7, 11]),
         (Frames(first=1.2, last=1.4), [12, 13, 14]),
         (Frames(first=20, last=99), range(20, 25)),
+        (Frames(first=2.4, last=1e308), [24]),
     ],
 )
 def test_video_stands_for_its_frames_named_after_their_numbers(
@@ -179,10 +195,24 @@ def test_video_stands_for_its_frames_named_after_their_numbers(
     assert found.one_video
 
 
+def test_frames_larger_than_any_cameras_are_refused_undecoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 2)
+    monkeypatch.setattr("blur2view.camera.video.MAX_FRAME_PIXELS", 100)
+    (reason,) = listed(video).refused.values()
+    assert "has frames of" in reason and "resize it to" in reason
+    with pytest.raises(ImageError, match="has frames of"):
+        read_frame(video, 0)
+    assert frame_of(video / ("9" * 18)) and not frame_of(video / ("9" * 5000))
+
+
 def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     (reason,) = listed(video, frames=Frames(first=30)).refused.values()
     assert "has 25 frames in 2.5 s, none from 30" in reason
+    (reason,) = listed(video, frames=Frames(first=1e308)).refused.values()
+    assert "none from 1e+308" in reason
     (tmp_path / "text.mp4").write_text("text")
     found = listed(tmp_path / "text.mp4", "a.jpg")
     assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]

@@ -18,7 +18,7 @@ from blur2view.output_files import ResultFiles
 from blur2view.visualization.report import Entry
 
 SETTINGS = Settings(command="estimate", version="1", options={"seed": 0, "network": "ab"})
-ENTRY = Entry(name="a.jpg", kind="found", verdict="V", text="t", median_px=3.0)
+ENTRY = Entry(name="a.jpg", kind="found", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
 MADE = Made(kept=ENTRY, summary="two\nlines", row=Row(verdict="V", inliers=3))
 Target = ResultFiles | None
 

@@ -21,6 +21,7 @@ from blur2view.camera.colmap_camera import (
 )
 from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
+from blur2view.colmap.cameras import camera_of_database, stored_camera
 from blur2view.errors import CameraError
 from tests.support.lens import distorted_points
 
@@ -141,8 +142,8 @@ def test_what_is_no_calibration_matrix_is_refused(K: np.ndarray) -> None:
 
 def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
     before = database.read_bytes()
-    assert Camera.from_database(str(database), 1).params[3] == 0.05
-    assert Camera.from_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
+    assert camera_of_database(str(database), 1).params[3] == 0.05
+    assert camera_of_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
     assert database.read_bytes() == before
 
 
@@ -153,7 +154,7 @@ def test_a_camera_that_a_database_has_not(
     database: Path, camera_id: int | None, image: str, words: str
 ) -> None:
     with pytest.raises(CameraError, match=words):
-        Camera.from_database(database, camera_id, image)
+        camera_of_database(database, camera_id, image)
 
 
 def test_files_that_are_no_database(tmp_path: Path) -> None:
@@ -164,7 +165,7 @@ def test_files_that_are_no_database(tmp_path: Path) -> None:
     text.write_text("no database at all, but long enough to be read as one" * 20)
     for path, words in ((foreign, "COLMAP"), (text, "COLMAP"), (tmp_path / "none.db", "no such database")):
         with pytest.raises(CameraError, match=words) as caught:
-            Camera.from_database(path)
+            camera_of_database(path)
         assert "\n" not in str(caught.value)
 
 
@@ -173,7 +174,7 @@ def test_a_model_of_a_newer_colmap_is_named(database: Path) -> None:
         opened.execute("UPDATE cameras SET model = 999 WHERE camera_id = 1")
     opened.close()
     with pytest.raises(CameraError, match="update pycolmap"):
-        Camera.from_database(database, 1)
+        camera_of_database(database, 1)
 
 
 def test_a_locked_database_is_one_clear_line(database: Path) -> None:
@@ -182,7 +183,7 @@ def test_a_locked_database_is_one_clear_line(database: Path) -> None:
     opened.execute("BEGIN EXCLUSIVE")
     try:
         with pytest.raises(CameraError, match="locked"):
-            Camera.from_database(database, 1)
+            camera_of_database(database, 1)
     finally:
         opened.close()
 
@@ -227,9 +228,9 @@ def test_intrinsics_choose_the_camera(database: Path) -> None:
     assert taken is not None and taken.known and taken.focal_px == pytest.approx(600)
     stated = Intrinsics(focal_px=525.0).of(path, SIZE, exif)
     assert stated is not None and stated.focal_px == pytest.approx(525) and stated.source == "focal"
-    stored = Intrinsics(camera=str(database)).of(path, SIZE, exif)
+    stored = Intrinsics(camera=stored_camera(str(database))).of(path, SIZE, exif)
     assert stored is not None and stored.source == "database, camera 2"
-    first = Intrinsics(camera=f"{database}:1").of(path, SIZE, exif)
+    first = Intrinsics(camera=stored_camera(f"{database}:1")).of(path, SIZE, exif)
     assert first is not None and first.source == "database, camera 1"
     string = Intrinsics(camera=RADIAL).of(path, SIZE, exif)
     assert string is not None and string.distorted

@@ -2,6 +2,9 @@
 
 import io
 import os
+import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -267,7 +270,7 @@ def test_unreadable_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def denied(path: Path) -> bytes:  # chmod would not stop root
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", denied)
+    monkeypatch.setattr("blur2view.camera.image.read_regular", denied)
     with pytest.raises(ImageError, match="Permission denied"):
         read_image(tmp_path / "a.png")
 
@@ -294,3 +297,15 @@ def test_what_does_not_fit_in_memory_after_decoding_is_one_line(
     monkeypatch.setattr(np, "ascontiguousarray", full)
     with pytest.raises(ImageError, match=r"a\.png: does not fit in memory"):
         read_image(path)
+
+
+def test_what_a_decoder_has_to_say_is_not_printed(tmp_path: Path) -> None:
+    path = tmp_path / "samples.tif"
+    Image.fromarray(RGB8).save(path)
+    data = bytearray(path.read_bytes())
+    at = data.index(struct.pack("<HHIH", TiffImagePlugin.SAMPLESPERPIXEL, 3, 1, 3))
+    data[at + 8 : at + 10] = struct.pack("<H", 100)
+    path.write_bytes(data)
+    program = f"from blur2view import read_image; read_image({str(path)!r})"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "More samples" not in done.stderr and "ImageError" in done.stderr

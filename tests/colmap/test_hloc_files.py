@@ -3,6 +3,7 @@
 import os
 import resource
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -125,6 +126,13 @@ def test_what_is_no_file_of_ours_is_refused(tmp_path: Path, name: str, content: 
     with pytest.raises(OutputError, match="holds more than views"):
         write_hloc(tmp_path, [some_views()])
     assert (tmp_path / name).read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["pairs.txt", "features.h5", "matches.h5"])
+def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(OutputError, match="holds more than views"):
+        write_hloc(tmp_path, [some_views()])
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:

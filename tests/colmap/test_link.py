@@ -12,12 +12,11 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_database import longest_suffix
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
 from blur2view.colmap.database import write_database
 from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links, write_links
-from blur2view.colmap.project import image_names, open_project
+from blur2view.colmap.project import image_names, longest_suffix, open_project
 from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
@@ -215,12 +214,15 @@ def test_views_follow_the_camera_of_their_photograph(tmp_path: Path) -> None:
     _run(
         path,
         "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
+        "INSERT INTO rigs VALUES (9, 9, 0)",
         "UPDATE images SET camera_id = 9 WHERE image_id = 2",
     )
     link(path, "a_001.jpg", replace=True)
     with closing(sqlite3.connect(path)) as database:
         cameras = database.execute("SELECT camera_id FROM images WHERE name LIKE '%#%'").fetchall()
         sensors = database.execute("SELECT sensor_id FROM frame_data WHERE data_id > 3").fetchall()
+        frames = database.execute("SELECT count(*) FROM frames").fetchone()
+    assert frames == (5,)
     assert cameras == sensors == [(9,), (9,)]
 
 
@@ -333,7 +335,7 @@ def test_a_failure_midway_undoes_all(tmp_path: Path) -> None:
 def test_a_locked_database_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "project.db"
     make_project(path, ProjectOptions(wal=False))
-    monkeypatch.setattr("blur2view.camera.colmap_database.LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
     job = job_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")

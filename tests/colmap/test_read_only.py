@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_database import open_read_only
 from blur2view.camera.exif import ExifFacts
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.commands import main
+from blur2view.colmap.cameras import camera_of_database, stored_camera
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
@@ -29,11 +29,11 @@ Folder = dict[str, bytes]
 
 
 def camera_of(path: Path) -> None:
-    assert Camera.from_database(path, None, f"/data/{NAMES[0]}").width == SIZE[0]
+    assert camera_of_database(path, None, f"/data/{NAMES[0]}").width == SIZE[0]
 
 
 def camera_option(path: Path) -> None:
-    camera = Intrinsics(camera=f"{path}:1").of(Path("a.jpg"), SIZE, ExifFacts())
+    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), SIZE, ExifFacts())
     assert camera is not None and camera.known
 
 
@@ -229,7 +229,7 @@ def test_what_is_wrong_is_one_clear_line(
     fault: Callable[[Path], object],
     reader: Callable[[Path], object],
 ) -> None:
-    monkeypatch.setattr("blur2view.camera.colmap_database.LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
     path = copied(linked, tmp_path)
     other = fault(path)
     before = contents(path)

@@ -1,5 +1,6 @@
 """COLMAP's text formats, read back as COLMAP's documentation and readers have them."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -130,3 +131,9 @@ def test_matches_of_others_are_refused_and_stay(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"matches\.txt: holds more than views"):
         write_matches_text(tmp_path, [some_views()], [tmp_path / "a.jpg"])
     assert [path.name for path in tmp_path.iterdir()] == ["matches.txt"]
+
+
+def test_a_pipe_in_place_of_matches_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "matches.txt")
+    with pytest.raises(OutputError, match=r"matches\.txt: cannot be read \(is no regular file\)"):
+        write_matches_text(tmp_path, [some_views()], [tmp_path / "a.jpg"])

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.documents.stored import parse, plain, restore, restored_file
+from blur2view.documents.stored import plain, restore, restored_file
 from blur2view.documents.table import Row
 from blur2view.exposure.views import ExposureViews, TimeDirection
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.input_files import parse_json
 
 MASK = np.array([True, False])
 GEOMETRY = TwoViewGeometry(
@@ -40,7 +41,7 @@ VIEWS = ExposureViews(
 
 def through_json(value: Any) -> Any:
     """Return a value as a file gives it."""
-    return parse(json.dumps(plain(value)))
+    return parse_json(json.dumps(plain(value)))
 
 
 def test_dataclasses_arrays_and_enums_come_back_as_they_were() -> None:
@@ -100,7 +101,7 @@ def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
 @pytest.mark.parametrize("text", ["[" * 99999, "NaN", "[Infinity]", "9" * 9999, "{", b"\xff"])
 def test_text_that_is_no_JSON_is_one_kind_of_error(text: str | bytes) -> None:
     with pytest.raises(ValueError):
-        parse(text)
+        parse_json(text)
 
 
 def test_device_is_not_read() -> None:

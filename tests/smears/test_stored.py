@@ -1,5 +1,8 @@
 """Smears in a file: the network's grid gives every pixel back, in little space; what is no such file."""
 
+import os
+import tracemalloc
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +99,23 @@ def test_command_writes_the_smears_of_its_estimate(
     assert run(moving, "-o", tmp_path / "out", "--overwrite") == 0
 
 
-@pytest.mark.parametrize("damage", ["absent", "text", "cut", "other", "nan", "pickle", "short"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "absent",
+        "text",
+        "cut",
+        "other",
+        "nan",
+        "pickle",
+        "short",
+        "huge",
+        "stride",
+        "text ends",
+        "fewer",
+        "pipe",
+    ],
+)
 def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     path = written(tmp_path / "a.smear.npz", stored(grid((100, 130))))
     arrays: dict[str, Any] = dict(np.load(path))
@@ -104,6 +123,9 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
         path.unlink()
     elif damage == "text":
         path.write_text("smears")
+    elif damage == "pipe":
+        path.unlink()
+        os.mkfifo(path)
     elif damage == "cut":
         path.write_bytes(path.read_bytes()[:-100])
     else:
@@ -112,11 +134,40 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
             "nan": {"smear_grid": np.full_like(arrays["smear_grid"], np.nan)},
             "pickle": {"ends": np.array([{}], object)},
             "short": {"shape": np.array(100)},
+            "huge": {
+                "smear_grid": np.zeros((1, 1, 4), np.float16),
+                "stride": np.array(1 << 30),
+                "shape": np.array([1 << 30, 1 << 30]),
+            },
+            "stride": {"stride": np.array(np.inf)},
+            "text ends": {"ends": np.full((3, 2, 2), "x")},
+            "fewer": {"swapped": arrays["swapped"][1:]},
         }[damage]
         np.savez(path, **arrays)
     remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
+
+
+@pytest.mark.parametrize("bomb", ["compressed", "header", "overlapping"])
+def test_an_archive_that_would_unfold_takes_no_memory(tmp_path: Path, bomb: str) -> None:
+    path = written(tmp_path / "a.smear.npz", stored(grid((100, 130))))
+    if bomb == "compressed":
+        np.savez_compressed(path, **dict(np.load(path)), more=np.zeros(100 * MEGABYTE, np.uint8))
+    elif bomb == "header":
+        data = path.read_bytes()
+        claim = b"'shape': (9999999999,), }".ljust(len(b"'shape': (4, 5, 4), }          "))
+        at = data.index(b"'shape': (4, 5, 4)")
+        path.write_bytes(data[:at] + claim + data[at + len(claim) :])
+    else:  # each entry of the directory names the same bytes
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.filelist += [archive.filelist[0]] * 5000
+            archive._didModify = True  # type: ignore[attr-defined]
+    tracemalloc.start()
+    with pytest.raises(OutputError, match="is no whole"):
+        load_smears(path)
+    assert tracemalloc.get_traced_memory()[1] < 20 * MEGABYTE
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize(

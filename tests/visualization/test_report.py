@@ -315,3 +315,36 @@ def test_open_parallax_is_said_first() -> None:
     assert photograph(either)["kind"] == "flat" and "open" not in photograph(either)["meaning"]
     for one, parallax in ((proven, "proven"), (beside_H, "open"), (either, "absent")):
         assert json.loads(photograph(one)["document"])["parallax"] == parallax
+
+
+ENTRY: dict[str, Any] = {
+    "name": "a",
+    "kind": "flat",
+    "verdict": "PLANAR",
+    "text": "",
+    "content": '{"document": "{}"}',
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kind": "x\"><script>"}, {"kind": "found"}, {"verdict": "<b>"}, {"verdict": "FAILED"},
+        {"kind": "failed"}, {"content": ""}, {"thumbnail": 'data:image/png;base64,AA"><b>'},
+        {"thumbnail": "https://a.b/c.png"}, {"thumbnail": "data:image/png;base64,AA\n"},
+    ],
+)  # fmt: skip
+def test_an_entry_of_an_earlier_call_cannot_change_the_page(change: dict[str, str]) -> None:
+    assert report([Entry(**ENTRY)], "1")
+    with pytest.raises(ValueError, match="is no"):
+        Entry(**ENTRY | change)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["{", "[" * 100_000, "[]", "{}", '{"document": 3}', '{"document": "[]"}', '{"document": "[NaN]"}'],
+)
+def test_an_entry_with_a_damaged_document_is_not_renamed(content: str) -> None:
+    assert Entry(**ENTRY).renamed("b").name == "b"
+    with pytest.raises((ValueError, TypeError, LookupError)):
+        Entry(**ENTRY | {"content": content}).renamed("b")

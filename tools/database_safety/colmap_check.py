@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.camera.colmap_database import open_read_only
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES
 
 SIZES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes

@@ -80,6 +80,26 @@ SQL_FAULTS = {
     "name no UTF-8": "UPDATE images SET name = CAST(x'612FFFFE' AS TEXT) WHERE image_id = 3",
     "name empty": "UPDATE images SET name = '' WHERE image_id = 3",
     "own name a blob": "UPDATE images SET name = CAST(name AS BLOB)",
+    "name with a null": "UPDATE images SET name = CAST(x'615f3030312e6a70670078' AS TEXT) WHERE image_id = 2",
+    "name very long": "UPDATE images SET name = CAST(zeroblob(99999) AS TEXT) || 'x' WHERE image_id = 3",
+    "name a long text": f"UPDATE images SET name = '{'x' * 5000}' WHERE image_id = 3",
+    "name an integer": "DROP TABLE images; CREATE TABLE images (image_id INTEGER PRIMARY KEY, name, "
+    "camera_id); INSERT INTO images VALUES (2, 'a_001.jpg', 1), (3, 7, 1)",
+    "view a blob": "INSERT INTO images VALUES (9, CAST('a_001.jpg#open' AS BLOB), 1)",
+    "view with a null": "INSERT INTO images VALUES (9, CAST(x'615f3030312e6a7067236f70656e00' AS TEXT), 1)",
+    "names of any case": "DROP TABLE images; CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT "
+    "UNIQUE COLLATE NOCASE, camera_id); "
+    "INSERT INTO images VALUES (2, 'a_001.jpg', 1), (3, 'A_001.jpg#OPEN', 1)",
+    "replacing keypoints": "DROP TABLE keypoints; CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY, "
+    "rows INTEGER NOT NULL, cols INTEGER NOT NULL, data BLOB, UNIQUE(cols) ON CONFLICT REPLACE); "
+    "INSERT INTO keypoints VALUES (2, 40, 4, zeroblob(640)), (3, 40, 2, zeroblob(320))",
+    "unique keypoints": "CREATE UNIQUE INDEX few ON keypoints(cols) WHERE image_id > 3",
+    "unique sums": "CREATE UNIQUE INDEX sums ON keypoints(rows + image_id)",
+    "computed column": "ALTER TABLE keypoints ADD COLUMN twice AS (2 * rows)",
+    "checked column": "ALTER TABLE matches ADD COLUMN odd INTEGER CHECK (pair_id % 2)",
+    "no row ids": "DROP TABLE matches; CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, "
+    "rows INTEGER, cols INTEGER, data BLOB) WITHOUT ROWID",
+    "camera infinitely wide": "UPDATE cameras SET width = 9e999",
     "last id": f"INSERT INTO images VALUES ({MAX_IMAGES - 1}, 'last.jpg', 1)",
     "pair taken": f"INSERT INTO matches VALUES ({MAX_IMAGES * 2 + 4}, 0, 2, NULL)",
     "geometry taken": f"INSERT INTO two_view_geometries(pair_id, rows, cols, config) VALUES "

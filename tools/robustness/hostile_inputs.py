@@ -3,13 +3,16 @@
     python -m tools.robustness.hostile_inputs --count 1000 --seed 0 --log done.jsonl
 
 Each input is drawn from one seed. Photographs come in batches, with a good one among them, through every
-command; a list, video, argument, network or full disk comes alone with the good one. Each call is a process
-of its own: a fork of this one, which has libraries and network loaded, with --jobs 1; or, for one in 100, a
-fresh interpreter that starts as many processes as it likes.
+command; a list, stream, video, argument, network or full disk comes alone with the good one; so does a
+database, through the commands that read or link to one, and what an earlier call left and somebody changed,
+through those that go on with it. Each call is a process of its own: a fork of this one, which has libraries
+and network loaded, with --jobs 1; or, for one in 100, a fresh interpreter that starts as many processes as
+it likes.
 
-A call is polite if it ends by itself within 30 seconds of processor time and 2 GiB with exit code 0, 1 or 2;
-prints nothing but its own lines, one for each failure; leaves nothing but whole results; and does all that it
-does not refuse. It also has to end within 180 seconds of any time: who waits for ever takes no processor.
+A call is polite if it ends by itself within 20 seconds of processor time and 2 GiB with exit code 0, 1 or 2;
+prints nothing but its own lines, one for each failure; leaves nothing but whole results; does all that it
+does not refuse; runs nothing that a file says; and changes no byte of a database that it refuses, no row of
+the user's in any. It also has to end within 180 seconds of any time: who waits for ever takes no processor.
 
 With --log every finished case is written down. A second call with the same count and seed passes over those
 that were polite and tries the rude ones again; if they are polite now, the table counts them as mended.
@@ -34,83 +37,21 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tools.arguments import target
-from tools.robustness.hostile_arguments import hostile_arguments
-from tools.robustness.hostile_files import blurred, hostile_model, hostile_photograph
-from tools.robustness.hostile_lists import hostile_list, hostile_video
+from tools.robustness.hostile_cases import COMMANDS, GOOD, OTHER, RESUMED, Case, make_cases
+from tools.robustness.hostile_databases import SIZE, changes, snapshot
+from tools.robustness.hostile_files import blurred
+from tools.robustness.hostile_results import RAN, earlier
 from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
-BATCH, FRESH_EVERY = 8, 100
-COMMANDS = (
-    ("estimate", "-o", "out"),
-    ("estimate", "--json"),
-    ("segment", "-o", "out"),
-    ("report", "-o", "page.html"),
-    ("to-colmap", "--db", "new.db"),
-    ("to-colmap", "--format", "matches", "-o", "out"),
-    ("to-colmap", "--format", "hloc", "-o", "out"),
-    ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
-    ("to-transforms", "-o", "transforms.json"),
-)
-GOOD = "good.jpg"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """What is hostile in one call: options, photographs beside the good one, a limit on file sizes.
-
-    ``named`` are words for photographs, of which nobody knows how many they are.
-    """
-
-    kind: str
-    words: list[str] = field(default_factory=list)
-    photographs: list[Path] = field(default_factory=list)
-    named: list[str] = field(default_factory=list)
-    largest_file: int | None = None
-
-
-def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
-    """Return cases of ``count`` hostile inputs, half of them photographs."""
-    shares = {
-        "photographs": round(0.5 * count),
-        "lists": round(0.08 * count),
-        "videos": round(0.06 * count),
-        "networks": round(0.1 * count),
-        "disks": round(0.05 * count),
-    }
-    cases: list[Case] = []
-    made: list[Path] = []
-    for number in range(shares["photographs"]):
-        rng = np.random.default_rng([seed, 0, number])
-        made.append(hostile_photograph(folder, rng, number)[1])
-        if len(made) == BATCH or number == shares["photographs"] - 1:
-            cases.append(Case(kind="photographs", photographs=made))
-            made = []
-    hostile = [path for case in cases for path in case.photographs]
-    for number in range(shares["lists"]):
-        rng = np.random.default_rng([seed, 4, number])
-        cases.append(Case(kind="lists", named=["--", *hostile_list(folder, rng, number, hostile)]))
-    for number in range(shares["videos"]):
-        rng = np.random.default_rng([seed, 5, number])
-        cases.append(Case(kind="videos", named=hostile_video(folder, rng, number)))
-    for number in range(shares["networks"]):
-        kind, path = hostile_model(folder, np.random.default_rng([seed, 1, number]), number)
-        cases.append(Case(kind="networks", words=["--model", str(path)]))
-    for number in range(shares["disks"]):
-        rng = np.random.default_rng([seed, 2, number])
-        cases.append(Case(kind="full disks", largest_file=int(10 ** rng.uniform(3.6, 5.7))))
-    for number in range(count - sum(shares.values())):
-        words = hostile_arguments(np.random.default_rng([seed, 3, number]))
-        cases.append(Case(kind="arguments", words=words))
-    order = np.random.default_rng([seed, 6]).permutation(len(cases))  # whoever stops has some of each
-    return [cases[number] for number in order]
+FRESH_EVERY = 100
 
 
 def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> Call:
@@ -151,7 +92,7 @@ def _child(words: Sequence[str], folder: Path, case: Case, fresh: bool) -> None:
         os.environ["HOME"] = str(folder / ".home")
         for stream, name in ((1, ".stdout"), (2, ".stderr")):
             os.dup2(os.open(name, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600), stream)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(os.open(case.stdin, os.O_RDONLY), 0)
         resource.setrlimit(resource.RLIMIT_CPU, (int(MOST_S) + 1, int(MOST_S) + 2))
         if case.largest_file is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.largest_file, case.largest_file))
@@ -200,15 +141,18 @@ def try_all(
     """Return what came of the cases of ``count`` hostile inputs."""
     before = {} if log is None else _read_log(log, count, seed)
     _load_libraries()
-    with tempfile.TemporaryDirectory() as name:
-        inputs = Path(name) / "inputs"
+    with tempfile.TemporaryDirectory() as place:
+        inputs = Path(place) / "inputs"
         inputs.mkdir()
         cases = make_cases(inputs, count, seed)
-        blurred(np.random.default_rng(seed), (120, 90)).save(inputs / GOOD, "JPEG", quality=95)
+        for number, name in enumerate((GOOD, OTHER)):
+            blurred(np.random.default_rng(seed + number), SIZE).save(inputs / name, "JPEG", quality=95)
+        if any(case.commands is RESUMED for case in cases):
+            _call_earlier(Path(place))
         left = [number for number in range(len(cases)) if number not in before or before[number].rude]
         with ThreadPoolExecutor(jobs) as pool:
             tries = pool.map(
-                partial(_through_all_commands, Path(name), before), left, [cases[n] for n in left]
+                partial(_through_all_commands, Path(place), before), left, [cases[n] for n in left]
             )
             for done, tried in enumerate(tries, len(cases) - len(left) + 1):
                 before[tried.number] = tried
@@ -245,10 +189,13 @@ def _read_log(log: Path, count: int, seed: int) -> dict[int, Tried]:
 def _through_all_commands(place: Path, before: dict[int, Tried], number: int, case: Case) -> Tried:
     """Return what came of every command's call with one case."""
     calls, rude = [], []
-    for index, words in enumerate(COMMANDS):
+    for index, words in enumerate(case.commands):
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
+        if case.prepare is not None:
+            case.prepare(folder, words)
+        kept = snapshot(folder) if case.kind == "databases" else None
         named = case.named or ["--", *map(str, case.photographs)]
         first = named.index("--") + 1
         # no shell can pass a null character
@@ -256,11 +203,13 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         alone = [] if fresh or words[0] == "to-transforms" else ["--jobs", "1"]
         every = [*words, *alone, *case.words, *named[:first], GOOD, *named[first:]]
         call = run_call(every, folder, case, fresh=fresh)
-        found = complaints(call, full_disk=case.largest_file is not None)
+        found = complaints(call, full_disk=case.largest_file is not None, prepared=case.prepare is not None)
+        found += [] if kept is None else changes(call, kept)
+        found += [f"runs what a result says, see {RAN}"] if (folder / RAN).exists() else []
         rude += [f"{complaint}: {call.words!r}" for complaint in found]
         calls.append(call)
         _remove(folder)
-    earlier = before.get(number)
+    last = before.get(number)
     return Tried(
         number=number,
         kind=case.kind,
@@ -269,8 +218,20 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         longest_s=max(call.seconds for call in calls),
         most_gib=max(call.peak_gib for call in calls),
         rude=rude,
-        mended=earlier.mended + (0 if rude else len(earlier.rude)) if earlier else 0,
+        mended=last.mended + (0 if rude else len(last.rude)) if last else 0,
     )
+
+
+def _call_earlier(place: Path) -> None:
+    """Call every command that can go on, with two good photographs."""
+    for words in RESUMED:
+        folder = earlier(place, words)
+        folder.mkdir()
+        for name in (GOOD, OTHER):
+            shutil.copy(place / "inputs" / name, folder)
+        call = run_call([*words, "--jobs", "1", GOOD, OTHER], folder, Case(kind=""), fresh=False)
+        if call.code != 0:
+            raise SystemExit(f"{words}: fails with good photographs: {call.said.decode()}")
 
 
 def fresh_call(number: int, index: int) -> bool:

@@ -13,11 +13,12 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from tools.database_safety.colmap_check import check_database
 
-MOST_S, MOST_GIB = 30.0, 2.0
+MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
-UNREAD = ("the list cannot be read", "names no photograph")  # of a list
+AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
+UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call")  # of a list
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,7 @@ class Call:
         return self.said.decode("utf-8", "replace").split("\n")[:-1]
 
 
-def complaints(call: Call, *, full_disk: bool = False) -> list[str]:
+def complaints(call: Call, *, full_disk: bool = False, prepared: bool = False) -> list[str]:
     """Return everything that is wrong with a call, an empty list if nothing is.
 
     Parameters
@@ -52,9 +53,12 @@ def complaints(call: Call, *, full_disk: bool = False) -> list[str]:
     call : Call
     full_disk : bool
         Whether results could not be written, so that none need be there.
+    prepared : bool
+        Whether other files were there, of which nobody knows whether they are whole.
     """
-    found = [*_ending(call), *_streams(call), *_files(call)]
-    if call.code in (0, 1) and not (full_disk or call.counted and len(call.photographs) == 1):
+    found = [*_ending(call), *_streams(call), *([] if prepared else _files(call))]
+    alone = call.counted and len(call.photographs) == 1
+    if call.code in (0, 1) and not (full_disk or prepared or alone):
         try:
             found += _undone(call)
         except (OSError, ValueError, KeyError, sqlite3.Error) as error:
@@ -91,7 +95,7 @@ def _streams(call: Call) -> Iterator[str]:
         return
     if foreign := [line for line in call.lines if not line.startswith("blur2view: ")]:
         yield f"foreign line: {foreign[0]}"
-    if bool(call.lines) != (call.code == 1):
+    if bool([line for line in call.lines if not line.endswith(AGAIN)]) != (call.code == 1):
         yield f"exit code {call.code} with {len(call.lines)} lines on stderr"
     if call.counted and len(call.lines) > len(call.photographs):
         yield f"{len(call.lines)} lines about {len(call.photographs)} photographs"
@@ -153,6 +157,7 @@ def _undone(call: Call) -> Iterator[str]:
         page = call.folder / "page.html"
         done = page.read_bytes().count(b'id="photo-data-') if page.exists() else 0
     elif command == "triage":
+        csv.field_size_limit(1 << 30)
         with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
             done = sum(not row["error"] for row in csv.DictReader(table))
     elif "--db" in call.words:

@@ -2,7 +2,9 @@
 
 import json
 import signal
+import sqlite3
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +12,13 @@ import numpy as np
 import pytest
 
 from blur2view.cli import commands
+from tools.database_safety.colmap_projects import ProjectOptions, make_project
 from tools.robustness import hostile_inputs
+from tools.robustness.hostile_cases import COMMANDS, SHARES, Case, make_cases
+from tools.robustness.hostile_databases import DATABASE, changes, put_database, snapshot
 from tools.robustness.hostile_files import CONTENTS, encoded, hostile_photograph
-from tools.robustness.hostile_inputs import Case, Tried, make_cases, run_call, try_all
+from tools.robustness.hostile_inputs import Tried, run_call, try_all
+from tools.robustness.hostile_results import spoil
 from tools.robustness.politeness import Call, complaints
 
 
@@ -117,7 +123,45 @@ def test_pictures_before_any_damage_are_pictures(tmp_path: Path, kind: str) -> N
 
 
 def test_every_command_is_called() -> None:
-    assert {words[0] for words in hostile_inputs.COMMANDS} == set(commands.COMMANDS)
+    assert {words[0] for words in COMMANDS} == set(commands.COMMANDS)
+
+
+def test_every_kind_is_drawn(tmp_path: Path) -> None:
+    kinds = {case.kind for case in make_cases(tmp_path, 60, 1)}
+    assert kinds == {*SHARES, "arguments"}
+
+
+def test_changes_of_a_database_are_found(call: Call) -> None:
+    link = replace(call, words=["to-colmap", "--link", "--db", DATABASE])
+    make_project(call.folder / DATABASE, ProjectOptions(wal=False))
+    before = snapshot(call.folder)
+    assert not list(changes(link, before)) and not list(changes(replace(link, code=0), before))
+    with closing(sqlite3.connect(call.folder / DATABASE)) as database:
+        database.execute("DELETE FROM keypoints WHERE image_id = 3")
+        database.commit()
+    assert list(changes(link, before)) == [f"exit code 1, but {DATABASE} changed"]
+    assert list(changes(replace(link, code=0), before)) == ["rows of the user's changed"]
+    assert list(changes(replace(call, code=0), before)) == [f"exit code 0, but {DATABASE} changed"]
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_equal_seeds_give_equal_databases(tmp_path: Path, number: int) -> None:
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        put_database(tmp_path / folder, (), seed=(7, number))
+    (files, rows), (others, other_rows) = (snapshot(tmp_path / folder) for folder in ("one", "two"))
+    assert files.keys() == others.keys() and rows == other_rows
+
+
+def test_spoiled_results_are_other_ones(tmp_path: Path) -> None:
+    (tmp_path / "a.manifest.jsonl").write_text('{"blur2view": "1"}\n{"image": "a", "outputs": {"b": "c"}}\n')
+    content = (tmp_path / "a.manifest.jsonl").read_bytes()
+    for seed in range(30):
+        (tmp_path / f"{seed}").mkdir()
+        path = tmp_path / f"{seed}" / "a.manifest.jsonl"
+        path.write_bytes(content)
+        spoil(path.parent, np.random.default_rng(seed))
+        assert not path.is_file() or path.stat().st_size == 0 or path.read_bytes() != content
 
 
 def test_a_row_with_an_error_is_no_photograph_done(call: Call) -> None:

@@ -1,0 +1,111 @@
+"""The cameras of a COLMAP database: what ``--camera project.db`` names."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import colmap_camera
+from blur2view.colmap.connection import open_read_only
+from blur2view.colmap.project import storable, suffixes
+from blur2view.errors import CameraError, DatabaseError
+
+MOST_NAMED = 10  # camera ids in a message
+MOST_PARAMETERS = 32  # of a camera; no model has half as many
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredCamera:
+    """A camera of a COLMAP database, looked up for every photograph.
+
+    Parameters
+    ----------
+    database : Path
+    camera_id : int or None
+        None: that of the image whose name the photograph's path ends with, else the only one.
+    """
+
+    database: Path
+    camera_id: int | None = None
+
+    def __call__(self, photograph: Path) -> Camera:
+        """Return the camera of a photograph; CameraError if the database cannot be used or leaves it open."""
+        return camera_of_database(self.database, self.camera_id, str(photograph))
+
+
+def stored_camera(text: str) -> StoredCamera | None:
+    """Return what "path.db" or "path.db:ID" names: a path that exists or looks like one; None otherwise."""
+    path, colon, number = text.rpartition(":")
+    if colon and number.isdecimal():
+        return StoredCamera(database=Path(path), camera_id=int(number))
+    looks_like_one = text.endswith(".db") or os.path.isfile(text)
+    return StoredCamera(database=Path(text)) if looks_like_one else None
+
+
+def camera_of_database(
+    path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
+) -> Camera:
+    """Return a camera of a COLMAP database, of any version: by id, else the image's, else the only one.
+
+    ``image_name`` is the photograph's path; the database's image whose name it ends with is taken for it.
+    CameraError if the database cannot be read, has no such camera, or leaves the choice open.
+    """
+    path = Path(path)
+    try:
+        with open_read_only(path) as database:
+            if camera_id is None:
+                camera_id = _camera_of(path, database, image_name)
+            sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
+            row = database.execute(sql, (camera_id,)).fetchone()
+            if row is None:
+                raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(_ids(database))}")
+    except DatabaseError as error:
+        raise CameraError(str(error)) from None
+    return Camera.from_colmap(_colmap_camera(path, camera_id, *row), f"database, camera {camera_id}")
+
+
+def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: Any, params: Any) -> Any:
+    """Return the pycolmap.Camera of a row, whose values may be of any type."""
+    import pycolmap
+
+    try:
+        name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
+        values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
+        width, height = int(width), int(height)
+    except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
+        raise CameraError(
+            f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
+        ) from None
+    return colmap_camera(name, width, height, values)
+
+
+def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int:
+    """Return the camera of the image whose name is the longest suffix of the path, else the only one."""
+    for name in suffixes(Path(image_name)) if image_name and storable(image_name) else ():
+        row = database.execute("SELECT camera_id FROM images WHERE name = ?", (name,)).fetchone()
+        if row is not None:
+            return int(row[0])
+    ids = _ids(database)
+    if len(ids) == 1:
+        return ids[0]
+    raise CameraError(
+        f"{path}: knows no image {Path(image_name).name} and has several cameras or none ({_some(ids)}); "
+        f"name one as {path}:ID"
+    )
+
+
+def _ids(database: sqlite3.Connection) -> list[int]:
+    """Return the first ids of cameras, one more than a message names."""
+    sql = f"SELECT camera_id FROM cameras LIMIT {MOST_NAMED + 1}"
+    return [camera_id for (camera_id,) in database.execute(sql)]
+
+
+def _some(ids: list[int]) -> str:
+    """Return ids for a message, where there are many the first of them."""
+    return ", ".join(map(str, ids[:MOST_NAMED])) + " ..." * (len(ids) > MOST_NAMED) or "none"

@@ -1,0 +1,166 @@
+"""Whether a database is COLMAP's, and whether every row of the user's is still there.
+
+SQLite lets a schema do anything with what is written: replace rows that are there, run triggers, compute
+columns. So a table that we write must be made of the words that COLMAP makes it of, with its unique columns
+and no other, and hold values of COLMAP's types; all of it is checked before any work. What such a check
+misses, the count of the user's rows at the end of the transaction does not.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from collections.abc import Mapping
+from pathlib import Path
+
+from blur2view.colmap.schema import (
+    CAMERA_SENSOR,
+    COLUMNS,
+    MAX_IMAGES,
+    NEWEST_KNOWN,
+    OWN_COLUMNS,
+    RIG_COLUMNS,
+    TABLES,
+    VIEWS_TABLE,
+)
+from blur2view.errors import DatabaseError
+
+LONGEST_NAME = 4096  # bytes, of a path
+# What no other row of a table may repeat, beside its key; see `schema.TABLES`.
+UNIQUE: dict[str, set[tuple[str, ...]]] = {
+    "images": {("name",)},
+    "rigs": {("ref_sensor_id", "ref_sensor_type")},
+    "rig_sensors": {("sensor_id", "sensor_type")},
+    "frame_data": {("data_id", "sensor_type")},
+}
+# What COLMAP never writes; its names are texts of a path's length without null characters.
+ODD_ROWS = f"""
+SELECT 'image', image_id FROM images WHERE typeof(image_id) != 'integer' OR typeof(camera_id) != 'integer'
+  OR typeof(name) != 'text' OR length(CAST(name AS BLOB)) > {LONGEST_NAME}
+  OR instr(CAST(name AS BLOB), x'00')
+UNION ALL
+SELECT 'camera', camera_id FROM cameras WHERE typeof(camera_id) != 'integer' OR typeof(model) != 'integer'
+  OR typeof(width) != 'integer' OR typeof(height) != 'integer' OR typeof(prior_focal_length) != 'integer'
+  OR typeof(params) != 'blob' OR length(params) > {LONGEST_NAME}
+LIMIT 1"""
+OURS = "(SELECT image_id FROM blur2view_views)"
+OF_THE_USER = {  # by table, which rows; of others all
+    **dict.fromkeys(("images", "keypoints", "descriptors"), f"image_id NOT IN {OURS}"),
+    **dict.fromkeys(
+        ("matches", "two_view_geometries"),
+        f"pair_id / {MAX_IMAGES} NOT IN {OURS} AND pair_id % {MAX_IMAGES} NOT IN {OURS}",
+    ),
+    "frame_data": f"data_id NOT IN {OURS}",
+    "frames": f"frame_id NOT IN (SELECT frame_id FROM frame_data WHERE data_id IN {OURS})",
+    "blur2view_views": "0",
+}
+
+
+def _words(sql: str) -> set[str]:
+    """Return the words of a statement."""
+    return set(re.findall(r"[^\W\d]\w*", sql.lower()))
+
+
+MADE_OF = {
+    table: {"create", "table", *_words(f"{table} {columns}")}
+    for table, columns in re.findall(
+        r"CREATE TABLE (?:IF NOT EXISTS )?(\w+) (.*?\));", TABLES + VIEWS_TABLE, re.S
+    )
+}
+
+
+def check_schema(path: Path, database: sqlite3.Connection) -> None:
+    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use."""
+    version = database.execute("PRAGMA user_version").fetchone()[0]
+    if version < 0:
+        raise DatabaseError(f"{path}: has version {version}, which no COLMAP writes; is it COLMAP's?")
+    if version > NEWEST_KNOWN:
+        raise DatabaseError(
+            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
+            "update blur2view"
+        )
+    rows = database.execute("SELECT name, type, sql FROM sqlite_master").fetchall()
+    schema = {name: (kind, sql) for name, kind, sql in rows}
+    required = COLUMNS | (RIG_COLUMNS if "frames" in schema or "rigs" in schema else {})
+    own = {"blur2view_views": OWN_COLUMNS} if "blur2view_views" in schema else {}
+    for table, columns in (required | own).items():
+        kind, sql = schema.get(table, ("", ""))
+        if kind != "table":
+            raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
+        _check_table(path, database, table, columns, sql)
+    if "trigger" in {kind for kind, _ in schema.values()}:
+        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+    damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
+    if damage != ["ok"]:
+        raise DatabaseError(f"{path}: is damaged ({' '.join(damage[0].split())}); restore a backup")
+    odd = database.execute(ODD_ROWS).fetchone()
+    if odd is not None:
+        name = f"{odd[0]} {str(odd[1])[:20]}"
+        raise DatabaseError(f"{path}: {name} has values that COLMAP never writes; is it COLMAP's?")
+
+
+def _check_table(
+    path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...], sql: str
+) -> None:
+    """Refuse a table without our columns, with others that must be filled, or made as COLMAP makes none."""
+    rows = database.execute(f"PRAGMA table_xinfo({table})").fetchall()
+    have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
+    missing = [column for column in columns if column not in have]
+    must = [name for name, (needed, default) in have.items() if needed and default is None]
+    foreign = [name for name in must if name not in columns]
+    if missing or foreign:
+        what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
+        raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")
+    known = MADE_OF[table] | {"real", "default", *map(str.lower, have)}
+    odd = sorted(_words(sql) - known)
+    odd += [f"unique {', '.join(one)}" for one in sorted(_unique(database, table) - UNIQUE.get(table, set()))]
+    if odd:
+        raise DatabaseError(
+            f"{path}: table {table} is made with {odd[0]}, as COLMAP makes none; is it COLMAP's?"
+        )
+
+
+def _unique(database: sqlite3.Connection, table: str) -> set[tuple[str, ...]]:
+    """Return the columns that no other row may repeat, but for the key of a row."""
+    names = [row[1] for row in database.execute(f"PRAGMA index_list({table})") if row[2] and row[3] != "pk"]
+    sql = "SELECT name FROM pragma_index_info(?)"
+    return {tuple(str(column) for (column,) in database.execute(sql, (name,))) for name in names}
+
+
+def check_room(path: Path, database: sqlite3.Connection, count: int) -> None:
+    """Refuse where so many new images would get ids that are used up, or that rows have already."""
+    (first,) = database.execute("SELECT ifnull(max(image_id), 0) + 1 FROM images").fetchone()
+    if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'sqlite_sequence'").fetchone():
+        sql = "SELECT ifnull(max(seq), 0) + 1 FROM sqlite_sequence WHERE name = 'images'"
+        first = max(first, *database.execute(sql).fetchone())
+    if first + count > MAX_IMAGES:
+        raise DatabaseError(f"{path}: its image ids are used up; extract features into a new database")
+    taken = {
+        "keypoints": f"image_id >= {first}",
+        "matches": f"pair_id >= {first * MAX_IMAGES} OR pair_id % {MAX_IMAGES} >= {first}",
+        "two_view_geometries": f"pair_id >= {first * MAX_IMAGES} OR pair_id % {MAX_IMAGES} >= {first}",
+        "frame_data": f"data_id >= {first} AND sensor_type = {CAMERA_SENSOR}",
+    }
+    for table in _plain_tables(database) & taken.keys():
+        if database.execute(f"SELECT 1 FROM {table} WHERE {taken[table]} LIMIT 1").fetchone():
+            raise DatabaseError(
+                f"{path}: {table} has rows of images that it has not; the database is damaged"
+            )
+
+
+def rows_of_the_user(database: sqlite3.Connection) -> Mapping[str, int]:
+    """Return of every table how many rows blur2view did not write; the table of its views must be there."""
+    return {
+        table: int(database.execute(f'SELECT count(*) FROM "{table}" WHERE {which}').fetchone()[0])
+        for table in sorted(_plain_tables(database))
+        for which in [OF_THE_USER.get(table, "1")]
+    }
+
+
+def _plain_tables(database: sqlite3.Connection) -> set[str]:
+    """Return the names of the tables that hold rows, SQLite's own left out."""
+    sql = (
+        "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite\\_%' ESCAPE '\\' "
+        "AND sql NOT LIKE 'CREATE VIRTUAL%'"
+    )
+    return {name.replace('"', '""') for (name,) in database.execute(sql)}

@@ -1,0 +1,118 @@
+"""What is COLMAP's and what is not, and that no row of the user's is lost where a check missed something."""
+
+import os
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blur2view.cli.commands import main
+from blur2view.colmap import connection, project
+from blur2view.colmap.cameras import camera_of_database
+from blur2view.colmap.link import LinkStep, plan_links
+from blur2view.colmap.project import open_project
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
+from tests.colmap.test_link import link
+from tools.database_safety.colmap_projects import ProjectOptions, make_project
+from tools.database_safety.malformed_projects import SQL_FAULTS, write_photograph
+
+# What no COLMAP makes, and which would be written to in a way that nobody sees.
+NOT_COLMAPS = [
+    "name a blob", "name with a null", "name very long", "name a long text", "name an integer", "view a blob",
+    "view with a null", "names of any case", "replacing keypoints", "unique keypoints", "unique sums",
+    "computed column", "checked column", "no row ids", "camera infinitely wide", "view of our name",
+    "pair taken", "keypoints taken", "frame taken", "counter at its end",
+]  # fmt: skip
+
+
+def faulty(path: Path, fault: str) -> Path:
+    make_project(path, ProjectOptions(wal=False))
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(fault)
+        database.commit()
+    return path
+
+
+@pytest.mark.parametrize("kind", NOT_COLMAPS)
+def test_what_no_colmap_makes_is_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    path = faulty(tmp_path / "project.db", SQL_FAULTS[kind])
+    before = path.read_bytes()
+    photographs = [tmp_path / name for name in ("a_001.jpg", "a_002.jpg")]
+    for photograph in photographs:
+        write_photograph(photograph)
+    code = main(["to-colmap", "--link", "--db", str(path), *map(str, photographs)])
+    said = capsys.readouterr()
+    assert code == 1 and said.err.startswith(f"blur2view: {path}: ") and said.err.count("\n") == 1
+    assert path.read_bytes() == before
+    assert sorted(os.listdir(tmp_path)) == ["a_001.jpg", "a_002.jpg", "project.db"]
+
+
+def test_rows_that_a_schema_replaces_are_rolled_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = faulty(tmp_path / "project.db", SQL_FAULTS["replacing keypoints"])
+    monkeypatch.setattr(project, "check_schema", lambda path, database: None)
+    before = path.read_bytes()
+    with pytest.raises(DatabaseError, match="would lose rows of yours"):
+        link(path, "a_001.jpg", backup=True)
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
+
+
+def test_tables_of_others_stay_as_they_are(tmp_path: Path) -> None:
+    mine = "CREATE TABLE notes (image_id INTEGER REFERENCES images(image_id) ON DELETE CASCADE, note TEXT);"
+    path = faulty(tmp_path / "project.db", mine + "INSERT INTO notes VALUES (2, 'dark'), (NULL, 'more')")
+    link(path, "a_001.jpg")
+    link(path, "a_001.jpg", replace=True)
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("SELECT count(*) FROM notes").fetchone() == (2,)
+
+
+def test_a_camera_without_a_rig_is_told_and_gets_none(tmp_path: Path) -> None:
+    path = faulty(tmp_path / "project.db", "PRAGMA foreign_keys = OFF; DELETE FROM rigs")
+    (plan,) = plan_links(path, [Path("a_001.jpg")])
+    assert isinstance(plan, DatabaseError) and "camera 1 of image a_001.jpg has no rig" in str(plan)
+
+
+@pytest.mark.parametrize("suffix", ["-journal", "-wal", "-shm"])
+def test_a_pipe_beside_a_database_is_not_waited_for(tmp_path: Path, suffix: str) -> None:
+    path = faulty(tmp_path / "project.db", "")
+    os.mkfifo(f"{path}{suffix}")
+    for write in (False, True):
+        with (
+            pytest.raises(DatabaseError, match=rf"db{suffix} beside it is no regular file"),
+            open_project(path, write=write),
+        ):
+            pass
+
+
+def test_a_blob_larger_than_any_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = faulty(tmp_path / "project.db", "UPDATE keypoints SET rows = 40000, data = zeroblob(960000)")
+    (plan,) = plan_links(path, [Path("a_001.jpg")])
+    assert isinstance(plan, LinkStep) and len(plan.image.keypoints) == 40000
+    monkeypatch.setattr(connection, "MAX_VALUE_BYTES", 500_000)
+    with pytest.raises(DatabaseError, match="string or blob too big"):
+        plan_links(path, [Path("a_001.jpg")])
+
+
+@pytest.mark.parametrize(
+    "values",
+    ["width = 9e999", "height = -9e999", "width = 'wide'", "model = x'00'", "params = NULL", "params = 'f'",
+     "params = zeroblob(800000)", "width = 1 << 62"],
+)  # fmt: skip
+def test_a_camera_of_odd_values_is_one_line(tmp_path: Path, values: str) -> None:
+    path = faulty(tmp_path / "project.db", f"UPDATE cameras SET {values}")
+    with pytest.raises(CameraError, match="camera") as caught:
+        camera_of_database(path, 1)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_many_cameras_are_named_by_a_few(tmp_path: Path) -> None:
+    more = " UNION ALL ".join(f"SELECT {number}" for number in range(2, 400))
+    copies = f"INSERT INTO cameras SELECT n.*, model, width, height, params, 0 FROM cameras, ({more}) n"
+    path = faulty(tmp_path / "project.db", copies)
+    for camera, photograph in ((None, "x.jpg"), (999, ""), (None, os.fsdecode(b"\xff.jpg"))):
+        with pytest.raises(Blur2ViewError, match=r"1, 2, .*, 10 \.\.\."):
+            camera_of_database(path, camera, photograph)
+    assert np.isfinite(camera_of_database(path, 2).K).all()

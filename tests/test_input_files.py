@@ -1,0 +1,71 @@
+"""Files of anybody: nothing is waited for, nothing without end is read, no JSON but such as ours is taken."""
+
+import io
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from blur2view.input_files import MAX_DEPTH, open_regular, parse_json, read_regular, read_stream
+
+LINUX = Path("/proc/self/mem").exists()
+
+
+def test_content_comes_back_whole(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(bytes(range(256)))
+    assert read_regular(tmp_path / "a", 256) == bytes(range(256))
+    with pytest.raises(OSError, match="larger than 0 MiB"):
+        read_regular(tmp_path / "a", 255)
+
+
+@pytest.mark.skipif(not LINUX, reason="these files are Linux's")
+@pytest.mark.parametrize("name", ["/dev/zero", "/dev/random", "/dev/tty", "pipe", ".", "absent", "a\0b"])
+def test_what_may_never_end_is_not_opened(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError):
+        open_regular(tmp_path / name)
+
+
+@pytest.mark.skipif(not LINUX, reason="these files are Linux's")
+@pytest.mark.parametrize("name", ["/proc/kmsg", "/proc/self/mem", "/proc/self/comm"])
+def test_what_says_that_it_is_empty_is_empty(name: str) -> None:
+    assert read_regular(name) == b""
+
+
+def test_a_file_that_becomes_a_pipe_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_text("x")
+    stat = os.stat(tmp_path / "file")
+    monkeypatch.setattr(os, "stat", lambda path: stat)  # as it was a moment ago
+    with pytest.raises(OSError, match="is no regular file"):
+        open_regular(tmp_path / "pipe")
+
+
+@pytest.mark.skipif(not LINUX, reason="these files are Linux's")
+def test_a_stream_without_end_is_left() -> None:
+    with open("/dev/zero", "rb") as endless, pytest.raises(OSError, match="larger than 1 MiB"):
+        read_stream(endless, 1 << 20)
+    assert read_stream(io.BytesIO(b"abc"), 3) == b"abc"
+
+
+@pytest.mark.parametrize(
+    "value", [None, -1.5, {"a": [1, "\udcff", {"\x1b": True}]}, (1 << 63) - 1, "x" * 100_000, [[]] * 9]
+)
+def test_json_of_ours_is_read(value: object) -> None:
+    assert parse_json(json.dumps(value)) == value
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "{", "NaN", "-Infinity", "1e999", "-1e999", str(1 << 63), "9" * 5000, '"\\ud800"', '["a\\u0000"]',
+        '{"a\\u0000": 1}', b"\xff", "[" * 100_000, "[" * 100_000 + "]" * 100_000,
+        "[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1), '{"a":' * 500 + "1" + "}" * 500,
+    ],
+)  # fmt: skip
+def test_json_of_others_is_an_error_of_one_kind(text: str | bytes) -> None:
+    with pytest.raises(ValueError):
+        parse_json(text)

@@ -1,0 +1,120 @@
+"""What is hostile in each call of every command, drawn from one seed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tools.robustness.hostile_arguments import hostile_arguments
+from tools.robustness.hostile_databases import LINKS, put_database
+from tools.robustness.hostile_files import Rng, hostile_model, hostile_photograph
+from tools.robustness.hostile_lists import hostile_list, hostile_video
+from tools.robustness.hostile_results import spoiled
+
+BATCH = 8
+GOOD, OTHER = "good.jpg", "other.jpg"
+COMMANDS = (
+    ("estimate", "-o", "out"),
+    ("estimate", "--json"),
+    ("segment", "-o", "out"),
+    ("report", "-o", "page.html"),
+    ("to-colmap", "--db", "new.db"),
+    ("to-colmap", "--format", "matches", "-o", "out"),
+    ("to-colmap", "--format", "hloc", "-o", "out"),
+    ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
+    ("to-transforms", "-o", "transforms.json"),
+)
+RESUMED = tuple(words for words in COMMANDS if words[0] != "to-transforms" and "--json" not in words)
+SHARES = {
+    "photographs": 0.4,
+    "lists": 0.06,
+    "videos": 0.05,
+    "networks": 0.08,
+    "full disks": 0.04,
+    "standard input": 0.05,
+    "databases": 0.14,
+    "earlier results": 0.12,
+}
+"""Of all inputs; the others are arguments."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """What is hostile in one call: options, photographs beside the good one, a limit on file sizes.
+
+    ``named`` are words for photographs, of which nobody knows how many they are; ``stdin`` is read as
+    standard input; ``prepare`` puts files into the folder of a call of ``commands``.
+    """
+
+    kind: str
+    words: list[str] = field(default_factory=list)
+    photographs: list[Path] = field(default_factory=list)
+    named: list[str] = field(default_factory=list)
+    largest_file: int | None = None
+    stdin: Path = Path(os.devnull)
+    commands: tuple[tuple[str, ...], ...] = COMMANDS
+    prepare: Callable[[Path, tuple[str, ...]], None] | None = None
+
+
+def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
+    """Return cases of ``count`` hostile inputs."""
+    shares = {kind: round(share * count) for kind, share in SHARES.items()}
+    cases: list[Case] = []
+    made: list[Path] = []
+    for number in range(shares["photographs"]):
+        rng = np.random.default_rng([seed, 0, number])
+        made.append(hostile_photograph(folder, rng, number)[1])
+        if len(made) == BATCH or number == shares["photographs"] - 1:
+            cases.append(Case(kind="photographs", photographs=made))
+            made = []
+    hostile = [path for case in cases for path in case.photographs]
+    for number in range(shares["lists"]):
+        rng = np.random.default_rng([seed, 4, number])
+        cases.append(Case(kind="lists", named=["--", *hostile_list(folder, rng, number, hostile)]))
+    for number in range(shares["videos"]):
+        rng = np.random.default_rng([seed, 5, number])
+        cases.append(Case(kind="videos", named=hostile_video(folder, rng, number)))
+    for number in range(shares["networks"]):
+        _, path = hostile_model(folder, np.random.default_rng([seed, 1, number]), number)
+        cases.append(Case(kind="networks", words=["--model", str(path)]))
+    for number in range(shares["full disks"]):
+        rng = np.random.default_rng([seed, 2, number])
+        cases.append(Case(kind="full disks", largest_file=int(10 ** rng.uniform(3.6, 5.7))))
+    for number in range(shares["standard input"]):
+        stream = _stream(folder, np.random.default_rng([seed, 7, number]), number, hostile)
+        cases.append(Case(kind="standard input", named=["--", "-"], stdin=stream))
+    for number in range(shares["databases"]):
+        prepare = partial(put_database, seed=(seed, 8, number))
+        cases.append(Case(kind="databases", commands=LINKS, prepare=prepare))
+    for number in range(shares["earlier results"]):
+        prepare = partial(spoiled, seed=(seed, 9, number))
+        words = ["--resume"] if number % 4 else ["--overwrite"]
+        cases.append(
+            Case(kind="earlier results", words=words, named=["--", OTHER], commands=RESUMED, prepare=prepare)
+        )
+    for number in range(count - sum(shares.values())):
+        words = hostile_arguments(np.random.default_rng([seed, 3, number]))
+        cases.append(Case(kind="arguments", words=words))
+    order = np.random.default_rng([seed, 6]).permutation(len(cases))  # whoever stops has some of each
+    return [cases[number] for number in order]
+
+
+def _stream(folder: Path, rng: Rng, number: int, hostile: list[Path]) -> Path:
+    """Return what a call reads as standard input: a list, or what never ends or is no list."""
+    match number % 4:
+        case 0:
+            return Path(str(rng.choice(["/dev/zero", "/dev/random", "/dev/null", "/proc/self/mem"])))
+        case 1:
+            path = folder / f"stream{number}"
+            line = [b"\n", b"\0", b"a\n", b"x" * 999_999, rng.bytes(999)][int(rng.integers(5))]
+            path.write_bytes(line * (int(rng.choice([1, 1000, 20_000_000])) // len(line) + 1))
+            return path
+        case _:
+            words = hostile_list(folder, rng, 100_000 + number, hostile)
+            path = Path(words[-1].removeprefix("@"))
+            return path if path.is_file() else Path(os.devnull)
