@@ -18,7 +18,8 @@ ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
 AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
-UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call")  # of a list
+# of a list
+UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call", "beside the list")
 
 
 @dataclass(frozen=True, kw_only=True)
