@@ -7,7 +7,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 from blur2view.errors import OutputError
 from blur2view.input_files import open_regular, parse_json, read_regular
@@ -136,6 +136,16 @@ class ResultFiles:
         return self.paths[-1]
 
 
+class Earlier(Protocol):
+    """What is written down of the results of earlier calls."""
+
+    def knows_file(self, path: Path) -> bool:
+        """Return whether a file is a result of an earlier call, of whichever photograph."""
+
+    def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
+        """Return the other photograph of which one of these files is a result."""
+
+
 def plan_outputs(
     images: Sequence[Path],
     folder: Path,
@@ -145,7 +155,7 @@ def plan_outputs(
     resume: bool = False,
     names: Mapping[Path, Path] | None = None,
     beside: Callable[[Path], Path] | None = None,
-    is_known: Callable[[Path], bool] = lambda path: False,
+    earlier: Earlier | None = None,
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
@@ -166,9 +176,9 @@ def plan_outputs(
         What results are called where that is known, see `result_names`.
     beside : callable, optional
         Maps the name of a photograph to that of a further file, below the folder.
-    is_known : callable, optional
-        Whether it is written down elsewhere of which photograph a document is. That alone tells apart
-        photographs of one name that were named from different folders.
+    earlier : Earlier, optional
+        What is written down of earlier calls. That alone tells apart photographs of one name that were named
+        from different folders.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
@@ -181,8 +191,8 @@ def plan_outputs(
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
         refusal = _refusal(files.paths, inputs, overwrite=overwrite, resume=resume)
-        if refusal is None and not overwrite:
-            refusal = _refusal_of_document(files.document, image, is_known)
+        if refusal is None and resume and not overwrite:
+            refusal = _refusal_by_owner(files, image, earlier)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
@@ -203,15 +213,16 @@ def _refusal(paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, 
     return None
 
 
-def _refusal_of_document(document: Path, image: Path, is_known: Callable[[Path], bool]) -> str | None:
-    """Return why a document is of another photograph, which a call from another folder may have named."""
-    named = _image_of(document)
-    if named is None or os.path.realpath(named) == os.path.realpath(image):
-        return None
-    below = "/".join(part for part in Path(named).parts if part != "..")
-    if Path(os.path.abspath(image)).as_posix().endswith(f"/{below}") and is_known(document):
-        return None
-    return f"{document} is the result of {named}; use another -o or add --overwrite"
+def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:
+    """Return why files are of another photograph, which a call from another folder may have named."""
+    named, document = _image_of(files.document), files.document
+    if named is not None and os.path.realpath(named) != os.path.realpath(image):
+        below = "/".join(part for part in Path(named).parts if part != "..")
+        may_be = Path(os.path.abspath(image)).as_posix().endswith(f"/{below}")
+        if not may_be or earlier is None or not earlier.knows_file(document):
+            return f"{document} is the result of {named}; use another -o or add --overwrite"
+    other = None if earlier is None else earlier.other_owner(image, files.paths)
+    return other and f"its results would replace those of {other}; use another -o or add --overwrite"
 
 
 def _image_of(document: Path) -> str | None:

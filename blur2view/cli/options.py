@@ -176,6 +176,11 @@ class ToColmapOptions(PhotographOptions):
         return target
 
     @property
+    def is_new(self) -> bool:
+        """Whether a database of our own is written, which a manifest tells from one that was changed."""
+        return self.db is not None and not self.link
+
+    @property
     def hloc(self) -> bool:
         """Whether hloc's files are written."""
         return self.format == HLOC

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from blur2view.batch.job import Job, Kept, Outcome, Target, Work
+from blur2view.batch.job import Job, Work
 from blur2view.batch.manifest import Manifest
 from blur2view.cli.options import FolderOptions
-from blur2view.cli.run import Finished, Taken, begun, manifest_beside, refuse_shared, run_over
+from blur2view.cli.run import Finished, Taken, begun, kept_of, manifest_beside, refuse_shared, run_over
 from blur2view.documents.document import Document, FailureDocument
 from blur2view.documents.estimate import EstimateDocument
 from blur2view.documents.masks import MaskDocument
@@ -58,17 +58,12 @@ def run_with_files(
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with prepared(*folders):
-            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=_kept)
+            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=kept_of)
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
         print(collect([one for one in finished.taken if one is not None], list(finished.failures)).to_json())
     return finished.exit_code
-
-
-def _kept(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
-    """Return what is kept of a photograph; None if it failed."""
-    return None if outcome.made is None else outcome.made.kept
 
 
 def _planned(
@@ -90,22 +85,12 @@ def _planned(
             resume=options.resume,
             names=inputs.names,
             beside=beside,
-            is_known=manifest.knows_file if manifest is not None else lambda path: False,
+            earlier=manifest,
         )
     for index, (path, files) in enumerate(zip(inputs.paths, plan, strict=True)):
-        error = files if isinstance(files, OutputError) else None
-        target = files if isinstance(files, ResultFiles) else None
-        if target and manifest is not None and options.resume and not options.overwrite:
-            error = _refusal_by_owner(manifest, path, target)
-        jobs.append((Job(index=index, path=path, target=target), error))
+        job = Job(index=index, path=path, target=files if isinstance(files, ResultFiles) else None)
+        jobs.append((job, files if isinstance(files, OutputError) else None))
     return jobs
-
-
-def _refusal_by_owner(manifest: Manifest, path: Path, files: ResultFiles) -> OutputError | None:
-    """Return why results of another photograph would be replaced, if a manifest says that they are such."""
-    other = manifest.other_owner(path, files.paths)
-    told = f"{path}: its results would replace those of {other}; use another -o or add --overwrite"
-    return OutputError(told) if other else None
 
 
 def result_contents(

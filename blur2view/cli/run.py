@@ -253,6 +253,11 @@ def _total(count: int, gone_through: int, skipped: int, failed: int, seconds: fl
     return f"{plural(count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
 
 
+def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
+    """Return what is kept of a photograph; None if it failed."""
+    return None if outcome.made is None else outcome.made.kept
+
+
 def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
     """Return the jobs of a command that writes no files of single photographs."""
     paths = options.inputs.paths

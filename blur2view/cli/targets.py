@@ -1,10 +1,6 @@
 """Where ``blur2view to-colmap`` writes: a fresh database, one of the user's, or a folder of text or HDF5."""
 
-from __future__ import annotations
-
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 from blur2view.batch.manifest import Manifest
@@ -21,125 +17,58 @@ from blur2view.input_files import read_regular
 SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 
 
-@dataclass(frozen=True, kw_only=True)
-class ViewsTarget(ABC):
-    """What all photographs are written to at once.
+def manifest_path(options: ToColmapOptions) -> Path | None:
+    """Return where is written down what is done; nowhere if nothing is to be written."""
+    if options.dry_run:
+        return None
+    return manifest_beside(options.target if options.output is None else options.output / options.command)
 
-    Parameters
-    ----------
-    path : Path
-        The database, or the folder.
-    """
 
-    path: Path
-    is_new = False
-    """Whether it is a file that a manifest tells from one that was changed since."""
+def written_files(options: ToColmapOptions) -> list[Path]:
+    """Return what is written, besides the manifest."""
+    if options.output is None:
+        return [options.target, *(Path(f"{options.target}{end}") for end in SQLITE_FILES)]
+    names = hloc_files.NAMES if options.hloc else text_formats.NAMES
+    return [options.output, *(options.output / name for name in names)]
 
-    @property
-    def manifest(self) -> Path:
-        """Where is written down what is done."""
-        return manifest_beside(self.path)
 
-    @property
-    def files(self) -> Sequence[Path]:
-        """What is written besides, or in the folder."""
-        return [Path(f"{self.path}{end}") for end in SQLITE_FILES]
+def refuse_others(options: ToColmapOptions, manifest: Manifest | None) -> bool:
+    """Refuse before any work what is not ours; return whether a database of an earlier call is replaced."""
+    if options.output is not None:
+        (hloc_files if options.hloc else text_formats).refuse_foreign(options.output)
+    if options.output is not None or options.link:
+        return False
+    path = options.target
+    if manifest is not None and manifest.wrote(path):
+        if options.resume:
+            return True
+        raise DatabaseError(f"{path}: is of an earlier call; add --resume to go on, or choose another --db")
+    if manifest is not None and manifest.has_target(path):
+        refuse_changed(path)
+    refuse_existing(path)
+    return False
 
-    def checked(self, manifest: Manifest | None, *, resume: bool) -> ViewsTarget:
-        """Return the target, after refusing before any work what must not be written."""
-        return self
 
-    def photographs(self) -> set[str]:
-        """Return those whose views an earlier call has written, which this one would write anew."""
+def written_before(options: ToColmapOptions) -> set[str]:
+    """Return the photographs whose views an earlier call has written, which this one would write anew."""
+    if options.link or options.dry_run or not options.resume:
         return set()
-
-    @abstractmethod
-    def write(self, made: Sequence[PhotographViews]) -> Path | None:
-        """Write all views; return the backup, if there is one."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FreshDatabase(ViewsTarget):
-    """A database that appears whole or not at all; a call that goes on replaces that of an earlier one."""
-
-    replaces: bool = False
-    is_new = True
-
-    def checked(self, manifest: Manifest | None, *, resume: bool) -> FreshDatabase:
-        """Return whether the file is replaced; DatabaseError if there is one that must not be."""
-        if manifest is not None and manifest.wrote(self.path):
-            if resume:
-                return replace(self, replaces=True)
-            raise DatabaseError(
-                f"{self.path}: is of an earlier call; add --resume to go on, or choose another --db"
-            )
-        if manifest is not None and manifest.has_target(self.path):
-            refuse_changed(self.path)
-        refuse_existing(self.path)
-        return self
-
-    def photographs(self) -> set[str]:
-        """Return those whose views it holds."""
-        return stored_photographs(self.path) if self.path.exists() else set()
-
-    def write(self, made: Sequence[PhotographViews]) -> None:
-        """Write the database, if there is anything to write."""
-        if made:
-            write_database(self.path, [one.views for one in made], replace=self.replaces)
+    if options.output is None:
+        return stored_photographs(options.target) if options.target.exists() else set()
+    path = options.output / (hloc_files.NAMES[-1] if options.hloc else text_formats.NAMES[0])
+    words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
+    return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class LinkedDatabase(ViewsTarget):
-    """A database of the user's that views are added to, after a copy of it."""
-
-    backup: bool
-
-    def write(self, made: Sequence[PhotographViews]) -> Path | None:
-        """Add the views in one transaction."""
-        return write_links(self.path, [one.job for one in made], backup=self.backup)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewsFolder(ViewsTarget):
-    """A folder of text files for COLMAP, or of hloc's."""
-
-    command: str
-    hloc: bool
-
-    @property
-    def manifest(self) -> Path:
-        """Where is written down what is done."""
-        return manifest_beside(self.path / self.command)
-
-    @property
-    def files(self) -> Sequence[Path]:
-        """What is written in the folder."""
-        return [self.path / name for name in (hloc_files if self.hloc else text_formats).NAMES]
-
-    def checked(self, manifest: Manifest | None, *, resume: bool) -> ViewsFolder:
-        """Return the folder; OutputError if it holds more than views."""
-        (hloc_files if self.hloc else text_formats).refuse_foreign(self.path)
-        return self
-
-    def photographs(self) -> set[str]:
-        """Return those whose views are there: those of hloc's pairs, or of the matches."""
-        path = self.files[-1 if self.hloc else 0]
-        words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
-        return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
-
-    def write(self, made: Sequence[PhotographViews]) -> None:
-        """Write the files."""
-        views = [one.views for one in made]
-        if self.hloc:
-            hloc_files.write_hloc(self.path, views)
-        else:
-            text_formats.write_matches_text(self.path, views, [one.photograph.path for one in made])
-
-
-def target_of(options: ToColmapOptions) -> ViewsTarget:
-    """Return what the options name."""
+def write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, replace: bool) -> Path | None:
+    """Return the backup, if there is one, after writing everything at once."""
     if options.link:
-        return LinkedDatabase(path=options.target, backup=options.backup)
-    if options.db is not None:
-        return FreshDatabase(path=options.db)
-    return ViewsFolder(path=options.target, command=options.command, hloc=options.hloc)
+        return write_links(options.target, [one.job for one in made], backup=options.backup)
+    views = [one.views for one in made]
+    if options.hloc:
+        hloc_files.write_hloc(options.target, views)
+    elif options.output is not None:
+        text_formats.write_matches_text(options.output, views, [one.photograph.path for one in made])
+    elif made:
+        write_database(options.target, views, replace=replace)
+    return None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import End, begun
-from blur2view.cli.targets import ViewsTarget, target_of
+from blur2view.cli.targets import manifest_path, refuse_others, write_views, written_before, written_files
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
 from blur2view.documents.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
@@ -20,13 +20,12 @@ def run(options: ToColmapOptions) -> int:
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
     work = ViewsWork(**ViewsWork.shared(options), database=options.db, link=options.link)
-    target = target_of(options)
     photographs, failures = name_photographs(options)
-    path = None if options.dry_run else target.manifest
     folders = [] if options.dry_run or options.output is None else [options.output]
-    with prepared(*folders), begun(options, work, path, [options.target, *target.files]) as manifest:
-        target = target.checked(manifest, resume=options.resume)
-        before = target.photographs() if options.resume and not options.dry_run else set()
+    path, files = manifest_path(options), written_files(options)
+    with prepared(*folders), begun(options, work, path, files) as manifest:
+        replaces = refuse_others(options, manifest)
+        before = written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
         finished = make_views(options, work, [one for one in photographs if not one.kept], manifest)
         made = [one for one in finished.taken if one is not None]
@@ -38,13 +37,20 @@ def run(options: ToColmapOptions) -> int:
         made = with_time(options, made)
         if options.corrected:
             made = [replace(one, views=one.views.corrected()) for one in made]
-        document = replace(
-            _write(options, target, made),
-            kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
-            failures=[*failures, *finished.failures],
-        )
-        if manifest is not None and document.photographs and target.is_new:
+        written = [one for one in made if not _skips(options, one)]
+        backup = None if options.dry_run else write_views(options, written, replace=replaces)
+        if manifest is not None and written and options.is_new:
             manifest.append_target(options.target)
+    document = ToColmapDocument(
+        format=options.format,
+        target=str(options.target),
+        dry_run=options.dry_run,
+        backup=None if backup is None else str(backup),
+        photographs=[one.document() for one in written],
+        skipped=[one.document("skip") for one in made if _skips(options, one)],
+        kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
+        failures=[*failures, *finished.failures],
+    )
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
@@ -55,23 +61,6 @@ def run(options: ToColmapOptions) -> int:
 def _skips(options: ToColmapOptions, one: PhotographViews) -> bool:
     """Return whether a photograph's views are left out."""
     return options.skip_degenerate and one.views.geometry.F is None
-
-
-def _write(options: ToColmapOptions, target: ViewsTarget, made: list[PhotographViews]) -> ToColmapDocument:
-    """Return the document of what was made, after writing what is not skipped."""
-    skipped = [one for one in made if _skips(options, one)]
-    written = [one for one in made if not _skips(options, one)]
-    backup = None if options.dry_run else target.write(written)
-    return ToColmapDocument(
-        format=options.format,
-        target=str(options.target),
-        dry_run=options.dry_run,
-        backup=None if backup is None else str(backup),
-        photographs=[one.document() for one in written],
-        skipped=[one.document("skip") for one in skipped],
-        kept=[],
-        failures=[],
-    )
 
 
 def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:

@@ -18,7 +18,7 @@ from blur2view.camera.exif import ExifFacts, read_exif
 from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import Finished, colmap_names, run_over
+from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
@@ -60,7 +60,7 @@ class PhotographViews:
 
     photograph: NamedPhotograph
     views: ExposureViews
-    usable: np.ndarray | None = None
+    usable: NDArray[np.bool_] | None = None
 
     @property
     def job(self) -> LinkJob:
@@ -117,22 +117,14 @@ def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KeptViews:
-    """A photograph's views as a manifest keeps them; linked ones with the features that are usable."""
-
-    views: ExposureViews
-    usable: NDArray[np.bool_] | None
-
-
 @dataclass(frozen=True, kw_only=True)
-class ViewsWork(EstimatingWork[NamedPhotograph, KeptViews]):
+class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
     """The work on one photograph, whose field, which is large, is not kept."""
 
     database: Path | None
     link: bool
 
-    def __call__(self, job: Job[NamedPhotograph]) -> Made[KeptViews]:
+    def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
         """Return the views of one photograph."""
         photograph, run = job.target, self.run
         # COLMAP does not turn pictures upright
@@ -148,36 +140,35 @@ class ViewsWork(EstimatingWork[NamedPhotograph, KeptViews]):
             camera=camera,
         )
         if photograph.plan is None:
-            kept = KeptViews(views=views_of(photograph.name, result), usable=None)
+            views, usable = views_of(photograph.name, result), None
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
-            kept = KeptViews(views=linked.views, usable=linked.usable)
+            views, usable = linked.views, linked.usable
         return Made(
-            kept=kept,
+            kept=PhotographViews(photograph=photograph, views=views, usable=usable),
             summary=verdict_line(photograph.name, result.geometry),
             row=Row.of(result, exif.exposure_s, sum(asdict(result.timings).values())),
             warnings=contradictions(run, camera, exif),
         )
 
-    def stored(self, kept: KeptViews) -> Any:
+    def stored(self, kept: PhotographViews) -> Any:
         """Return the views in JSON's types."""
-        return plain(kept)
+        return plain([kept.views, kept.usable])
 
-    def restored(self, job: Job[NamedPhotograph], stored: Any) -> KeptViews:
+    def restored(self, job: Job[NamedPhotograph], stored: Any) -> PhotographViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
-        kept: KeptViews = restore(KeptViews, stored)
-        plan = job.target.plan
-        count = len(kept.views.points_open if plan is None else plan.image.keypoints)
-        if kept.views.name != job.target.name or (kept.usable is None) != (plan is None):
-            raise ValueError(f"expected the views of {job.target.name}")
-        _check_shapes(kept, count)
-        return kept
+        views, usable = restore(tuple[ExposureViews, NDArray[np.bool_] | None], stored)
+        photograph, plan = job.target, job.target.plan
+        count = len(views.points_open if plan is None else plan.image.keypoints)
+        if views.name != photograph.name or (usable is None) != (plan is None):
+            raise ValueError(f"expected the views of {photograph.name}")
+        _check_shapes(views, views.geometry.inlier_mask if usable is None else usable, count)
+        return PhotographViews(photograph=photograph, views=views, usable=usable)
 
 
-def _check_shapes(kept: KeptViews, count: int) -> None:
+def _check_shapes(views: ExposureViews, usable: NDArray[np.bool_], count: int) -> None:
     """Raise ValueError unless all arrays are of so many points, and the camera is one of COLMAP's."""
-    views, geometry, camera = kept.views, kept.views.geometry, kept.views.camera
-    usable = geometry.inlier_mask if kept.usable is None else kept.usable
+    geometry, camera = views.geometry, views.camera
     of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px, usable)}
     matrices = {one.shape for one in (geometry.F, geometry.H, geometry.E) if one is not None}
     if of_points != {(count,)} or not matrices <= {(3, 3)} or geometry.backward is not None:
@@ -201,20 +192,8 @@ def make_views(
     ]
     if not jobs:
         return Finished()
-    return run_over(
-        options,
-        work,
-        jobs,
-        manifest,
-        take=lambda job, outcome: (
-            None
-            if outcome.made is None
-            else PhotographViews(
-                photograph=job.target, views=outcome.made.kept.views, usable=outcome.made.kept.usable
-            )
-        ),
-        names=colmap_names(options.inputs) | {one.path: one.name for one in photographs},
-    )
+    names = colmap_names(options.inputs) | {one.path: one.name for one in photographs}
+    return run_over(options, work, jobs, manifest, take=kept_of, names=names)
 
 
 def _source(photograph: NamedPhotograph) -> str:
