@@ -35,8 +35,8 @@ from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate
 from blur2view.segmentation.mask import MotionLabel as MotionLabel
 from blur2view.segmentation.mask import MotionMask as MotionMask
-from blur2view.segmentation.pixels import MovingRegion as MovingRegion
 from blur2view.segmentation.mask import segment as segment
+from blur2view.segmentation.pixels import MovingRegion as MovingRegion
 from blur2view.smears.field import SmearField as SmearField
 from blur2view.smears.grid import SmearGrid as SmearGrid
 from blur2view.smears.matches import SmearMatches as SmearMatches

@@ -130,7 +130,7 @@ def estimate(
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
-    grid = network.predict_grid(image)
+    grid = network.predict(image)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())

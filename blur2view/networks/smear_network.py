@@ -15,7 +15,6 @@ from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import PyramidOptions
 from blur2view.networks.spectra import STEP
 from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
-from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
 
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
@@ -54,21 +53,6 @@ class SmearNetwork:
         image: NDArray[np.float32],
         options: TileOptions | None = None,
         pyramid: PyramidOptions | None = None,
-    ) -> SmearField:
-        """Return the smear and its sigma at every pixel: `predict_grid` at pixels.
-
-        Returns
-        -------
-        SmearField
-            Of the image's height and width, in its pixels.
-        """
-        return self.predict_grid(image, options, pyramid).at_pixels()
-
-    def predict_grid(
-        self,
-        image: NDArray[np.float32],
-        options: TileOptions | None = None,
-        pyramid: PyramidOptions | None = None,
     ) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
@@ -95,14 +79,14 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         check_image(image)
-        grid = self._predict_grid(image, options or TileOptions(), pyramid or PyramidOptions())
+        grid = self._cells(image, options or TileOptions(), pyramid or PyramidOptions())
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         grid[_flat(image, STEP)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
         height, width = image.shape[:2]
         return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
 
-    def _predict_grid(
+    def _cells(
         self, image: NDArray[np.float32], options: TileOptions, pyramid: PyramidOptions
     ) -> NDArray[np.float32]:
         """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended."""
@@ -138,8 +122,8 @@ def predict(
     image: NDArray[np.float32],
     model: SmearNetwork | str | os.PathLike[str] | None = None,
     options: TileOptions | None = None,
-) -> SmearField:
-    """Return the smear and its sigma at every pixel of one photograph.
+) -> SmearGrid:
+    """Return the smears of one photograph and their uncertainty.
 
     Parameters
     ----------
@@ -152,7 +136,8 @@ def predict(
 
     Returns
     -------
-    SmearField
+    SmearGrid
+        Its ``at_pixels()`` is the smear of every pixel.
 
     Raises
     ------

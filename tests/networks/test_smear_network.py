@@ -99,7 +99,7 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
     tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
-    whole, tiled = (network.predict_grid(image, options, ONE).cells[..., :2] for options in (None, tiles))
+    whole, tiled = (network.predict(image, options, ONE).cells[..., :2] for options in (None, tiles))
     error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
     # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
     seam = np.isin(np.arange(40), [12, 15, 24, 27])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.selection import select_matches
 from tools.benchmarks.estimator_methods import PAPER, Problem
 from tools.datasets.synthetic_matches import Kind, SyntheticOptions, synthetic_smears
@@ -90,10 +90,10 @@ def synthetic_problem(instance: Instance) -> Problem:
     return Problem(matches=s.matches, ordered=s.ordered, true_ends=s.true_ends, K=s.K, R=s.R, t=s.t, F=s.F)
 
 
-def network_problem(scene: TestScene, field: SmearField) -> Problem:
+def network_problem(scene: TestScene, grid: SmearGrid) -> Problem:
     """Return the matches that the network makes of a photograph, and their order by the true smears."""
     assert scene.F is not None
-    matches = select_matches(field)
+    matches = select_matches(grid)
     return Problem(
         matches=matches,
         ordered=in_true_order(matches.ends, truth_at_matches(scene, matches)),

@@ -27,7 +27,7 @@ from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Two
 from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import still, untold
+from blur2view.two_view.acceptance import still, insufficient_data
 from blur2view.two_view.estimate import without_F
 from blur2view.two_view.options import EstimatorOptions
 
@@ -118,7 +118,7 @@ def paper_two_view(
         Default: seed 0.
     """
     trust, rng = EstimatorOptions(), np.random.default_rng(0) if rng is None else rng
-    refusal = still(matches, trust) or untold(matches, trust)
+    refusal = still(matches) or insufficient_data(matches)
     if refusal is not None:
         return without_F(matches, Configuration.DEGENERATE, refusal)
     F, iterations = paper_fundamental(matches.ends, options or PaperOptions(), rng)

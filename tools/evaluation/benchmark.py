@@ -77,18 +77,18 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
     one = estimate_file(photo, network, run)
     image, found = one.image, one.estimate
-    field, matches = found.field, found.matches
+    grid, matches = found.grid, found.matches
     files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
     write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
     return {
         "decode": timed(lambda: blur2view.read_image(photo), repeats),
         "network": timed(lambda: network.predict(image), repeats),
-        "matches": timed(lambda: select_matches(field), repeats),
+        "matches": timed(lambda: select_matches(grid), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
         "draw and write": timed(
             lambda: write_together(result_contents(files, EstimateDocument.of(one), one)), repeats
         ),
-        "motion mask": timed(lambda: blur2view.segment(found), repeats),
+        "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
         "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
     }

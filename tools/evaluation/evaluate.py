@@ -20,7 +20,8 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -152,14 +153,14 @@ def summarise(method: str, judged: list[Judged], reference: list[Judged], missin
     )
 
 
-def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearField]]) -> list[FundamentalFigures]:
+def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list[FundamentalFigures]:
     """Return the figures of every method on every image whose camera translates."""
     table: dict[str, list[Judged]] = {}
     missing: dict[str, int] = {}
-    for scene, field in scenes:
+    for scene, grid in scenes:
         if scene.F is None:
             continue
-        matches, ends = select_matches(field), true_ends(scene)
+        matches, ends = select_matches(grid), true_ends(scene)
         for name, method in methods(scene).items():
             F = method(matches)
             table.setdefault(name, []).append(judge(F, scene, ends))
@@ -198,7 +199,7 @@ def main() -> None:
     if not pairs:
         folder = arguments.scenes
         raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
-    smears, images = pooled(pairs)
+    smears, images = pooled((scene, grid.at_pixels()) for scene, grid in pairs)
     figures, fundamentals = evaluate_smears(smears, images), evaluate_fundamentals(pairs)
     text = markdown(figures, fundamentals, network.info.model_id)
     print(text)

@@ -94,7 +94,7 @@ def readings(folders: list[Path], network: blur2view.SmearNetwork, sensor: bool)
         for length_px in LENGTHS_PX:
             angle = float(rng.uniform(0, np.pi))
             picture = blurred(rng, radiance, length_px, angle, sensor)
-            rows.append(reading_of(network.predict(picture), length_px, angle))
+            rows.append(reading_of(network.predict(picture).at_pixels(), length_px, angle))
     return rows
 
 

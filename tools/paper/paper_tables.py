@@ -22,7 +22,8 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
@@ -81,18 +82,17 @@ def cost(F: AnyArray | None, matches: SmearMatches) -> float:
     """Return the mean squared error of smears in sigmas, at most CUTOFF^2 each; that without F."""
     if F is None:
         return CUTOFF**2
-    sigma = sampson_sigma(matches.weighed_across(), EstimatorOptions())
-    return float(np.minimum(serrmin(F, matches.ends) / sigma**2, CUTOFF**2).mean())
+    return float(np.minimum(serrmin(F, matches.ends) / matches.sampson_px**2, CUTOFF**2).mean())
 
 
-def estimates(scene: TestScene, field: SmearField, model_id: str, known: set[Any]) -> Iterable[Found]:
+def estimates(scene: TestScene, grid: SmearGrid, model_id: str, known: set[Any]) -> Iterable[Found]:
     """Yield what is not known yet of one photograph."""
-    all_matches = select_matches(field, SelectOptions(beta=max(BETAS)))
+    all_matches = select_matches(grid, SelectOptions(beta=max(BETAS)))
     for name, estimator in ESTIMATORS.items():
         for beta in BETAS:
             if (model_id, scene.name, name, beta) in known:
                 continue
-            matches, began = select_matches(field, SelectOptions(beta=beta)), time.perf_counter()
+            matches, began = select_matches(grid, SelectOptions(beta=beta)), time.perf_counter()
             F = estimator(matches, np.random.default_rng(0)).F
             yield Found(
                 model_id=model_id,
@@ -122,8 +122,8 @@ def complete(scenes: Sequence[TestScene], network: blur2view.SmearNetwork, work:
     for scene in scenes:
         if all((model_id, scene.name, name, beta) in known for name in ESTIMATORS for beta in BETAS):
             continue
-        field = network.predict(blur2view.read_image(scene.image_path))
-        for one in estimates(scene, field, model_id, known):
+        grid = network.predict(blur2view.read_image(scene.image_path))
+        for one in estimates(scene, grid, model_id, known):
             with work.open("a") as file:
                 file.write(json.dumps(asdict(one)) + "\n")
     return read_work(work, model_id)
