@@ -23,7 +23,6 @@ from blur2view.networks.tiles import TileOptions
 from blur2view.pipeline import estimate
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
-from blur2view.smears.stored import load_smears
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.visualization.overlay import draw_overlay
 from tests.support.colour_code import (
@@ -410,7 +409,7 @@ def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Pa
     assert run(moving, "-o", tmp_path / "out") == 0
     photo = read_image(moving)
     found = estimate(photo, network=SmearNetwork(tiny_model))
-    drawn = draw_overlay(photo, found.field, found.matches, found.geometry)
+    drawn = draw_overlay(photo, found.grid, found.matches, found.geometry)
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
 
 

@@ -16,9 +16,9 @@ from blur2view.cli.triage import list_text, use_of
 from blur2view.documents.table import Row, table_text
 from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_atomically
-from blur2view.smears.field import SmearField
 from blur2view.smears.sharpness import median_smear
 from tests.support.colour_code import colour_code, forward_motion, write_picture
+from tests.support.grids import grid_of
 
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
@@ -295,17 +295,12 @@ def test_names_with_commas_and_lines_stay_one_cell() -> None:
     assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
 
 
-def field(displacement: Any, sigma_px: Any) -> SmearField:
-    shape = np.shape(displacement)[:2]
-    return SmearField(displacement=displacement, sigma_px=np.broadcast_to(sigma_px, shape))
-
-
 def test_median_smear_has_one_direction_whatever_the_signs() -> None:
     rng = np.random.default_rng(0)
     signs = rng.choice([-1.0, 1.0], (40, 60, 1))
     for angle in (1.0, 90.0, 179.0):
         phi = np.radians(angle)
-        found = median_smear(field(signs * 7 * np.array([np.cos(phi), np.sin(phi)]), 1.0))
+        found = median_smear(grid_of(signs * 7 * np.array([np.cos(phi), np.sin(phi)]), 1.0))
         assert found is not None and found.length_px == pytest.approx(7, rel=1e-4)
         assert found.direction_deg == pytest.approx(angle, abs=1e-3) and found.sharpness == pytest.approx(
             1 / 8
@@ -314,9 +309,9 @@ def test_median_smear_has_one_direction_whatever_the_signs() -> None:
 
 def test_what_shows_no_texture_has_no_say() -> None:
     displacement, sigma = np.zeros((64, 64, 2)), np.full((64, 64), 1000.0)
-    assert median_smear(field(displacement, sigma)) is None
+    assert median_smear(grid_of(displacement, sigma)) is None
     displacement[:, :16], sigma[:, :16] = (9.0, 0.0), 2.0
-    found = median_smear(field(displacement, sigma))
+    found = median_smear(grid_of(displacement, sigma))
     assert found is not None and found.length_px == pytest.approx(9)
 
 

@@ -3,7 +3,6 @@
 import os
 import resource
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import h5py

@@ -4,22 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blur2view.smears.selection import SelectOptions, select_matches
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
-from blur2view.exposure.linked_views import (
-    MAX_SIGMA_SHARE,
-    STILL_PX,
-    SampledSmears,
-    keypoint_views,
-    sample,
-)
+from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
-from blur2view.smears.field import SmearField
-from blur2view.smears.matches import SmearMatches
+from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
+from tests.support.grids import grid_of
 from tests.support.scenes import make_scene
 from tools.datasets.synthetic_matches import layered_depth, project_smears
 
@@ -41,17 +34,14 @@ def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
     ends = project_smears(K, scene.R, scene.t, (points - 1.5) / 4, depth)
     displacement = (ends[:, 1] - ends[:, 0]).reshape(height, width, 2)
     sign = np.where(np.random.default_rng(0).random((height, width, 1)) < 0.5, -1, 1)
-    field = SmearField(
-        displacement=(sign * displacement).astype(np.float32),
-        sigma_px=np.full((height, width), 0.2, np.float32),
-    )
-    matches = select_matches(field, SelectOptions(beta=1.0, min_length_px=0.5))
+    grid = grid_of(sign * displacement)
+    matches = select_matches(grid, SelectOptions(beta=1.0))
     camera = Camera(K=K, width=width, height=height)
     geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
     assert geometry.cam2_from_cam1 is not None
     timings = Timings(predict_s=0, select_s=0, solve_s=0)
     estimate = Estimate(
-        field=field, matches=matches, geometry=geometry, model_id="", timings=timings, camera=camera
+        grid=grid, matches=matches, geometry=geometry, model_id="", timings=timings, camera=camera
     )
     return estimate, displacement, ends.reshape(height, width, 2, 2)
 
@@ -78,10 +68,10 @@ def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray,
 
 def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
     estimate, *_ = found
-    sigma = estimate.field.sigma_px.copy()
-    length = np.linalg.norm(estimate.field.displacement, axis=-1)
+    smears = estimate.grid.smears()
+    sigma, length = smears.sigma_px.copy(), smears.length_px
     sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
-    estimate = replace(estimate, field=SmearField(displacement=estimate.field.displacement, sigma_px=sigma))
+    estimate = replace(estimate, grid=grid_of(smears.displacement, sigma))
     keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
     linked = keypoint_views("a.jpg", keypoints, estimate)
     assert linked.usable.tolist() == [False, True]
@@ -107,31 +97,18 @@ def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.
     assert not linked.usable.any() and not linked.views.geometry.inlier_mask.any()
 
 
-def test_sigma_is_judged_by_itself_and_against_the_length() -> None:
-    displacement, sigma = np.zeros((1, 6, 2), np.float32), [1.4, 1.6, 4.9, 5.1, 9.9, 10.1]
-    displacement[0, :, 0] = [1, 1, 10, 10, 20, 20]
-    field = SmearField(displacement=displacement, sigma_px=np.array([sigma], np.float32))
-    found = sample(field, np.stack([np.arange(6.0), np.zeros(6)], axis=1))
-    assert found.certain.tolist() == [True, False] * 3
-
-
-def test_inliers_are_judged_by_the_sigmas_that_the_estimator_weighed(
+def test_inliers_are_judged_by_their_own_errors_across(
     found: tuple[Estimate, np.ndarray, np.ndarray],
 ) -> None:
     exact = found[0]
-    told = np.full(exact.field.shape, 1e-4, np.float32)
-    told[:, 80:] = 1.0  # to the right directions are not known
-    field = replace(exact.field, sigma_rad=told)
-    matches = select_matches(field, SelectOptions(beta=1.0, min_length_px=0.5))
-    estimate = replace(exact, field=field, matches=matches)
-    keypoints = matches.midpoint
-    np.testing.assert_allclose(
-        sample(field, keypoints).weighed_px(matches), matches.weighed_across().sigma_px, rtol=1e-6
-    )
-    # turned fields fit only where directions are said to be unsure
-    turned = replace(field, displacement=field.displacement[..., ::-1] * np.array([1, -1], np.float32))
-    options = EstimatorOptions(max_error_px=0.1)
-    fits = keypoint_views("a.jpg", keypoints, replace(estimate, field=turned), options).views.geometry
+    smears = exact.grid.smears()
+    directions = np.full(exact.grid.shape, 1e-4)
+    directions[:, 80:] = 1.0  # to the right directions are not known
+    # turned smears fit only where directions are said to be unsure
+    turned = smears.displacement[..., ::-1] * np.array([1, -1], np.float32)
+    estimate = replace(exact, grid=grid_of(turned, smears.sigma_px, directions))
+    keypoints = exact.matches.midpoint
+    fits = keypoint_views("a.jpg", keypoints, estimate, EstimatorOptions(max_error_px=0.1)).views.geometry
     right = keypoints[:, 0] >= 80
     assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()
 
@@ -141,14 +118,3 @@ def test_a_feature_that_is_nowhere_stays_at_zero(found: tuple[Estimate, np.ndarr
     for points in (linked.views.points_open, linked.views.points_close):
         np.testing.assert_array_equal(points[1:], [[0, 3], [0, 2]])
     assert not linked.usable[1:].any()
-
-
-@pytest.mark.parametrize("known", [(True, False), (False, True), (False, False)])
-def test_errors_across_need_both_the_field_s_and_the_matches(known: tuple[bool, bool]) -> None:
-    sigma, across = (np.full(3, 0.1) if one else None for one in known)
-    smears = SampledSmears(
-        displacement=np.ones((3, 2)), sigma_px=np.full(3, 2.0), inside=np.ones(3, bool), sigma_rad=sigma
-    )
-    ends = np.arange(12.0).reshape(3, 2, 2)
-    matches = SmearMatches(ends=ends, sigma_px=np.ones(3), image_size=(20, 20), across_px=across)
-    np.testing.assert_array_equal(smears.weighed_px(matches), smears.sigma_px)

@@ -42,7 +42,7 @@ def error_deg(field: NDArray[np.floating], directions_deg: NDArray[np.floating])
 @pytest.mark.parametrize("size", [(64, 64), (96, 160), (100, 130), (170, 65), (95, 321)])
 def test_field_has_the_size_of_the_image_and_its_smears(grey_model: Path, size: tuple[int, int]) -> None:
     true = fan(*size)
-    field = predict(grey_code(true), grey_model)
+    field = predict(grey_code(true), grey_model).at_pixels()
     assert field.shape == size and field.sigma_rad is not None
     inner = slice(16, -16), slice(16, -16)
     # a cell that the border cuts sees the mirrored picture, too
@@ -53,7 +53,7 @@ def test_field_has_the_size_of_the_image_and_its_smears(grey_model: Path, size: 
 
 def test_cell_centres_are_where_the_convention_says(grey_model: Path) -> None:
     true = np.broadcast_to(60 + np.arange(256.0) / 4, (96, 256))  # even steps, so interpolation is exact
-    field = SmearNetwork(grey_model).predict(grey_code(true), pyramid=ONE)
+    field = SmearNetwork(grey_model).predict(grey_code(true), pyramid=ONE).at_pixels()
     centres = np.arange(15, 256, 32)
     assert error_deg(field.displacement, true)[48, centres].max() < 0.5
 
@@ -61,7 +61,7 @@ def test_cell_centres_are_where_the_convention_says(grey_model: Path) -> None:
 @pytest.mark.parametrize("size", [(1, 1), (17, 33), (5, 300), (63, 64)])
 def test_tiny_pictures_are_read(grey_model: Path, size: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
-    field = predict(grey_code(rng.uniform(60, 120, size)), grey_model)
+    field = predict(grey_code(rng.uniform(60, 120, size)), grey_model).at_pixels()
     assert field.shape == size and np.isfinite(field.displacement).all()
     if size != (1, 1):
         assert error_deg(field.displacement, np.full(size, 90.0)).max() < 15
@@ -70,7 +70,7 @@ def test_tiny_pictures_are_read(grey_model: Path, size: tuple[int, int]) -> None
 @pytest.mark.parametrize("size", [(320, 448), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(grey_model: Path, size: tuple[int, int]) -> None:
     image, network = grey_code(fan(*size)), SmearNetwork(grey_model)
-    whole, tiled = (network.predict(image, options, ONE) for options in (None, TILED))
+    whole, tiled = (network.predict(image, options, ONE).at_pixels() for options in (None, TILED))
     doubled = [to_double_angle(field.displacement) for field in (whole, tiled)]
     np.testing.assert_allclose(doubled[1], doubled[0], atol=1e-3)
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
@@ -79,7 +79,7 @@ def test_tiles_equal_the_whole_for_a_network_without_context(grey_model: Path, s
 @pytest.mark.parametrize("size", [(360, 400), (365, 411)])
 def test_smaller_octaves_are_read_and_joined(grey_model: Path, size: tuple[int, int]) -> None:
     true, network = fan(*size), SmearNetwork(grey_model)
-    field = network.predict(grey_code(true))
+    field = network.predict(grey_code(true)).at_pixels()
     assert PyramidOptions().count(size) == 3
     inner = slice(64, -64), slice(64, -64)
     assert np.median(error_deg(field.displacement, true)[inner]) < 4
@@ -89,7 +89,7 @@ def test_smaller_octaves_are_read_and_joined(grey_model: Path, size: tuple[int, 
 
 def test_prediction_is_reproducible(grey_model: Path) -> None:
     image = grey_code(fan(200, 300))
-    first, second = (SmearNetwork(grey_model).predict(image) for _ in range(2))
+    first, second = (SmearNetwork(grey_model).predict(image).at_pixels() for _ in range(2))
     assert first.displacement.tobytes() == second.displacement.tobytes()
 
 
@@ -158,7 +158,7 @@ def test_shipped_network_reads_an_evenly_blurred_photograph(
     angle_deg = 32.0
     network = SmearNetwork()
     assert network.info.license
-    field = network.predict(smeared_photograph(length, angle_deg))
+    field = network.predict(smeared_photograph(length, angle_deg)).at_pixels()
     assert field.sigma_rad is not None
     certain = field.sigma_rad <= np.median(field.sigma_rad)
     turn = error_deg(field.displacement, np.full(field.shape, angle_deg))[certain]

@@ -45,7 +45,7 @@ def difference(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDA
 @pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (300, 50)])
 def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: tuple[int, int]) -> None:
     true = turning_field(*size)
-    field = predict(colour_code(true, 1.0), tiny_model)
+    field = predict(colour_code(true, 1.0), tiny_model).at_pixels()
     assert field.shape == size and field.sigma_rad is not None
     assert np.median(difference(field.displacement, true)) < 1.0  # a bin's likelihood is 10 % wide
     np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
@@ -55,18 +55,18 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
     network = SmearNetwork(tiny_model)
-    whole, tiled = (network.predict(image, options, ONE) for options in (None, TILED))
+    whole, tiled = (network.predict(image, options, ONE).at_pixels() for options in (None, TILED))
     assert difference(whole.displacement, tiled.displacement).max() < 1e-3
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
 
 
 def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
     network, image = SmearNetwork(blurring_model, threads=1), colour_code(turning_field(300, 420), 1.0)
-    alone = network.predict(image, TILED)
+    alone = network.predict(image, TILED).at_pixels()
     seen: list[tuple[int, int]] = []
     network.tiles_at_once = 3
     network.on_tile = lambda done, count: seen.append((done, count))
-    together = network.predict(image, TILED)
+    together = network.predict(image, TILED).at_pixels()
     assert together.displacement.tobytes() == alone.displacement.tobytes()
     assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
     assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
@@ -118,21 +118,21 @@ def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
 
 def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = colour_code(turning_field(300, 70), 1.0)
-    whole = predict(image, tiny_model)
+    whole = predict(image, tiny_model).at_pixels()
     for strip_cells in (1, 7):
         monkeypatch.setattr(grid, "_STRIP_CELLS", strip_cells)
-        np.testing.assert_array_equal(predict(image, tiny_model).displacement, whole.displacement)
+        np.testing.assert_array_equal(predict(image, tiny_model).at_pixels().displacement, whole.displacement)
 
 
 def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
-    field = predict(np.zeros((1, 1, 3), np.float32), tiny_model)
+    field = predict(np.zeros((1, 1, 3), np.float32), tiny_model).at_pixels()
     assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
 
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     image = np.full((70, 90, 3), 0.9, np.float32)
     image[::7, ::5] += 1 / 255  # noise of one grey level
-    field = predict(image, blurring_model)
+    field = predict(image, blurring_model).at_pixels()
     np.testing.assert_array_equal(field.length_px, 0)
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
 
@@ -140,14 +140,14 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
     image = colour_code(turning_field(160, 320), 1.0)
     image[:, 160:] = image[80, 250]
-    field = predict(image, tiny_model)
+    field = predict(image, tiny_model).at_pixels()
     assert (field.sigma_px[:, :144] < 2).all()
     assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
 
 
 def test_prediction_is_reproducible(blurring_model: Path) -> None:
     image = colour_code(turning_field(200, 300), 1.0)
-    first, second = (SmearNetwork(blurring_model).predict(image, TILED) for _ in range(2))
+    first, second = (SmearNetwork(blurring_model).predict(image, TILED).at_pixels() for _ in range(2))
     assert first.displacement.tobytes() == second.displacement.tobytes()
 
 

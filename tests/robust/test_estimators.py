@@ -20,6 +20,6 @@ def test_score_is_the_cut_sum_of_squared_distances_in_standard_deviations() -> N
     estimator = build_estimator(matches, options)
     models, some = rng.normal(size=(20, 3, 3)), rng.permutation(200)[:150]
     squared = np.stack([serrmin(estimator.problem.pixels(F), ends) for F in models])
-    deviations = squared / matches.sampson_px ** 2
+    deviations = squared / matches.sampson_px**2
     expected = np.minimum(deviations, CUTOFF**2)[:, some].sum(axis=1)
     np.testing.assert_allclose(estimator.score(models, some), expected, rtol=1e-3)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blur2view.smears.selection import GridSmears, grid_pixels
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -103,8 +102,6 @@ def test_another_photograph_is_refused() -> None:
     found = estimate_of(sideways())
     with pytest.raises(ValueError, match="photograph of the estimate"):
         segment(found, photo(sideways((64, 64))))
-    with pytest.raises(ValueError, match="photograph of the estimate"):
-        segment(replace(found, grid=None), photo(sideways()))
 
 
 def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:

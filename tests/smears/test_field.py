@@ -1,5 +1,7 @@
 """Smears: double angle, ends and resampling against closed forms."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -77,8 +79,8 @@ def test_upsampling_keeps_a_single_channel() -> None:
     assert upsample_grid(np.ones((3, 5, 1), np.float32), 4).shape == (12, 20, 1)
 
 
-def field(shape: tuple[int, ...] = (3, 4), **arrays: np.ndarray) -> SmearField:
-    sigmas = {name: np.ones(shape) for name in ("sigma_px", "sigma_rad")}
+def field(shape: tuple[int, ...] = (3, 4), **arrays: Any) -> SmearField:
+    sigmas: dict[str, Any] = {name: np.ones(shape) for name in ("sigma_px", "sigma_rad")}
     return SmearField(**({"displacement": np.zeros((*shape, 2))} | sigmas | arrays))
 
 

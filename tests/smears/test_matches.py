@@ -13,7 +13,7 @@ from blur2view.smears.selection import SelectOptions, select_matches
 def grid(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int] = (384, 512)) -> SmearGrid:
     """Horizontal smears, alike everywhere."""
     size = -(-shape[0] // 32), -(-shape[1] // 32)
-    cells = np.broadcast_to(np.float32([length_px, 0, sigma_px, 0.1]), (*size, 4))
+    cells = np.broadcast_to(np.array([length_px, 0, sigma_px, 0.1], np.float32), (*size, 4))
     return SmearGrid(cells=cells.copy(), stride=32, shape=shape)
 
 

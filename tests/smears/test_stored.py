@@ -91,7 +91,7 @@ def test_command_writes_the_smears_of_its_estimate(
 ) -> None:
     assert run(moving, "-o", tmp_path / "out", *(["--full-field"] if full else [])) == 0
     found = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
-    field = SmearNetwork(tiny_model).predict(read_image(moving))
+    field = SmearNetwork(tiny_model).predict(read_image(moving)).at_pixels()
     assert found.shape == field.shape
     read, predicted = (to_double_angle(one.displacement) for one in (found, field))
     np.testing.assert_allclose(read, predicted, atol=0 if full else 0.03)

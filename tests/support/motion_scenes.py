@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-from blur2view.smears.selection import select_matches
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
@@ -66,7 +65,6 @@ def estimate_of(
         F=F, H=None, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none
     )
     return Estimate(
-        field=grid.at_pixels(),
         grid=grid,
         matches=SmearMatches(ends=np.zeros((0, 2, 2)), sigma_px=np.zeros(0)),
         geometry=geometry,

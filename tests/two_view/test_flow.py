@@ -82,7 +82,8 @@ def test_errors_all_over_the_picture_do_not_speak_against_a_rotation() -> None:
 
 @pytest.mark.slow
 def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
-    held, without = [], []
+    held: list[bool] = []
+    without: list[bool] = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         scene = disturb(turning(seed), rng, noise_px=0.2)
@@ -94,6 +95,6 @@ def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
         error = fit.family.rotation - rotation_vector(scene.R)
         for regions, given in ((held, data), (without, data.without_slow_errors())):
             covariance = fit.covariance(1.0, given)[:3, :3]
-            regions.append(error @ np.linalg.solve(covariance, error) < CHI_SQUARED_90[3])
+            regions.append(bool(error @ np.linalg.solve(covariance, error) < CHI_SQUARED_90[3]))
     assert np.mean(held) > 0.75
     assert np.mean(without) < 0.4

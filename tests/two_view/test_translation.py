@@ -8,11 +8,11 @@ import pytest
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
-from tools.metrics import translation_direction_error_deg
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.translation import DirectionLikelihood, unit_lines
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tools.metrics import translation_direction_error_deg
 
 ALIKE = SharedErrors(independent_share=0.1, reach=5.0, length=0.04, direction_rad=0.02)
 

@@ -11,13 +11,15 @@ from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.segmentation.mask import MotionLabel
 from blur2view.segmentation.pixels import moving_regions
-from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.visualization import panel
 from blur2view.visualization.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
 from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.overlay import View, draw_overlay, farthest_points, spread_subset
 from blur2view.visualization.panel import short_number
+from tests.support.grids import grid_of
 from tests.support.report_scenes import boxed_mask
 
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
@@ -27,9 +29,9 @@ def flat_photo(height: int, width: int) -> NDArray[np.float32]:
     return np.full((height, width, 3), 0.5, np.float32)
 
 
-def field_of(shape: tuple[int, ...]) -> SmearField:
-    displacement = np.zeros((*shape[:2], 2), np.float32)
-    return SmearField(displacement=displacement, sigma_px=np.ones(shape[:2], np.float32))
+def blank_grid(shape: tuple[int, ...]) -> SmearGrid:
+    cells = -(-shape[0] // 32), -(-shape[1] // 32)
+    return grid_of(np.zeros((*cells, 2)), 1.0, stride=32, shape=(shape[0], shape[1]))
 
 
 def matches_at(
@@ -52,7 +54,7 @@ def geometry_of(inliers: list[bool], F: NDArray[np.float64] | None = None) -> Tw
 def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
     photo = flat_photo(480, 640)
     matches = matches_at([(100, 100), (500, 300)])
-    picture = draw_overlay(photo, field_of(photo.shape), matches, geometry_of([True, False]))
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True, False]))
     np.testing.assert_array_equal(picture[100, 100], orientation_colours(np.array([[12.0, 0]]))[0])
     np.testing.assert_array_equal(picture[300, 500], FAINT)
 
@@ -60,8 +62,8 @@ def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() ->
 def test_smear_is_drawn_from_end_to_end() -> None:
     photo = flat_photo(480, 640)
     matches = matches_at([(300, 200)], displacement=(0, 40))
-    without = draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry_of([]))
-    drawn = draw_overlay(photo, field_of(photo.shape), matches, geometry_of([True]))
+    without = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([]))
+    drawn = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True]))
     rows, columns = np.nonzero((drawn[:480] != without[:480]).any(-1))
     assert abs(rows.min() - 180) <= 3 and abs(rows.max() - 220) <= 3
     assert abs(columns.mean() - 300) <= 1 and np.ptp(columns) <= 6
@@ -71,14 +73,14 @@ def test_epipolar_lines_run_through_inliers_alone_along_F() -> None:
     photo = flat_photo(480, 640)
     matches = matches_at([(100, 60), (300, 240), (500, 400)])
     everything = [True] * 3
-    with_F = draw_overlay(photo, field_of(photo.shape), matches, geometry_of(everything, SIDEWAYS))
-    without = draw_overlay(photo, field_of(photo.shape), matches, geometry_of(everything))
+    with_F = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything, SIDEWAYS))
+    without = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything))
     changed = (with_F[:480] != without[:480]).any(-1)
     rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
     assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
     assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
     outlier = draw_overlay(
-        photo, field_of(photo.shape), matches_at([(100, 60)]), geometry_of([False], SIDEWAYS)
+        photo, blank_grid(photo.shape), matches_at([(100, 60)]), geometry_of([False], SIDEWAYS)
     )
     assert (outlier[60, 200:] == outlier[0, 0]).all()
 
@@ -96,7 +98,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     matches = SmearMatches(ends=ends, sigma_px=np.ones(1))
     geometry = replace(geometry_of([True], F), swapped=np.array([swapped]))
     photo = flat_photo(480, 640)
-    picture = draw_overlay(photo, field_of(photo.shape), matches, geometry)
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry)
     columns = np.array([20, 60, 580, 620])
     rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
     inside = (rows > 2) & (rows < 477)
@@ -108,7 +110,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
 def test_epipole_in_the_picture_is_ringed() -> None:
     photo = flat_photo(480, 640)
     F = cross_matrix(np.array([320.0, 240.0, 1.0]))
-    picture = draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry_of([], F))
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([], F))
     assert picture[240, 320 + 11].min() > 200
     np.testing.assert_array_equal(picture[240, 320], picture[0, 0])
 
@@ -125,7 +127,7 @@ def test_epipole_in_the_picture_is_ringed() -> None:
 )
 def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
     photo = flat_photo(*size)
-    picture = draw_overlay(photo, field_of(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
+    picture = draw_overlay(photo, blank_grid(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
     assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
     assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
 
@@ -134,7 +136,7 @@ def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], can
 def test_odd_proportions_are_drawn_and_nothing_given_is_changed(size: tuple[int, int]) -> None:
     photo = np.random.default_rng(0).random((*size, 3), np.float32)
     before = photo.copy()
-    picture = draw_overlay(photo, field_of(size), matches_at([(8, 8)]), geometry_of([True], SIDEWAYS))
+    picture = draw_overlay(photo, blank_grid(size), matches_at([(8, 8)]), geometry_of([True], SIDEWAYS))
     assert picture.shape[1] >= 640
     np.testing.assert_array_equal(photo, before)
 
@@ -151,7 +153,7 @@ def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
     heights = []
     for words in (10, 200):
         geometry = replace(geometry_of([]), reason="word " * words)
-        heights.append(draw_overlay(photo, field_of(photo.shape), matches_at([]), geometry).shape[0])
+        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry).shape[0])
     assert heights[1] > heights[0] + 100
 
 
@@ -159,7 +161,7 @@ def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.
     written: list[str] = []
     monkeypatch.setattr(panel, "write", lambda canvas, text, at, **style: written.append(text))
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
-    draw_overlay(flat_photo(480, 640), field_of((480, 640)), matches_at([(20, 20)]), geometry)
+    draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)
     assert "The camera moved past things at different depths: F is given." in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
@@ -192,12 +194,12 @@ def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_
 
 def test_sizes_that_disagree_are_refused() -> None:
     photo = flat_photo(48, 64)
-    with pytest.raises(ValueError, match="field of shape"):
-        draw_overlay(photo, field_of((64, 48)), matches_at([]), geometry_of([]))
-    with pytest.raises(ValueError, match=r"field of shape \(\), got"):
-        draw_overlay("a.jpg", field_of(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="grid of shape"):
+        draw_overlay(photo, blank_grid((64, 48)), matches_at([]), geometry_of([]))
+    with pytest.raises(ValueError, match=r"grid of shape \(\), got"):
+        draw_overlay("a.jpg", blank_grid(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
-        draw_overlay(photo, field_of(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
+        draw_overlay(photo, blank_grid(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
 
 
 def test_colours_depend_on_orientation_and_not_on_sign() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.camera.camera import Camera
@@ -20,7 +21,7 @@ from blur2view.cli import report as report_command
 from blur2view.cli.report import FOLDERS, shown_names
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
-from blur2view.segmentation.mask import MotionMask, SegmentOptions, segment
+from blur2view.segmentation.mask import MotionMask, segment
 from blur2view.visualization.report import Entry, report
 from blur2view.visualization.report_photograph import MAX_NODES, lens, node_pixels, photograph
 from blur2view.visualization.verdicts import VERDICTS
@@ -97,18 +98,18 @@ def test_page_holds_what_estimate_prints(
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
 
 
-def test_masks_are_made_with_the_options_of_the_call(
+def test_masks_are_made_with_the_seed_of_the_call(
     call: Report, moving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noted: list[tuple[float, float]] = []
+    noted: list[float] = []
 
-    def mask_of(found: Estimate, options: SegmentOptions, rng: np.random.Generator) -> MotionMask:
-        noted.append((options.estimator.max_error_px, rng.random()))
-        return segment(found, options, rng)
+    def mask_of(found: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
+        noted.append(rng.random())
+        return segment(found, image, rng)
 
     monkeypatch.setattr(report_command, "segment", mask_of)
-    assert call(moving, "--seed", 5, "--max-error", 2.5, "--jobs", 1) == 0
-    assert noted == [(2.5, np.random.default_rng(5).random())]
+    assert call(moving, "--seed", 5, "--jobs", 1) == 0
+    assert noted == [np.random.default_rng(5).random()]
 
 
 @pytest.mark.slow
@@ -240,10 +241,8 @@ def test_photograph_of_1280x720_stays_small() -> None:
     grain = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1).astype(
         np.float32
     )  # 10 of 255 levels
-    rough = rng.normal(0, 20, one.estimate.field.displacement.shape).astype(np.float32)
     one.image[:] = grain
-    one.estimate.field.displacement[:] = rough
-    one.estimate.field.sigma_px[:] = rng.uniform(0, 9, rough.shape[:2])
+    one.estimate.grid.cells[..., :2] = rng.normal(0, 20, (*one.estimate.grid.cells.shape[:2], 2))
     assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
 
 
@@ -263,11 +262,10 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     shown = photograph(one, mask)
     assert (shown["width"], shown["height"]) == (WIDTH, HEIGHT)
     rows, columns = node_pixels((HEIGHT, WIDTH))
-    field = one.estimate.field
+    field = one.estimate.grid.at_pixels()
     expected = field.displacement[rows, columns].transpose(2, 0, 1)
     assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
     assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
-    assert field.sigma_rad is not None
     assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
     assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
     ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)

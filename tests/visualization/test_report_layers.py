@@ -27,10 +27,9 @@ from tests.support.report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, m
 
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     F, one = turning_F(), made_up(F=turning_F())
-    page, field_ = opened(Entry.of(one, boxed_mask())), one.estimate.field
+    page, field_ = opened(Entry.of(one, boxed_mask())), one.estimate.grid.at_pixels()
     used = one.estimate.matches.midpoint.round().astype(int).tolist()
     inner = [point for point in used if 20 < point[0] < WIDTH - 20 and 20 < point[1] < HEIGHT - 20]
-    assert field_.sigma_rad is not None
     inside, right = (153, 101), (609, 201)
     for x, y in [inside, right, *inner[:3]]:
         scale = scale_of(page)

@@ -27,7 +27,7 @@ from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Two
 from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import still, insufficient_data
+from blur2view.two_view.acceptance import insufficient_data, still
 from blur2view.two_view.estimate import without_F
 from blur2view.two_view.options import EstimatorOptions
 

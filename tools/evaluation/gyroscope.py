@@ -61,7 +61,9 @@ def evaluate(folder: Path, network: blur2view.SmearNetwork) -> dict[str, Gyrosco
         truth = path.with_suffix(".npz")
         if truth.exists():
             with np.load(truth) as file:
-                figures[path.stem] = figures_of(network.predict(blur2view.read_image(path)).at_pixels(), file["smear"])
+                figures[path.stem] = figures_of(
+                    network.predict(blur2view.read_image(path)).at_pixels(), file["smear"]
+                )
     return figures
 
 

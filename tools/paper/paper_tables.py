@@ -27,8 +27,6 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.search import sampson_sigma
 from tools.datasets.testset import TestScene
 from tools.estimators.paper import paper_two_view
 from tools.metrics import PAPER_INLIER, cumulative_curve

@@ -8,10 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from blur2view.smears.selection import select_matches
 
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import SmearField
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.selection import select_matches
+from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
@@ -43,11 +45,18 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> TestScene:
     return TestScene(name="0000", image_path=path, **fields)
 
 
+def true_grid(scene: TestScene, factor: float = 1.0) -> SmearGrid:
+    """Give the true smears, stretched, with a sigma that grows to the right."""
+    sigma = np.linspace(0.5, 1.5, scene.displacement.shape[1])
+    return grid_of(factor * scene.displacement, sigma, stride=4)
+
+
 def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
-    """Give the true field at every pixel, stretched, with a sigma that grows to the right."""
-    displacement = np.asarray(factor * scene.displacement.repeat(4, 0).repeat(4, 1), np.float32)
-    sigma = np.broadcast_to(np.linspace(0.5, 1.5, SIZE[0]), SIZE[::-1])
-    return SmearField(displacement=displacement, sigma_px=sigma.astype(np.float32))
+    """Give the true field at every pixel: that of its cell."""
+    smears = true_grid(scene, factor).smears()
+    arrays = smears.displacement, smears.sigma_px, smears.sigma_rad
+    displacement, sigma_px, sigma_rad = (array.repeat(4, 0).repeat(4, 1) for array in arrays)
+    return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
 
 
 def figures_of(scene: TestScene, factor: float) -> SmearFigures:
@@ -73,7 +82,7 @@ def test_block_errors_are_in_sigmas_of_the_direction(scene: TestScene) -> None:
 
 
 def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
-    matches = select_matches(field_of(scene))
+    matches = select_matches(true_grid(scene))
     np.testing.assert_allclose(evaluate.truth_at_matches(scene, matches), matches.displacement, atol=1e-4)
 
 
@@ -98,7 +107,7 @@ def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> N
 
 
 def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScene) -> None:
-    pairs = [(scene, field_of(scene)), (replace(scene, F=None), field_of(scene))]
+    pairs = [(scene, true_grid(scene)), (replace(scene, F=None), true_grid(scene))]
     rows = {row.method: row for row in evaluate.evaluate_fundamentals(pairs)}
     assert len(rows) == 8 and {row.images for row in rows.values()} == {1}
     assert rows["true F"].inliers_of_true == 1 and rows["true F"].rho < 0.01

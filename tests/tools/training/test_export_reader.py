@@ -52,7 +52,7 @@ def test_package_reads_it(exported: Path) -> None:
     assert info.model_id.startswith("smear-") and info.training["pictures"] == 640
     assert info.training["figures"] == {"held": {"loss": 1.5}} and info.training["seed"] == 3
     image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)
-    field = network.predict(image)
+    field = network.predict(image).at_pixels()
     assert field.shape == (190, 210) and np.isfinite(field.displacement).all()
 
 
