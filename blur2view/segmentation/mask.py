@@ -94,7 +94,9 @@ def segment(
         moving, read = shipped().log_odds(looked.evidence)
         moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
         weight = 1 - np.asarray(moves, float)
-    return _mask(found, image, looked.camera, moving, np.where(smooth(gradients), -np.inf, read))
+    hidden = smooth(gradients)
+    moving, read = (np.where(hidden, -np.inf, odds) for odds in (moving, read))
+    return _mask(found, image, looked.camera, moving, read)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,7 +137,7 @@ def _mask(
     size_px = found.grid.stride // FINER
     probability = to_pixels(_share(moving), size_px, image)
     observable = to_pixels(_share(read), size_px, image) >= 0.5
-    parts = moving_parts(probability, observable)
+    parts = moving_parts(probability)
     labels = np.full(probability.shape, MotionLabel.UNOBSERVABLE, np.uint8)
     labels[observable & (probability < MOST_STILL)] = MotionLabel.STATIC
     labels[parts] = MotionLabel.MOVING

@@ -13,7 +13,7 @@ from blur2view.smears.field import upsample_grid
 
 Mask = NDArray[np.bool_]
 # Probabilities: of every pixel of a part that moves, of its surest pixel; below the last one stands still.
-LEAST_MOVING, SURE, MOST_STILL = 0.35, 0.6, 0.2
+LEAST_MOVING, SURE, MOST_STILL = 0.35, 0.7, 0.15
 LEAST_AREA_PX = 900  # of a part: a window of the network reads 96 x 96 pixels
 REDUCED = 4  # pixels to one in which outlines are followed
 GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
@@ -62,9 +62,9 @@ def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float
     return np.clip(pixels, 0, 1)
 
 
-def moving_parts(probability: NDArray[np.float32], observable: Mask) -> Mask:
+def moving_parts(probability: NDArray[np.float32]) -> Mask:
     """Mark the connected parts (H, W) that may move everywhere, surely do somewhere, and are large enough."""
-    likely = (probability >= LEAST_MOVING) & observable
+    likely = probability >= LEAST_MOVING
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     sure = np.zeros(len(stats), bool)
     sure[np.unique(part[likely & (probability >= SURE)])] = True

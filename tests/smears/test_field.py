@@ -96,7 +96,7 @@ def test_field_reports_shape_and_length(shape: tuple[int, ...]) -> None:
 @pytest.mark.parametrize("shape", [(4, 3), (3, 4, 3), (12,)])
 def test_field_refuses_shapes_that_disagree(name: str, shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="expected"):
-        field(**{name: np.zeros(shape)})
+        field((3, 4), **{name: np.zeros(shape)})
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
@@ -107,4 +107,4 @@ def test_field_refuses_values_that_mean_nothing(name: str, value: float) -> None
     values = getattr(field(), name).copy()
     values[1, 0] = value
     with pytest.raises(ValueError, match="finite"):
-        field(**{name: values})
+        field((3, 4), **{name: values})

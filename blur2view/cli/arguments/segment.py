@@ -13,8 +13,8 @@ pixels: what is small, or moves much faster than the camera, is mostly not seen,
 along the camera's epipolar lines, which looks like one at another depth.
 """
 FILES = """
-<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (smooth, or its smear is not read, or it may
-    as well move as stand still)
+<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (smooth, or its smear is not read, or it
+    may as well move as stand still)
 <stem>.moving.png: probability of moving, times 255
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
 masks/...: with --masks: the mask under the name and with the greys that the program reads
