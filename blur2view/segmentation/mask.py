@@ -135,8 +135,11 @@ def _mask(
     """Return the mask of log-odds that half cells move and are read right."""
     assert found.grid is not None
     size_px = found.grid.stride // FINER
+    height, width = image.shape[:2]
+    hidden = np.isneginf(read).repeat(size_px, axis=0)[:height].repeat(size_px, axis=1)[:, :width]
     probability = to_pixels(_share(moving), size_px, image)
-    observable = to_pixels(_share(read), size_px, image) >= 0.5
+    probability[hidden] = 0  # outlines follow edges, also into what is smooth
+    observable = (to_pixels(_share(read), size_px, image) >= 0.5) & ~hidden
     parts = moving_parts(probability)
     labels = np.full(probability.shape, MotionLabel.UNOBSERVABLE, np.uint8)
     labels[observable & (probability < MOST_STILL)] = MotionLabel.STATIC

@@ -75,7 +75,7 @@ def test_what_is_smooth_is_unobservable_and_never_moves() -> None:
     image = photo(with_mover())
     image[:, 352:] = 0.5  # the mover, too
     labels = segment(estimate_of(with_mover()), image).labels
-    assert (labels[:, 400:] != MotionLabel.MOVING).all()
+    assert (labels[:, 416:] != MotionLabel.MOVING).all()
     assert (labels[:, 448:] == MotionLabel.UNOBSERVABLE).all()
     unread = estimate_of(np.zeros_like(sideways()), sigma_px=1000.0, sigma_rad=np.pi / 2)
     mask = segment(unread, np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
