@@ -96,8 +96,8 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(
 def test_verbose_summary_of_one_homography_has_H_and_no_epipoles(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    y, x = np.mgrid[:96, :128]
-    turning = 0.15 * np.stack([y - 47.5, 63.5 - x], axis=-1) + [14.0, 3.0]
+    y, x = np.mgrid[:288, :384]
+    turning = 0.05 * np.stack([y - 143.5, 191.5 - x], axis=-1) + [14.0, 3.0]
     picture = write_picture(tmp_path / "turning.png", colour_code(turning, 0.3))
     assert run(picture, "-v") == 0
     text = capsys.readouterr().out

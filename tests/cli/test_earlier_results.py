@@ -62,7 +62,7 @@ def change(command: str, *keys: Any, value: Any) -> None:
         ("to-colmap", ["kept", 0, "size"], [80, 10**30]),
         ("to-colmap", ["kept", 0, "points_open", "shape"], [1, -1]),
         ("to-colmap", ["kept", 0, "points_open", "dtype"], "|O"),
-        ("to-colmap", ["kept", 0, "geometry", "F", "shape"], [9]),
+        ("to-colmap", ["kept", 0, "points_close", "shape"], [9]),
         ("to-colmap", ["kept", 0, "geometry", "config"], "NONE"),
         ("to-colmap", ["kept", 0, "geometry", "inlier_mask"], [True]),
         ("to-colmap", ["kept", 0, "camera"], {"model": "NONE"}),
@@ -75,7 +75,7 @@ def test_photograph_whose_line_was_changed_is_done_again(
     before = contents(tmp_path)
     change(command, *keys, value=value)
     code, printed, complaints = call(command, "--resume")
-    assert (code, complaints) == (0, [])
+    assert code == 0 and all("done again" in line for line in complaints)
     if command == "to-colmap":  # in which no time stands
         assert contents(tmp_path) == before
     if command == "triage":

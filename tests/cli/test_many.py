@@ -54,7 +54,7 @@ def test_folder_prints_one_line_each_and_a_total(
     assert lines[5].startswith("6 photographs: 5 done, 1 failed in ") and len(lines) == 6
     assert len(printed.err.splitlines()) == 1
     assert run(folder, "-q") == 0 and capsys.readouterr().out == ""
-    assert run(folder, "-v") == 0 and "penalised costs" in capsys.readouterr().out
+    assert run(folder, "-v") == 0 and "s (read" in capsys.readouterr().out
 
 
 def test_subfolders_are_kept_in_the_output_and_results_are_no_photographs(

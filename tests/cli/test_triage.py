@@ -66,8 +66,8 @@ def test_table_and_list_of_a_folder(
     assert rows["still.png"]["verdict"] == "DEGENERATE" and float(rows["still.png"]["sharpness"]) > 0.9
     moving = rows["left/moving.png"]
     length = np.median(np.linalg.norm(forward_motion(), axis=-1))
-    assert float(moving["smear_px"]) == pytest.approx(length, rel=0.02)
-    assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.02)
+    assert float(moving["smear_px"]) == pytest.approx(length, rel=0.1)
+    assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.1)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
     assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
     printed = capsys.readouterr().out

@@ -295,7 +295,7 @@ def test_pipe_is_no_network(tmp_path: Path) -> None:
 def test_file_of_absurd_size_is_no_network(tmp_path: Path) -> None:
     with (tmp_path / "huge.onnx").open("wb") as file:
         file.truncate(1 << 34)  # sparse
-    with pytest.raises(ModelError, match="is larger than 1 GiB"):
+    with pytest.raises(ModelError, match="is larger than 1024 MiB"):
         SmearNetwork(tmp_path / "huge.onnx")
 
 

@@ -25,8 +25,8 @@ def test_plain_page_shows_smears_but_no_photograph(
     shown, plain = pages
     assert shown.shape == plain.shape
     assert shown.shape[1] == gallery.COLUMNS * gallery.TILE_PX
-    right = shown[shown.shape[0] * 2 // 3 :, gallery.TILE_PX :]
-    assert (right == 0).all()  # three photographs leave the last place empty
+    right = shown[shown.shape[0] * 2 // 3 + 8 :, gallery.TILE_PX + 8 :]
+    assert right.max() < 8  # three photographs leave the last place empty
     places = np.s_[40:400, 8:632]
     assert np.median(plain[places].astype(float).std(2)) == 0  # only smears are coloured
     assert (shown[places] != plain[places]).mean() > 0.5
