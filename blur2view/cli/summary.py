@@ -21,8 +21,8 @@ FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 
 
 def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
-    """Return the configuration of a photograph and the one sentence that matters."""
-    return f"{printable(name)}: {geometry.config.name}. {sentence(geometry).removesuffix('.')}"
+    """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
+    return f"{printable(name)}: {sentence(geometry).removesuffix('.')} [{geometry.config.name}]"
 
 
 def estimate_summary(

@@ -18,7 +18,7 @@ from blur2view.visualization.drawing import (
     wrap,
     write,
 )
-from blur2view.visualization.verdicts import sentence
+from blur2view.visualization.verdicts import headline, sentence
 
 _AIDS_HEIGHT_PX = 132
 
@@ -28,11 +28,12 @@ def draw_panel(width: int, grid: SmearGrid, matches: SmearMatches, geometry: Two
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
     plain = wrap(sentence(geometry), room, TEXT_SIZE)
-    counts = wrap(_counts(matches, geometry), room, TEXT_SIZE)
+    small = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
+    counts = wrap(small, room, TEXT_SIZE)
     height = max(aids.shape[0], 38 + LEADING_PX * (len(plain) + len(counts)))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    write(panel, geometry.config.name.replace("_", " "), (10, 24), size=0.6, thickness=2)
+    write(panel, headline(geometry), (10, 24), size=0.6, thickness=2)
     for index, line in enumerate(plain + counts):
         colour = INK if index < len(plain) else FAINT
         write(panel, line, (10, 46 + LEADING_PX * index), colour=colour)

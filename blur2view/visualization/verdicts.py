@@ -22,11 +22,27 @@ VERDICTS = {
     Configuration.DEGENERATE: ("none", ""),  # the reason says what is missing
     Configuration.UNDEFINED: ("none", ""),
 }
-OPEN = (
-    "Parallax is open: F is given, but one homography, H, explains the smears, too; "
-    "nearer things or more blur may decide."
-)
+UNDECIDED = {
+    Configuration.PANORAMIC: "The camera turned; whether it also moved is undecided (F is given, and H).",
+    Configuration.PLANAR: "The camera moved, past something flat or too little to tell (F is given, and H).",
+    Configuration.PLANAR_OR_PANORAMIC: "The camera turned, or moved past something flat (F is given, and H).",
+}
+HEADLINES = {
+    Configuration.CALIBRATED: "The camera moved",
+    Configuration.UNCALIBRATED: "The camera moved",
+    Configuration.MULTIPLE: "Several motions",
+    Configuration.PLANAR_OR_PANORAMIC: "Turned, or moved before something flat",
+    Configuration.PLANAR: "Moved before something flat, or a little",
+    Configuration.PANORAMIC: "The camera turned",
+    Configuration.DEGENERATE: "No motion",
+    Configuration.UNDEFINED: "Cannot tell",
+}
 VERDICT_ORDER = [config.name for config in VERDICTS]
+
+
+def headline(geometry: TwoViewGeometry) -> str:
+    """Return what a configuration means, in a few words."""
+    return "Cannot tell" if geometry.insufficient_data else HEADLINES[geometry.config]
 
 
 def sentence(geometry: TwoViewGeometry) -> str:
@@ -39,4 +55,4 @@ def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:
     kind, meaning = VERDICTS[geometry.config]
     beside_H = kind == "flat" and geometry.parallax is Parallax.OPEN
     reason = geometry.reason[:1].upper() + geometry.reason[1:]
-    return ("open", OPEN) if beside_H else (kind, meaning or reason)
+    return ("open", UNDECIDED[geometry.config]) if beside_H else (kind, meaning or reason)

@@ -77,7 +77,7 @@ def test_summary_is_two_lines(
     out = tmp_path / "out"
     assert run(moving, "-o", out) == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith(f"{moving}: UNCALIBRATED. The camera moved")
+    assert first.startswith(f"{moving}: The camera moved")
     facts = json.loads((out / "moving.json").read_text())
     assert f"{facts['num_inliers']} of {facts['num_matches']} smears fit" in second
     assert "epipole (" in second and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
