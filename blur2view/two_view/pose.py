@@ -28,7 +28,7 @@ from blur2view.two_view.options import CUTOFF, EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
-# Of 40 scenes with independent noise and 20 % outliers (seeds 2000 to 2039 of tests/geometry/test_pose.py) the
+# Of 40 scenes with independent noise and 20 % outliers (seeds from 2000 of tests/geometry/test_pose.py) the
 # squared distances of the truth are larger by this than their distribution says, in the median and at 80 %.
 MISSED = 1.7
 NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region

@@ -22,11 +22,11 @@ from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.shaken import ShakeOptions, shake
 from tools.rendering.textures import read_photograph
 
-SEED = 2_000_045
-"""Walls, a ground and cards, seen by a camera that moves forward."""
+SEED = 2_000_048
+"""Cards at several depths, seen by a camera that moves forward."""
 SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
-"""Median smear over all surfaces, hidden ones too; that of the visible pixels is 10.2 px."""
+"""Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""
 MOVER_SEED = 13
 MOVER = ShakeOptions(size=(720, 480), smear_px=(8.0, 20.0), still_share=0.0, layer_share=1.0, oval_share=0.0)
 QUALITY = 92
