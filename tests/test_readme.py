@@ -17,7 +17,7 @@ from blur2view.colmap import mapping
 from tests.support.readme_files import ROOT, make_files
 
 README = (ROOT / "README.md").read_text()
-MOST_WORDS = 1500
+MOST_WORDS = 1800
 NOT_RUN = ("pip install ", "python -m pytest ", "pre-commit install", "dask ")
 """How the commands begin that install, test or start a cluster, which no test does."""
 TEST_COMMAND = "pip install '.[train,test]' && python -m pytest -n auto --dist worksteal"
