@@ -55,7 +55,7 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
         Possibly empty (a sharp or constant image), all fields filled in.
     """
     options = options or SelectOptions()
-    step = max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))
+    step = cells_apart(grid, options)
     every = slice(step // 2, None, step)
     points = grid.points()[every, every]
     inside = (points < grid.size).all(axis=-1)
@@ -74,6 +74,11 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
         across_px=across_px(length, smears.sigma_rad.astype(np.float64))[kept],
         shared=grid.shared_errors(step * grid.stride),
     )
+
+
+def cells_apart(grid: SmearGrid, options: SelectOptions) -> int:
+    """Return how many cells lie from one match to the next in a row or column: 1 if all may be matches."""
+    return max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))
 
 
 def still_share(length: Array, sigma: Array) -> float:

@@ -4,14 +4,15 @@ from dataclasses import replace
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.documents.estimate import EstimateDocument
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import FileEstimate
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.selection import cells_apart
 from blur2view.visualization.mask_overlay import headline
 from blur2view.visualization.report_pack import Packed, packed, picture
 from blur2view.visualization.verdicts import verdict
@@ -36,8 +37,12 @@ class Grid(TypedDict):
 
 
 class Matches(TypedDict):
-    """The smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped."""
+    """The smears that were used: x0, y0, x1, y1 of their ends, and flags 1 inlier, 2 swapped.
 
+    Each is that of the square of side ``spacing_px`` about its middle.
+    """
+
+    spacing_px: int
     ends: Packed
     flags: Packed
 
@@ -95,6 +100,7 @@ def photograph(
     seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
     kind, meaning = verdict(geometry)
     height, width = estimate.grid.shape
+    spacing_px = estimate.grid.stride * cells_apart(estimate.grid, one.run.select)
     return {
         "name": str(one.path),
         "width": width,
@@ -105,7 +111,7 @@ def photograph(
         "median_px": median_length(estimate.matches),
         "document": (document if timings else replace(document, timings_s=None)).to_json(),
         "grid": nodes(estimate.grid),
-        "matches": matches(estimate.matches, geometry.inlier_mask, geometry.swapped),
+        "matches": matches(estimate.matches, geometry, spacing_px),
         "lens": lens(estimate.camera),
         "mask": None if mask is None else motion(mask),
         "seconds": seconds if timings else None,
@@ -142,10 +148,11 @@ def nodes(grid: SmearGrid) -> Grid:
     }
 
 
-def matches(used: SmearMatches, inlier_mask: NDArray[np.bool_], swapped: NDArray[np.bool_]) -> Matches:
-    """Return the smears that were used, packed: x0, y0, x1, y1 of their ends; flags 1 inlier, 2 swapped."""
-    flags = inlier_mask.astype(np.uint8) + 2 * swapped.astype(np.uint8)
+def matches(used: SmearMatches, geometry: TwoViewGeometry, spacing_px: int) -> Matches:
+    """Return the smears that were used, one every ``spacing_px`` pixels, packed."""
+    flags = geometry.inlier_mask.astype(np.uint8) + 2 * geometry.swapped.astype(np.uint8)
     return {
+        "spacing_px": spacing_px,
         "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),
         "flags": packed(flags, "uint8"),
     }

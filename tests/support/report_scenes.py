@@ -62,7 +62,8 @@ def made_up(
 ) -> FileEstimate:
     """Return a made-up estimate of a photograph; ``scale`` stretches its smears."""
     grid = wavy_grid(*size, scale=scale)
-    used = select_matches(grid, SelectOptions(max_matches=300))
+    select = SelectOptions(max_matches=300)
+    used = select_matches(grid, select)
     geometry = replace(some_geometry(used, config, F), H=H)
     found = Estimate(
         grid=grid,
@@ -72,7 +73,7 @@ def made_up(
         timings=Timings(predict_s=0.3, select_s=0.01, solve_s=0.2),
         camera=camera,
     )
-    run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
+    run = Run(select=select, options=EstimatorOptions(), seed=0)
     return FileEstimate(path=Path(name), image=dotted_photograph(*size), estimate=found, run=run, read_s=0.04)
 
 

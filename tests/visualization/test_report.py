@@ -278,6 +278,14 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
 
 
+@pytest.mark.parametrize(("size", "spacing_px"), [((WIDTH, HEIGHT), 32), ((1280, 720), 64)])
+def test_used_smears_are_as_far_apart_as_the_page_is_told(size: tuple[int, int], spacing_px: int) -> None:
+    one = made_up(size=size)
+    assert photograph(one)["matches"]["spacing_px"] == spacing_px
+    for places in one.estimate.matches.midpoint.T:
+        assert (np.diff(np.unique(places.round(2))) == spacing_px).all()
+
+
 def test_lens_tells_where_pixels_would_lie() -> None:
     text = f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 500 320 180 0.15"
     camera = Camera.from_string(text)
@@ -304,13 +312,13 @@ def test_every_configuration_has_words_and_card_and_page_say_the_same() -> None:
         assert shown["kind"] != "none" or entry.text.lower() == reason.lower()  # of a still scene: why
 
 
-def test_open_parallax_is_said_first() -> None:
+def test_what_is_undecided_is_said() -> None:
     proven = made_up(F=turning_F())
     beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)
-    assert photograph(beside_H)["meaning"].startswith("Parallax is open")
+    assert photograph(beside_H)["meaning"].endswith("(F is given, and H).")
     assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("open", "found")
     either = made_up(config=Configuration.PLANAR_OR_PANORAMIC)
-    assert photograph(either)["kind"] == "flat" and "open" not in photograph(either)["meaning"]
+    assert photograph(either)["kind"] == "flat" and "no F" in photograph(either)["meaning"]
     for one, parallax in ((proven, "proven"), (beside_H, "open"), (either, "absent")):
         assert json.loads(photograph(one)["document"])["parallax"] == parallax
 

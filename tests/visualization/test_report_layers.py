@@ -28,10 +28,12 @@ from tests.support.report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, m
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     F, one = turning_F(), made_up(F=turning_F())
     page, field_ = opened(Entry.of(one, boxed_mask())), one.estimate.grid.at_pixels()
-    used = one.estimate.matches.midpoint.round().astype(int).tolist()
-    inner = [point for point in used if 20 < point[0] < WIDTH - 20 and 20 < point[1] < HEIGHT - 20]
+    cells = (one.estimate.matches.midpoint // 32).astype(int).tolist()
+    used = dict(zip(map(tuple, cells), one.estimate.geometry.inlier_mask.tolist(), strict=True))
+    unused = next(cell for cell in np.ndindex(WIDTH // 32, HEIGHT // 32) if cell not in used)
+    nodes = [(32 * cell[0] + 21, 32 * cell[1] + 9) for cell in (unused, *list(used)[:3])]
     inside, right = (153, 101), (609, 201)
-    for x, y in [inside, right, *inner[:3]]:
+    for x, y in [inside, right, *nodes]:
         scale = scale_of(page)
         page.locator("#stage").hover(position={"x": (x + 1.4) * scale, "y": (y - 0.4) * scale})
         d, ends = field_.displacement[y, x], quantised_ends((x, y), field_.displacement[y, x])
@@ -49,9 +51,8 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
         label = "moving" if (x, y) == inside else ("unobservable" if x >= 480 else "static")
         assert value(page, "label", "pointer") == label
         assert shown("probability") == [0.9 if (x, y) == inside else 0.1]
-        mask = dict(zip(map(tuple, used), one.estimate.geometry.inlier_mask.tolist(), strict=True))
         words = {True: "inlier", False: "outlier", None: "not used"}
-        assert value(page, "used", "pointer") == words[mask.get((x, y))]
+        assert value(page, "used", "pointer") == words[used.get((x // 32, y // 32))]
     page.mouse.move(2, 2)
     assert value(page, "length", "pointer") == "-"
 
@@ -109,14 +110,18 @@ def test_used_smears_have_the_colour_of_their_orientation(opened: Opener) -> Non
     assert np.mean(agree) > 0.7  # some are hidden by neighbours
 
 
-def test_click_takes_a_used_smear_where_those_are_shown(opened: Opener) -> None:
+def test_click_takes_the_used_smear_of_its_cell_where_those_are_shown(opened: Opener) -> None:
     one = made_up(F=turning_F())
     page = opened(Entry.of(one))
     toggle(page, "inliers")
     middle = one.estimate.matches.midpoint
     x, y = middle[np.linalg.norm(middle - (WIDTH / 2, HEIGHT / 2), axis=1).argmin()].tolist()
-    click_at(page, (x + 3.5, y - 2.5))
+    click_at(page, (x + 13, y - 14))
     assert numbers(value(page, "position")) == [x, y] and value(page, "used") in ("inlier", "outlier")
+    toggle(page, "inliers")
+    click_at(page, (x + 13, y - 14))
+    assert numbers(value(page, "position")) == [x + 13.5, y - 14.5]  # the nearest node
+    assert value(page, "used") in ("inlier", "outlier")
 
 
 def focus_stage(page: Page) -> None:

@@ -14,9 +14,15 @@ function smearAt(photo, row, column) {
     dy: grid.displacement.at(plane + index),
     sigmaPx: grid.sigmaPx.at(index),
     sigmaRad: grid.sigmaRad ? grid.sigmaRad.at(index) : null,
-    match: matchAt(photo, index),
   };
+  smear.match = matchAt(photo, smear);
   return described(photo, smear);
+}
+
+/** The smear of a match; its sigmas are those of the nearest node. */
+function smearOfMatch(photo, match) {
+  const [dx, dy] = difference(match.ends);
+  return described(photo, { ...smearAt(photo, ...nearestNode(photo, [match.x, match.y])), match, x: match.x, y: match.y, dx, dy });
 }
 
 /** Ends p - d/2 and p + d/2, length, direction, error under F, label. */
@@ -46,21 +52,24 @@ function nearestNode(photo, [x, y]) {
 function matchOf(photo, k) {
   const { ends, count, flags } = photo.matches;
   const [x0, y0, x1, y1] = [0, 1, 2, 3].map((plane) => ends.at(plane * count + k));
-  return { k, x: (x0 + x1) / 2, y: (y0 + y1) / 2, ends: [[x0, y0], [x1, y1]], inlier: (flags.values[k] & 1) > 0 };
+  const middle = (one, other) => Math.round(one + other) / 2; // centres of cells lie at halves of pixels
+  return { k, x: middle(x0, x1), y: middle(y0, y1), ends: [[x0, y0], [x1, y1]], inlier: (flags.values[k] & 1) > 0 };
 }
 
-/** All matches, and which of them lies at which node. */
+/** All matches, each in the middle of its cell. */
 function indexMatches(photo) {
   photo.used = Array.from({ length: photo.matches.count }, (_, k) => matchOf(photo, k));
-  photo.matchAtNode = new Map();
-  for (const match of photo.used) {
-    const [row, column] = nearestNode(photo, [match.x, match.y]);
-    photo.matchAtNode.set(row * photo.grid.columns + column, match);
-  }
+  photo.matchOfCell = new Map(photo.used.map((match) => [cellOf(photo, match), match]));
 }
 
-function matchAt(photo, index) {
-  return photo.matchAtNode.get(index) || null;
+/** Which cell holds a pixel, counted from that of the first match. */
+function cellOf({ used, matches }, { x, y }) {
+  return used.length ? [x - used[0].x, y - used[0].y].map((value) => Math.round(value / matches.spacing)).join() : "";
+}
+
+/** The match whose cell holds a pixel {x, y}, or null. */
+function matchAt(photo, pixel) {
+  return photo.matchOfCell.get(cellOf(photo, pixel)) || null;
 }
 
 /** Static, moving or unobservable, with the probability; null without a mask. */

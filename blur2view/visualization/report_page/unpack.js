@@ -79,7 +79,7 @@ async function photographOf(index) {
       sigmaPx,
       sigmaRad,
     },
-    matches: { count: flags.values.length, ends, flags },
+    matches: { count: flags.values.length, spacing: matches.spacing_px, ends, flags },
     lens: lens && new Lens(lens.step_px, shift),
     mask: mask && { labels, every: mask.every_px, probability, headline: mask.headline, reason: mask.reason },
   };

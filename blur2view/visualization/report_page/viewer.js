@@ -1,6 +1,5 @@
 // The stage: layers, the chosen smear with its ends and epipolar lines, pointer, touch and keyboard.
 
-const SNAP_PX = 10; // a used smear this near to a click is chosen, where used smears are drawn
 const STILL_PX = 5; // a pointer that moves less between down and up has clicked
 const END_COLOURS = ["#22d3ee", "#fbbf24"]; // of the first and the second end, and of the lines in their views
 const LINE_WIDTHS = [4, 1.5]; // where both lines coincide both are seen
@@ -141,17 +140,11 @@ class Viewer {
     if (this.view) this.drawSoon();
   }
 
-  /** The smear at a place of the stage: a used one if those are drawn and one is near, else the nearest node's. */
+  /** The smear at a place of the stage: where used ones are drawn that of the cell, else the nearest node's. */
   smearUnder(place) {
-    const point = this.view.toPhoto(place);
-    const near = this.layers.has("inliers") ? this.nearestUsed(point, SNAP_PX / this.view.scale) : null;
-    return smearAt(this.photo, ...nearestNode(this.photo, near ? [near.x, near.y] : point));
-  }
-
-  nearestUsed([x, y], within) {
-    const distance = (match) => Math.hypot(match.x - x, match.y - y);
-    const near = this.photo.used.filter((match) => distance(match) <= within);
-    return near.reduce((best, match) => (best && distance(best) <= distance(match) ? best : match), null);
+    const [x, y] = this.view.toPhoto(place);
+    const match = this.layers.has("inliers") && matchAt(this.photo, { x, y });
+    return match ? smearOfMatch(this.photo, match) : smearAt(this.photo, ...nearestNode(this.photo, [x, y]));
   }
 
   /** Choose the smear some nodes away; the photograph's middle if none is chosen. */
