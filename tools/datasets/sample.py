@@ -28,7 +28,9 @@ SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; that of the visible pixels is 10.2 px."""
 MOVER_SEED = 13
-MOVER = ShakeOptions(size=(720, 480), smear_px=(8.0, 20.0), still_share=0.0, layer_share=1.0, oval_share=0.0)
+MOVER = ShakeOptions(
+    size=(720, 480), smear_px=(8.0, 20.0), short_share=0.0, still_share=0.0, mover_share=1.0, oval_share=0.0
+)
 QUALITY = 92
 
 
