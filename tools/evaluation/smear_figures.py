@@ -29,7 +29,8 @@ SIGMA_BINS = 10
 class OctaveFigures:
     """The smears whose true length is at least `from_px` and less than twice that.
 
-    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median.
+    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median,
+    of those whose true direction is within 22.5 degrees of an axis, and of the others.
     """
 
     from_px: int
@@ -37,7 +38,7 @@ class OctaveFigures:
     length_ratio: float
     length_spread: float
     direction_deg: float
-    lean_deg: float
+    lean_deg: tuple[float, float]
     epe_s_over_length: float
 
 
@@ -191,6 +192,7 @@ def by_octave(found: AnyArray, true: AnyArray) -> Iterable[OctaveFigures]:
     """Yield the figures of every class of length that has smears (N, 2)."""
     length, error = np.linalg.norm(true, axis=1), epe_s(found, true)
     ratio, angle, lean = log_ratio(found, length), direction_error_deg(found, true), lean_deg(found, true)
+    axial = np.abs(true[:, 0] ** 2 - true[:, 1] ** 2) > 2 * np.abs(true[:, 0] * true[:, 1])
     for start in OCTAVES_PX:
         chosen = (length >= start) & (length < 2 * start)
         if chosen.any():
@@ -201,22 +203,26 @@ def by_octave(found: AnyArray, true: AnyArray) -> Iterable[OctaveFigures]:
                 length_ratio=float(np.exp(middle)),
                 length_spread=float(np.median(np.abs(ratio[chosen] - middle))),
                 direction_deg=float(np.median(angle[chosen])),
-                lean_deg=float(np.median(lean[chosen])),
+                lean_deg=(median_of(lean[chosen & axial]), median_of(lean[chosen & ~axial])),
                 epe_s_over_length=float(error[chosen].mean() / length[chosen].mean()),
             )
+
+
+def median_of(values: AnyArray) -> float:
+    """Return the median, NaN of nothing."""
+    return float(np.median(values)) if len(values) else math.nan
 
 
 def octave_table(octaves: Iterable[OctaveFigures]) -> list[str]:
     """Return figures by length as lines of Markdown."""
     rows = [
-        "| true px | smears | predicted / true | spread | direction, deg | lean, deg | EPE-S / length |",
+        "| true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length |",
         "|---|---|---|---|---|---|---|",
     ]
     for f in octaves:
-        lengths, directions = (
-            f"{a:.{digits}f} | {b:.{digits}f}"
-            for a, b, digits in ((f.length_ratio, f.length_spread, 3), (f.direction_deg, f.lean_deg, 2))
-        )
+        lengths = f"{f.length_ratio:.3f} | {f.length_spread:.3f}"
+        near, far = f.lean_deg
+        directions = f"{f.direction_deg:.2f} | {near:.2f}; {far:.2f}"
         span = f"{f.from_px} to {2 * f.from_px} | {f.smears}"
         rows.append(f"| {span} | {lengths} | {directions} | {f.epe_s_over_length:.3f} |")
     return rows
