@@ -27,8 +27,8 @@ class SensorOptions:
     defocus_share : float
         Share of images out of focus, by a disc of up to 6 px radius.
     unbalanced_share : float
-        Share of mosaics that are taken, clipped and interpolated before the white balance, which leaves
-        zippers at strong edges.
+        Share of mosaics that are taken, clipped and interpolated, linearly or along edges, before the white
+        balance.
     sharpening : tuple of float
         Range of the strength of unsharp masking.
     """

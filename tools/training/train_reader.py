@@ -6,7 +6,7 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``36 + k / 100`` shards and waits until they are made: the two may
+Step k draws from the newest of the first ``36 + k / 95`` shards and waits until they are made: the two may
 run beside each other, and what is learned depends on the seed alone.
 """
 
@@ -38,7 +38,7 @@ Batch = dict[str, Tensor]
 
 WEIGHTS = "weights."
 """Prefix of the names of the weights in an exported file."""
-FIRST_SHARDS, STEPS_PER_SHARD = 36, 100
+FIRST_SHARDS, STEPS_PER_SHARD = 36, 95
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
