@@ -31,6 +31,9 @@ class SensorOptions:
         balance.
     sharpening : tuple of float
         Range of the strength of unsharp masking.
+    grain_share : float
+        Share of images with grey noise that is a few pixels wide, and of sharpened ones that are sharpened
+        along one axis only: as small sensors are read, and videos.
     """
 
     softness_px: tuple[float, float] = (0.0, 1.4)
@@ -40,6 +43,7 @@ class SensorOptions:
     defocus_share: float = 0.14
     unbalanced_share: float = 0.0
     sharpening: tuple[float, float] = (0.2, 1.2)
+    grain_share: float = 0.0
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -120,12 +124,21 @@ def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
-def sharpen(rng: np.random.Generator, coded: AnyArray, strength: tuple[float, float]) -> AnyArray:
+def add_grain(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
+    """Return the picture with grey noise that is a few pixels wide."""
+    noise = gaussian(rng.standard_normal(coded.shape[:2], dtype=np.float32), rng.uniform(0.6, 1.6))
+    strength = log_uniform(rng, (2e-3, 1.5e-2)) / noise.std()
+    return np.asarray(coded + np.float32(strength) * noise[..., None])
+
+
+def sharpen(rng: np.random.Generator, coded: AnyArray, options: SensorOptions) -> AnyArray:
     """Return the picture, in half of the cases sharpened by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
-    soft = gaussian(coded, rng.uniform(0.7, 1.6))
-    return np.asarray(np.clip(coded + rng.uniform(*strength) * (coded - soft), 0, 1))
+    soft = gaussian(coded, sigma := rng.uniform(0.7, 1.6))
+    if options.grain_share and rng.random() < options.grain_share:
+        soft = np.asarray(cv2.GaussianBlur(coded, (9, 1) if rng.random() < 0.6 else (1, 9), sigma))
+    return np.asarray(np.clip(coded + rng.uniform(*options.sharpening) * (coded - soft), 0, 1))
 
 
 def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
@@ -166,7 +179,10 @@ def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOption
         signal = gaussian(signal, rng.uniform(0.4, 0.9))
     if rng.random() < 0.2:
         signal = add_blotches(rng, signal)
-    coded = sharpen(rng, np.asarray(tone(rng, signal), np.float32), options.sharpening)
+    coded = np.asarray(tone(rng, signal), np.float32)
+    if options.grain_share and rng.random() < options.grain_share:
+        coded = add_grain(rng, coded)
+    coded = sharpen(rng, coded, options)
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
     image = np.asarray(np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8)

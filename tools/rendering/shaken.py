@@ -57,8 +57,8 @@ class ShakeOptions:
     oval_share: float = 0.08
 
     def sensor(self) -> SensorOptions:
-        """Return the cameras: mosaics as unbalanced as on a sensor, halos of sharpening."""
-        return SensorOptions(unbalanced_share=0.6, sharpening=(0.2, 2.0))
+        """Return the cameras: mosaics as unbalanced as on a sensor, halos of sharpening, grain."""
+        return SensorOptions(unbalanced_share=0.6, sharpening=(0.2, 2.0), grain_share=0.3)
 
 
 @dataclass(frozen=True, kw_only=True)
