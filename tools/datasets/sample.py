@@ -1,8 +1,8 @@
 """Make the photographs that ship in ``models/``.
 
 ``python -m tools.datasets.sample models/sample.jpg --photos KODAK`` renders the sample of a moving camera,
-``python -m tools.datasets.sample models/sample_mover.jpg --photos KODAK --mover`` a photograph that the camera
-moved before, with a piece of another photograph that moved otherwise; both give the same bytes again.
+``python -m tools.datasets.sample models/sample_mover.jpg --photos KODAK --mover`` a photograph that a camera
+moved before, with a piece of another one that moved otherwise; both give the same bytes again.
 """
 
 from __future__ import annotations
