@@ -112,7 +112,9 @@ def erring(scene: DegenerateScene, seed: int, direction_deg: float) -> Degenerat
     found = scene.matches
     ends = with_shared_errors(found.ends, np.random.default_rng([seed, 7]), direction_deg, LENGTH_SHARE)
     sigma = np.hypot(found.sigma_px, np.hypot(np.radians(direction_deg), LENGTH_SHARE) * found.length_px)
-    return replace(scene, matches=replace(found, ends=ends, sigma_px=sigma))
+    across = np.radians(direction_deg) * found.length_px + found.sigma_px
+    matches = replace(found, ends=ends, sigma_px=sigma, across_px=across, shared=ALIKE)
+    return replace(scene, matches=matches)
 
 
 def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
