@@ -74,6 +74,8 @@ NAMES = {
     Configuration.MULTIPLE: "several",
     Configuration.UNDEFINED: "undefined",
 }
+ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
+"""What errors that are correlated over 40 px have in common."""
 
 
 @dataclass(frozen=True, kw_only=True)
