@@ -28,6 +28,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import existing, parser_of, target
 from tools.datasets import motion_kinds
