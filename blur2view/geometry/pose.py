@@ -231,26 +231,3 @@ class PoseCovariance:
         inverse = np.linalg.pinv(self.matrix[part, part], hermitian=True)
         errors = (self.error(pose, flip)[part] for flip in (true, true.inverse()))
         return min(float(error @ inverse @ error) for error in errors)
-
-
-def pose_covariance(normal: Array, scatter: Array, tangents: Array) -> PoseCovariance:
-    """Return the sandwich covariance of a pose fitted in t (two tangents) and R (from the left).
-
-    Parameters
-    ----------
-    normal : ndarray of shape (5, 5)
-        Second derivative of half the cost at the optimum, prior included.
-    scatter : ndarray of shape (5, 5)
-        Covariance of the gradient, prior included; equal to ``normal`` where residuals are as large as stated
-        and independent.
-    tangents : ndarray of shape (2, 3)
-        Of the translation.
-
-    References
-    ----------
-    Huber, The behavior of maximum likelihood estimates under nonstandard conditions, 1967.
-    """
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    covariance = inverse @ scatter @ inverse
-    order = [2, 3, 4, 0, 1]  # rotation first
-    return PoseCovariance(matrix=covariance[np.ix_(order, order)], tangents=tangents)

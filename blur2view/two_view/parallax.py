@@ -138,16 +138,6 @@ def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Ev
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
 
 
-def planar_log_likelihood(A: Array, matches: WeightedEnds, unit_px: float) -> float:
-    """Return the log-likelihood of smears under a homography alone, errors equal in all directions."""
-    deviation, sigma = transfer_residuals(A, matches) * unit_px, matches.sigma * unit_px
-    measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
-    along, across = deviation[:, 0], deviation[:, 1]
-    variance = (np.array(SCALES)[:, None] * sigma) ** 2  # (C, N)
-    alone = _gaussian(along, across, variance, variance, 0.0)
-    return float(mixture(np.concatenate([alone, chance_densities(measured)]).T)[1].sum())
-
-
 def chance_densities(measured: Array) -> list[Array]:
     """Return densities (N,) of displacements spread evenly over discs; ``measured`` (N,) their lengths."""
     radii = np.array(REACHES) * max(float(np.quantile(measured, 0.95)), TINY)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.robust.estimators import SmearEstimator
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.robust.ransac import ransac
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import MIN_MATCHES
-from blur2view.two_view.model_selection import Fit, fit_families, fit_translation
+from blur2view.two_view.model_selection import Fit, fit_families
 from blur2view.two_view.options import CUTOFF, EstimatorOptions
 
 
@@ -36,16 +34,3 @@ def build_estimator(
     """Return the robust search's problem: normalised smears and standard deviations."""
     problem = build_problem(matches.ends, matches.sampson_px, matches.image_size, camera, matches.shared)
     return SmearEstimator(problem=problem, cutoff=CUTOFF, fit_error_px=options.fit_error_px)
-
-
-def two_parameter_fundamental(matches: SmearMatches, rng: np.random.Generator | None = None) -> Array | None:
-    """Return the two-parameter F (3, 3), all smears meeting in one point, fitted robustly: a baseline.
-
-    None where there are fewer matches than `acceptance` asks for. By default ``default_rng(0)``.
-    """
-    options = EstimatorOptions()
-    if len(matches) < MIN_MATCHES:
-        return None
-    estimator = build_estimator(matches, options)
-    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
-    return estimator.problem.pixels(point.matrix())

@@ -17,7 +17,6 @@ from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import agreement, constant_field
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.search import two_parameter_fundamental
 from tests.support.scenes import (
     IMAGE_SIZE,
     Scene,
@@ -27,6 +26,7 @@ from tests.support.scenes import (
     with_outliers,
     with_second_motion,
 )
+from tools.estimators.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)

@@ -13,7 +13,6 @@ from blur2view.two_view.parallax import (
     deviations,
     mixture,
     parallax_evidence,
-    planar_log_likelihood,
 )
 
 UNIT_PX = 768.0
@@ -129,14 +128,6 @@ def test_errors_of_the_lengths_are_no_parallax_where_they_are_admitted() -> None
     assert np.median(tolerant) < 0.3 * np.median(strict)
     d = found(0, 0.4)
     assert parallax_evidence(d, np.zeros(len(d.sigma))).gain > 300  # admitted up to nothing
-
-
-def test_likelihood_of_a_plane_is_greatest_at_the_truth() -> None:
-    A, _, matches = beside_a_plane(6, 0.0)
-    best = planar_log_likelihood(A, matches, UNIT_PX)
-    for seed in range(5):
-        moved = A + 3e-3 * np.random.default_rng(seed).normal(size=(3, 3))
-        assert planar_log_likelihood(moved, matches, UNIT_PX) < best
 
 
 def test_chance_densities_are_densities_over_discs() -> None:

@@ -19,8 +19,8 @@ from blur2view.camera.camera import Camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.search import two_parameter_fundamental
 from tools.estimators import baselines
+from tools.estimators.baselines import two_parameter_fundamental
 from tools.estimators.paper import paper_two_view
 
 

@@ -33,8 +33,12 @@ LARGEST_TRAINING = 0.45
 SIZE = (640, 480)
 SOURCE_PX, SHARP_PX = 1600, (1024, 768)  # longer sides of surfaces, and of sharp photographs by turns
 SHAKEN = {
-    "shaken": ShakeOptions(size=SIZE, smear_px=(2.0, 60.0), layer_share=0.75, still_share=0.12),
-    "standing": ShakeOptions(size=SIZE, smear_px=(4.0, 50.0), layer_share=1.0, still_share=1.0),
+    "shaken": ShakeOptions(
+        size=SIZE, smear_px=(2.0, 60.0), short_share=0.0, mover_share=0.75, still_share=0.12
+    ),
+    "standing": ShakeOptions(
+        size=SIZE, smear_px=(4.0, 50.0), short_share=0.0, mover_share=1.0, still_share=1.0
+    ),
 }
 
 

@@ -1,8 +1,8 @@
 """Make the photographs that ship in ``models/``.
 
 ``python -m tools.datasets.sample models/sample.jpg --photos KODAK`` renders the sample of a moving camera,
-``python -m tools.datasets.sample models/sample_mover.jpg --photos KODAK --mover`` a door that the camera
-moved before, with a piece of another photograph that moved otherwise; both give the same bytes again.
+``python -m tools.datasets.sample models/sample_mover.jpg --photos KODAK --mover`` a photograph that a camera
+moved before, with a piece of another one that moved otherwise; both give the same bytes again.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""
 MOVER_SEED = 13
-MOVER = ShakeOptions(size=(720, 480), smear_px=(8.0, 20.0), still_share=0.0, layer_share=1.0, oval_share=0.0)
+MOVER = ShakeOptions(
+    size=(720, 480), smear_px=(8.0, 20.0), short_share=0.0, still_share=0.0, mover_share=1.0, oval_share=0.0
+)
 QUALITY = 92
 
 

@@ -12,6 +12,11 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import MIN_MATCHES
+from blur2view.two_view.model_selection import fit_translation
+from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.search import build_estimator
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
 
@@ -111,3 +116,18 @@ def solve(solver: Solver, ends: AnyArray) -> AnyArray | None:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
     return F if F is not None and np.isfinite(F).all() and np.abs(F).max() > 0 else None
+
+
+def two_parameter_fundamental(
+    matches: SmearMatches, rng: np.random.Generator | None = None
+) -> AnyArray | None:
+    """Return the two-parameter F (3, 3), all smears meeting in one point, fitted robustly: a baseline.
+
+    None where there are fewer matches than `acceptance` asks for. By default ``default_rng(0)``.
+    """
+    options = EstimatorOptions()
+    if len(matches) < MIN_MATCHES:
+        return None
+    estimator = build_estimator(matches, options)
+    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
+    return estimator.problem.pixels(point.matrix())

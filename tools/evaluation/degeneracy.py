@@ -28,6 +28,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import existing, parser_of, target
 from tools.datasets import motion_kinds
@@ -74,6 +75,8 @@ NAMES = {
     Configuration.MULTIPLE: "several",
     Configuration.UNDEFINED: "undefined",
 }
+ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
+"""What errors that are correlated over 40 px have in common."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +115,9 @@ def erring(scene: DegenerateScene, seed: int, direction_deg: float) -> Degenerat
     found = scene.matches
     ends = with_shared_errors(found.ends, np.random.default_rng([seed, 7]), direction_deg, LENGTH_SHARE)
     sigma = np.hypot(found.sigma_px, np.hypot(np.radians(direction_deg), LENGTH_SHARE) * found.length_px)
-    return replace(scene, matches=replace(found, ends=ends, sigma_px=sigma))
+    across = np.radians(direction_deg) * found.length_px + found.sigma_px
+    matches = replace(found, ends=ends, sigma_px=sigma, across_px=across, shared=ALIKE)
+    return replace(scene, matches=matches)
 
 
 def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:

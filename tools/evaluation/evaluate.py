@@ -25,10 +25,10 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.search import two_parameter_fundamental
 from tools.arguments import parser_of
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
+from tools.estimators.baselines import two_parameter_fundamental
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under

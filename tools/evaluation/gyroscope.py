@@ -1,13 +1,15 @@
-"""Smears of real photographs against those that a gyroscope measured.
+"""Smears of real photographs against measured ones.
 
 ``python -m tools.evaluation.gyroscope FOLDER`` reads pairs of a photograph and an ``.npz`` of the same name
-whose ``smear`` (h, w, 2) is the displacement at pixels (4 j + 2, 4 i + 2), up to sign, and prints per
-photograph: median length, direction errors over all and over the surer half, and predicted over true length.
-Format and data: DeepGyro (Mustaniemi et al., WACV 2019); no licence is stated, so none of it ships.
+with displacements up to sign: ``smear`` (h, w, 2) at pixels (4 j + 2, 4 i + 2), as a gyroscope measured them
+(DeepGyro, Mustaniemi et al., WACV 2019), or ``flow`` (h, w, 2) at pixels (4 j + 1.5, 4 i + 1.5) and where it
+is ``valid`` (h, w). It prints, per photograph, median length, direction errors over all and over the surer
+half, and predicted over true length; and errors of all photographs by true length. No photograph ships.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
@@ -17,6 +19,8 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
 from tools.arguments import existing, parser_of
+from tools.evaluation.smear_figures import by_octave, octave_table
+from tools.metrics import DIRECTION_MIN_PX
 
 SUFFIXES = (".png", ".jpg")
 
@@ -33,13 +37,22 @@ class GyroscopeFigures:
     length_spread: float
 
 
-def figures_of(field: SmearField, smear: AnyArray) -> GyroscopeFigures:
-    """Return how well a field agrees with measured smears (h, w, 2) at pixels (4 j + 2, 4 i + 2)."""
-    rows, columns = smear.shape[:2]
-    read = field.displacement[2::4, 2::4][:rows, :columns].astype(float)
+def pairs_of(field: SmearField, truth: Mapping[str, AnyArray]) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Return smears found (N, 2), measured ones (N, 2), and sigmas (N,), where something was measured."""
+    first, name = (2, "smear") if "smear" in truth else (1, "flow")
+    measured = truth[name].astype(float)
+    rows, columns = measured.shape[:2]
     sigma = field.sigma_px if field.sigma_rad is None else field.sigma_rad
-    sigma = sigma[2::4, 2::4][:rows, :columns]
-    true = smear[: read.shape[0], : read.shape[1]].astype(float)
+    read, sigma = (a[first::4, first::4][:rows, :columns] for a in (field.displacement, sigma))
+    measured = measured[: read.shape[0], : read.shape[1]]
+    known = np.hypot(measured[..., 0], measured[..., 1]) >= (DIRECTION_MIN_PX if name == "flow" else 0)
+    if "valid" in truth:
+        known &= truth["valid"][: read.shape[0], : read.shape[1]]
+    return read[known].astype(float), measured[known], sigma[known]
+
+
+def figures_of(read: AnyArray, true: AnyArray, sigma: AnyArray) -> GyroscopeFigures:
+    """Return how well smears (N, 2) agree with measured ones (N, 2)."""
     found, measured = (d[..., 0] + 1j * d[..., 1] for d in (read, true))
     error_deg = np.degrees(np.angle(found**2 * np.conj(measured**2))) / 2
     ratio = np.log(np.maximum(abs(found), 1e-2) / np.maximum(abs(measured), 1e-2))
@@ -54,17 +67,16 @@ def figures_of(field: SmearField, smear: AnyArray) -> GyroscopeFigures:
     )
 
 
-def evaluate(folder: Path, network: blur2view.SmearNetwork) -> dict[str, GyroscopeFigures]:
-    """Return the figures of every photograph of a folder that has a measurement, by name."""
-    figures = {}
+def evaluate(folder: Path, network: blur2view.SmearNetwork) -> dict[str, tuple[AnyArray, AnyArray, AnyArray]]:
+    """Return `pairs_of` every photograph of a folder that has a measurement, by name."""
+    pairs = {}
     for path in sorted(p for p in folder.iterdir() if p.suffix in SUFFIXES):
         truth = path.with_suffix(".npz")
         if truth.exists():
             with np.load(truth) as file:
-                figures[path.stem] = figures_of(
-                    network.predict(blur2view.read_image(path)).at_pixels(), file["smear"]
-                )
-    return figures
+                field = network.predict(blur2view.read_image(path)).at_pixels()
+                pairs[path.stem] = pairs_of(field, dict(file))
+    return pairs
 
 
 def table(figures: dict[str, GyroscopeFigures]) -> str:
@@ -88,10 +100,12 @@ def main() -> None:
     arguments = parser.parse_args()
     if not arguments.folder.is_dir():
         raise SystemExit(f"{arguments.folder}: no such folder")
-    figures = evaluate(arguments.folder, blur2view.SmearNetwork(arguments.model))
-    if not figures:
+    pairs = evaluate(arguments.folder, blur2view.SmearNetwork(arguments.model))
+    if not pairs:
         raise SystemExit(f"no photograph with a measurement in {arguments.folder}")
-    print(table(figures))
+    print(table({name: figures_of(*pair) for name, pair in pairs.items()}))
+    found, true = (np.concatenate([pair[k] for pair in pairs.values()]) for k in (0, 1))
+    print("", *octave_table(by_octave(found, true)), sep="\n")
 
 
 if __name__ == "__main__":

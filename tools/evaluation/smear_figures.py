@@ -25,13 +25,18 @@ SIGMA_BINS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class OctaveFigures:
-    """The smears whose true length is at least `from_px` and less than twice that."""
+    """The smears whose true length is at least `from_px` and less than twice that.
+
+    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median,
+    of those whose true direction is within 22.5 degrees of an axis, and of the others.
+    """
 
     from_px: int
     smears: int
     length_ratio: float
     length_spread: float
     direction_deg: float
+    lean_deg: tuple[float, float]
     epe_s_over_length: float
 
 
@@ -145,7 +150,7 @@ def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
         length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
         sparsification_area=float(sparsification_area(error, smears.sigma)),
         block_error_sigmas=float(np.sqrt((smears.blocks**2).mean())) if len(smears.blocks) else math.nan,
-        octaves=tuple(by_octave(smears, error, angle, length)),
+        octaves=tuple(by_octave(smears.found, smears.true)),
         bins=tuple(by_sigma(error, smears.sigma)),
     )
 
@@ -155,9 +160,18 @@ def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
     return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
 
 
-def by_octave(smears: Smears, error: AnyArray, angle: AnyArray, length: AnyArray) -> Iterable[OctaveFigures]:
-    """Yield the figures of every class of length that has smears."""
-    ratio = log_ratio(smears.found, length)
+def lean_deg(found: AnyArray, true: AnyArray) -> AnyArray:
+    """Return by how much directions (N, 2) lean towards the nearer pixel axis, degrees (N,)."""
+    f, t = (d[:, 0] + 1j * d[:, 1] for d in (found.astype(float), true.astype(float)))
+    error = np.angle(f**2 * np.conj(t**2)) / 2
+    return np.asarray(-np.degrees(error) * np.sign(np.angle(t**4)))
+
+
+def by_octave(found: AnyArray, true: AnyArray) -> Iterable[OctaveFigures]:
+    """Yield the figures of every class of length that has smears (N, 2)."""
+    length, error = np.linalg.norm(true, axis=1), epe_s(found, true)
+    ratio, angle, lean = log_ratio(found, length), direction_error_deg(found, true), lean_deg(found, true)
+    axial = np.abs(true[:, 0] ** 2 - true[:, 1] ** 2) > 2 * np.abs(true[:, 0] * true[:, 1])
     for start in OCTAVES_PX:
         chosen = (length >= start) & (length < 2 * start)
         if chosen.any():
@@ -168,8 +182,29 @@ def by_octave(smears: Smears, error: AnyArray, angle: AnyArray, length: AnyArray
                 length_ratio=float(np.exp(middle)),
                 length_spread=float(np.median(np.abs(ratio[chosen] - middle))),
                 direction_deg=float(np.median(angle[chosen])),
+                lean_deg=(median_of(lean[chosen & axial]), median_of(lean[chosen & ~axial])),
                 epe_s_over_length=float(error[chosen].mean() / length[chosen].mean()),
             )
+
+
+def median_of(values: AnyArray) -> float:
+    """Return the median, NaN of nothing."""
+    return float(np.median(values)) if len(values) else math.nan
+
+
+def octave_table(octaves: Iterable[OctaveFigures]) -> list[str]:
+    """Return figures by length as lines of Markdown."""
+    rows = [
+        "| true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for f in octaves:
+        lengths = f"{f.length_ratio:.3f} | {f.length_spread:.3f}"
+        near, far = f.lean_deg
+        directions = f"{f.direction_deg:.2f} | {near:.2f}; {far:.2f}"
+        span = f"{f.from_px} to {2 * f.from_px} | {f.smears}"
+        rows.append(f"| {span} | {lengths} | {directions} | {f.epe_s_over_length:.3f} |")
+    return rows
 
 
 def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
@@ -186,15 +221,7 @@ def smear_tables(smears: SmearFigures) -> list[str]:
     """Return the figures as lines of Markdown: all, by length, by sigma."""
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     rows = ["| smears | |", "|---|---|", *(f"| {name} | {getattr(smears, name):.4g} |" for name in plain)]
-    rows += [
-        "",
-        "| true px | smears | predicted / true | spread of its log | direction, deg | EPE-S / length |",
-    ]
-    rows += ["|---|---|---|---|---|---|"]
-    for f in smears.octaves:
-        lengths, direction = f"{f.length_ratio:.3f} | {f.length_spread:.3f}", f"{f.direction_deg:.2f}"
-        span = f"{f.from_px} to {2 * f.from_px} | {f.smears}"
-        rows.append(f"| {span} | {lengths} | {direction} | {f.epe_s_over_length:.3f} |")
+    rows += ["", *octave_table(smears.octaves)]
     rows += ["", "| sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma |"]
     rows += ["|---|---|---|---|"]
     for b in smears.bins:

@@ -26,6 +26,14 @@ class SensorOptions:
         Share of images that are JPEG-compressed.
     defocus_share : float
         Share of images out of focus, by a disc of up to 6 px radius.
+    unbalanced_share : float
+        Share of mosaics that are taken, clipped and interpolated, linearly or along edges, before the white
+        balance.
+    sharpening : tuple of float
+        Range of the strength of unsharp masking.
+    grain_share : float
+        Share of images with grey noise that is a few pixels wide, and of sharpened ones that are sharpened
+        along one axis only: as small sensors are read, and videos.
     """
 
     softness_px: tuple[float, float] = (0.0, 1.4)
@@ -33,6 +41,9 @@ class SensorOptions:
     shot_noise: tuple[float, float] = (1e-5, 1e-3)
     jpeg_share: float = 0.75
     defocus_share: float = 0.14
+    unbalanced_share: float = 0.0
+    sharpening: tuple[float, float] = (0.2, 1.2)
+    grain_share: float = 0.0
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -82,14 +93,25 @@ def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
     return np.asarray(np.clip(signal * (1 + np.float32(rng.uniform(0.01, 0.1)) * colour), 0, 1))
 
 
-def demosaic(signal: AnyArray) -> AnyArray:
-    """Return linear RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic (RGGB) and interpolated back."""
+def demosaic(signal: AnyArray, edges: bool = False) -> AnyArray:
+    """Return linear RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic (RGGB) and interpolated back.
+
+    Linearly, or along edges.
+    """
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
     coded = np.asarray(np.clip(mosaic, 0, 1) * 65535 + 0.5).astype(np.uint16)
-    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR)  # OpenCV names RGGB by its second row and column
+    # OpenCV names RGGB by its second row and column
+    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR_EA if edges else cv2.COLOR_BayerBG2BGR)
     return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
+
+
+def demosaic_unbalanced(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
+    """Return the same of a sensor that sees less red and blue than green: clipped first, balanced last."""
+    balance = np.array([rng.uniform(1.2, 2.4), 1.0, rng.uniform(1.2, 2.4)], np.float32)
+    raw = np.clip(signal * np.float32(rng.uniform(1.0, 1.6)) / balance, 0, 1)
+    return np.asarray(np.clip(demosaic(raw, edges=rng.random() < 0.4) * balance, 0, 1))
 
 
 def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
@@ -102,12 +124,21 @@ def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
-def sharpen(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
+def add_grain(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
+    """Return the picture with grey noise that is a few pixels wide."""
+    noise = gaussian(rng.standard_normal(coded.shape[:2], dtype=np.float32), rng.uniform(0.6, 1.6))
+    strength = log_uniform(rng, (2e-3, 1.5e-2)) / noise.std()
+    return np.asarray(coded + np.float32(strength) * noise[..., None])
+
+
+def sharpen(rng: np.random.Generator, coded: AnyArray, options: SensorOptions) -> AnyArray:
     """Return the picture, in half of the cases sharpened by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
-    soft = gaussian(coded, rng.uniform(0.7, 1.6))
-    return np.asarray(np.clip(coded + rng.uniform(0.2, 1.2) * (coded - soft), 0, 1))
+    soft = gaussian(coded, sigma := rng.uniform(0.7, 1.6))
+    if options.grain_share and rng.random() < options.grain_share:
+        soft = np.asarray(cv2.GaussianBlur(coded, (9, 1) if rng.random() < 0.6 else (1, 9), sigma))
+    return np.asarray(np.clip(coded + rng.uniform(*options.sharpening) * (coded - soft), 0, 1))
 
 
 def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
@@ -142,12 +173,16 @@ def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOption
     mosaic = rng.random() < 0.4
     signal = add_noise(rng, signal, options)
     if mosaic:
-        signal = demosaic(signal)
+        unbalanced = options.unbalanced_share > 0 and rng.random() < options.unbalanced_share
+        signal = demosaic_unbalanced(rng, signal) if unbalanced else demosaic(signal)
     if rng.random() < 0.3:  # denoised by the camera
         signal = gaussian(signal, rng.uniform(0.4, 0.9))
     if rng.random() < 0.2:
         signal = add_blotches(rng, signal)
-    coded = sharpen(rng, np.asarray(tone(rng, signal), np.float32))
+    coded = np.asarray(tone(rng, signal), np.float32)
+    if options.grain_share and rng.random() < options.grain_share:
+        coded = add_grain(rng, coded)
+    coded = sharpen(rng, coded, options)
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
     image = np.asarray(np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8)

@@ -1,8 +1,8 @@
 """Photographs and textures at native sharpness under a moving camera: exact smears, no rendering of scenes.
 
-A picture is one surface, or two, whose points move by a field of smears that is affine in the picture (a
-rotation, a zoom, a slanted plane, a rolling shutter are, locally), along paths that may be curved and
-accelerated; sub-frames are averaged in linear light.
+A picture is one surface, with up to four movers before it, whose points move by a field of smears that is
+affine in the picture (a rotation, a zoom, a slanted plane, a rolling shutter are, locally), along paths that
+may be curved and accelerated; sub-frames are averaged in linear light.
 """
 
 from __future__ import annotations
@@ -28,11 +28,15 @@ class ShakeOptions:
     ----------
     size : tuple of int
         Width and height in pixels, multiples of 4.
-    smear_px : tuple of float
-        Range of the smear at the middle of the picture, log-uniform.
-    still_share, layer_share, upscaled_share, denoised_share, twice_share : float
-        Shares of pictures without motion, with a second layer that moves otherwise, scaled up after the
+    smear_px, short_px : tuple of float
+        Ranges of the smear at the middle of the picture, log-uniform.
+    short_share : float
+        Share of moving pictures whose smear is of `short_px`.
+    still_share, mover_share, upscaled_share, denoised_share, twice_share : float
+        Shares of pictures without motion, with one to four surfaces that move otherwise, scaled up after the
         sensor, smoothed with edges kept, and compressed twice.
+    mover_area : tuple of float
+        Range of the area of one of these surfaces, of the picture's, log-uniform.
     reduced_share : float
         Share that is photographed larger, as the smaller octaves are.
     oval_share : float
@@ -41,13 +45,20 @@ class ShakeOptions:
 
     size: tuple[int, int] = (640, 512)
     smear_px: tuple[float, float] = (1.2, 180.0)
-    still_share: float = 0.1
-    layer_share: float = 0.3
+    short_px: tuple[float, float] = (2.0, 14.0)
+    short_share: float = 0.5
+    still_share: float = 0.33
+    mover_share: float = 0.4
+    mover_area: tuple[float, float] = (0.03, 0.4)
     upscaled_share: float = 0.12
     denoised_share: float = 0.12
     twice_share: float = 0.15
-    reduced_share: float = 0.3
-    oval_share: float = 0.06
+    reduced_share: float = 0.25
+    oval_share: float = 0.08
+
+    def sensor(self) -> SensorOptions:
+        """Return the cameras: mosaics as unbalanced as on a sensor, halos of sharpening, grain."""
+        return SensorOptions(unbalanced_share=0.6, sharpening=(0.2, 2.0), grain_share=0.3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,21 +125,22 @@ def surface(rng: np.random.Generator, source: Array, width: int, height: int, ma
 DECODE = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
 
 
-def blob(rng: np.random.Generator, width: int, height: int) -> Array:
-    """Draw the outline (height, width) of a second layer: polygon or thresholded noise, with a soft edge."""
+def blob(rng: np.random.Generator, width: int, height: int, area: float) -> Array:
+    """Draw an outline (height, width) of about this share of it: polygon or thresholded noise, soft edge."""
     mask = np.zeros((height, width), np.float32)
-    centre = rng.uniform(0.15, 0.85, 2) * (width, height)
-    radius = rng.uniform(0.06, 0.5) * height
-    kind = rng.random()
-    if kind < 0.7:
-        corners = rng.integers(3, 9)
+    centre = rng.uniform(0.1, 0.9, 2) * (width, height)
+    radius = np.sqrt(area * width * height / np.pi)
+    if rng.random() < 0.75:
+        corners = rng.integers(3, 12)
         angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-        reach = radius * rng.uniform(0.6, 1.4, corners)
-        points = centre + np.stack([np.cos(angles), np.sin(angles)], 1) * reach[:, None]
+        reach = radius * rng.uniform(0.7, 1.5, corners)
+        stretch = np.exp(rng.normal(0, 0.3)) ** np.array([1, -1])
+        points = centre + np.stack([np.cos(angles), np.sin(angles)], 1) * reach[:, None] * stretch
         cv2.fillPoly(mask, [np.round(points * 16).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
     else:
-        noise = cv2.GaussianBlur(rng.standard_normal((height, width)).astype(np.float32), (0, 0), radius / 3)
-        mask = (noise > np.quantile(noise, rng.uniform(0.4, 0.8))).astype(np.float32)
+        noise = rng.standard_normal((height, width)).astype(np.float32)
+        noise = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.1 * height))
+        mask = (noise > np.quantile(noise, 1 - area)).astype(np.float32)
     return np.asarray(cv2.GaussianBlur(mask, (0, 0), 0.7))
 
 
@@ -142,19 +154,23 @@ def warp(image: Array, path: Path, tau: float, size: tuple[int, int], border: in
     return np.asarray(cv2.warpAffine(image, matrix, size, flags=flags, borderMode=border))
 
 
+def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    """Return a number between two positive bounds, uniform in the logarithm."""
+    return float(np.exp(rng.uniform(*np.log(bounds))))
+
+
 def sample_paths(rng: np.random.Generator, options: ShakeOptions) -> list[Path]:
-    """Draw the path of the picture's surface and, in some, that of a second before it."""
-    height = options.size[1]
+    """Draw the path of the picture's surface and, in some, those of movers before it."""
     still = rng.random() < options.still_share
-    low, high = np.log(options.smear_px)
-    length = 0.0 if still else float(np.exp(rng.uniform(low, high)))
-    paths = [sample_path(rng, length, height)]
-    if rng.random() < options.layer_share:
-        second = length * rng.uniform(0.3, 2.0) if not still or rng.random() < 0.5 else 0.0
-        if still and second == 0 and rng.random() < 0.7:
-            second = float(np.exp(rng.uniform(low, high)))
-        paths.append(sample_path(rng, min(second, options.smear_px[1]), height))
-    return paths
+    bounds = options.short_px if rng.random() < options.short_share else options.smear_px
+    length = 0.0 if still else log_uniform(rng, bounds)
+    lengths = [length]
+    if rng.random() < options.mover_share * (0.5 if still else 1):
+        for _ in range(rng.integers(1, 5)):
+            other = log_uniform(rng, bounds) if still else length * rng.uniform(0.3, 2.0)
+            at_rest = not still and rng.random() < 0.2  # a camera that follows what moves
+            lengths.append(0.0 if at_rest else min(other, options.smear_px[1]))
+    return [sample_path(rng, length, options.size[1]) for length in lengths]
 
 
 def cell_centres(size: tuple[int, int]) -> Array:
@@ -164,32 +180,38 @@ def cell_centres(size: tuple[int, int]) -> Array:
     return np.stack(np.meshgrid(x, y), -1) - (np.array([width, height]) - 1) / 2
 
 
-def cut_out(rng: np.random.Generator, image: Array, size: tuple[int, int]) -> Array:
+def cut_out(rng: np.random.Generator, image: Array, options: ShakeOptions) -> Array:
     """Give a surface (h, w, 3) an outline drawn at its middle: (h, w, 4), colours multiplied by it."""
-    width, height = size
+    (width, height), area = options.size, log_uniform(rng, options.mover_area)
     outline = np.zeros(image.shape[:2], np.float32)
     y, x = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
     if y >= 0 and x >= 0:
-        outline[y : y + height, x : x + width] = blob(rng, width, height)
+        outline[y : y + height, x : x + width] = blob(rng, width, height, area)
     else:
-        outline = blob(rng, image.shape[1], image.shape[0])
+        outline = blob(rng, image.shape[1], image.shape[0], area)
     return np.dstack([image * outline[..., None], outline])
 
 
 def averaged(
     layers: list[Array], paths: list[Path], size: tuple[int, int], steps: int
-) -> tuple[Array, Array]:
-    """Return the mean (H, W, 3) of sub-frames, and how often (H, W) the second layer covers, 0 to 1."""
+) -> tuple[Array, list[Array]]:
+    """Return the mean (H, W, 3) of sub-frames, and how often (H, W) each layer is seen, 0 to 1."""
     width, height = size
-    total, covered = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
+    total = np.zeros((height, width, 3), np.float32)
+    seen = [np.zeros((height, width), np.float32) for _ in layers]
+    pairs = list(zip(layers[1:], paths[1:], strict=True))
     for tau in (np.arange(steps) + 0.5) / steps - 0.5:
         frame = warp(layers[0], paths[0], tau, size, cv2.BORDER_REFLECT)
-        if len(layers) == 2:
-            top = warp(layers[1], paths[1], tau, size, cv2.BORDER_CONSTANT)
+        left: Array = np.full((height, width), 1 / steps, np.float32)
+        tops = [warp(layer, path, tau, size, cv2.BORDER_CONSTANT) for layer, path in pairs]
+        for top in tops:
             frame = frame * (1 - top[..., 3:]) + top[..., :3]
-            covered += top[..., 3]
+        for k, top in reversed(list(enumerate(tops, 1))):
+            seen[k] += left * top[..., 3]
+            left = left * (1 - top[..., 3])
+        seen[0] += left
         total += frame
-    return total / np.float32(steps), covered / steps
+    return total / np.float32(steps), seen
 
 
 def shake(
@@ -208,21 +230,18 @@ def shake(
     """
     width, height = options.size
     paths = sample_paths(rng, options)
-    fields = [path.smears(cell_centres(options.size)) for path in paths]
-    longest = max(float(np.hypot(*np.moveaxis(f, -1, 0)).max()) for f in fields)
+    fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
+    longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
     steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
     margin = int(0.75 * longest) + 8
     layers = [surface(rng, sources[int(rng.integers(len(sources)))], width, height, margin) for _ in paths]
-    if len(paths) == 2:
-        layers[1] = cut_out(rng, layers[1], options.size)
-    linear, covered = averaged(layers, paths, options.size, steps)
-    displacement, valid = fields[0], np.ones(fields[0].shape[:2], bool)
-    if len(paths) == 2:
-        cells = (width // GRID, height // GRID)
-        share = np.asarray(cv2.resize(covered, cells, interpolation=cv2.INTER_AREA))
-        displacement = np.where(share[..., None] > 0.5, fields[1], fields[0])
-        valid = (share < 0.1) | (share > 0.9)
-    return linear, displacement.astype(np.float32), valid
+    layers[1:] = [cut_out(rng, layer, options) for layer in layers[1:]]
+    linear, seen = averaged(layers, paths, options.size, steps)
+    cells = (width // GRID, height // GRID)
+    shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
+    most = shares.argmax(0)
+    displacement = np.take_along_axis(fields, most[None, ..., None], 0)[0]
+    return linear, displacement.astype(np.float32), shares.max(0) > 0.9
 
 
 def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
@@ -231,16 +250,16 @@ def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) ->
     if rng.random() < options.oval_share:
         linear = oval(rng, linear)
     if rng.random() < options.reduced_share:
-        return reduced(rng, linear)
+        return reduced(rng, linear, options)
     if rng.random() < options.upscaled_share:
         factor = rng.uniform(1.15, 2.5)
         size = (round(width / factor), round(height / factor))
         small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
-        image = photograph(rng, np.asarray(small))
+        image = photograph(rng, np.asarray(small), options.sensor())
         how = cv2.INTER_CUBIC if rng.random() < 0.6 else cv2.INTER_LINEAR
         image = np.asarray(cv2.resize(image, (width, height), interpolation=how))
     else:
-        image = photograph(rng, linear)
+        image = photograph(rng, linear, options.sensor())
     if rng.random() < options.denoised_share:
         image = np.asarray(cv2.bilateralFilter(image, 5, rng.uniform(8, 40), rng.uniform(1, 3)))
     if rng.random() < options.twice_share:
@@ -260,7 +279,7 @@ def oval(rng: np.random.Generator, linear: Array) -> Array:
     return np.asarray(cv2.filter2D(linear.astype(np.float32), -1, kernel, borderType=cv2.BORDER_REFLECT))
 
 
-def reduced(rng: np.random.Generator, linear: Array) -> Array:
+def reduced(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
     """Photograph as a larger picture and reduce that, as octaves are: float32 on the scale of uint8.
 
     Half of the time by two; else by much more, which leaves hardly any noise.
@@ -268,7 +287,7 @@ def reduced(rng: np.random.Generator, linear: Array) -> Array:
     height, width = linear.shape[:2]
     if rng.random() < 0.5:
         large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
-        image = photograph(rng, np.maximum(np.asarray(large), 0))
+        image = photograph(rng, np.maximum(np.asarray(large), 0), options.sensor())
         return np.asarray(cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA))
     lens = SensorOptions(softness_px=(0.0, 0.7), defocus_share=0.1)
     signal = soften(rng, expose(rng, linear.astype(np.float32)), lens)

@@ -1,7 +1,8 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of pictures of one size: rendered scenes, or photographs and textures of 640x512 or 1280x1024.
+numbered shards of pictures of one size: rendered scenes, or photographs and textures of 320x256, 640x512 or
+1280x1024.
 Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
 Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
 (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
@@ -39,8 +40,9 @@ TEXTURES = 3
 """Procedural textures that the pictures of a shard share."""
 SMALLEST = 320
 """Width of pictures that are read in two octaves."""
+SMALL = ShakeOptions(size=(320, 256), smear_px=(1.2, 60.0))
 WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
-"""The larger pictures; the others are as :class:`ShakeOptions` has them."""
+"""Smaller and larger pictures; the others are as :class:`ShakeOptions` has them."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
@@ -60,16 +62,17 @@ class Sources:
         Sharp photographs, uint8 RGB.
     scenes : list of Path
         Shards of rendered scenes of 320x256 or 640x512.
-    rendered_share, procedural_share, wide_share : float
+    rendered_share, procedural_share, small_share, wide_share : float
         Shares of shards of rendered scenes, of pictures that show procedural textures (the rest are
-        photographs under a moving camera), and of shards of photographs of 1280x1024 among these.
+        photographs under a moving camera), and of shards of 320x256 and of 1280x1024 among these.
     """
 
     photos: list[Array]
     scenes: list[Path]
     rendered_share: float = 0.4
     procedural_share: float = 0.1
-    wide_share: float = 0.25
+    small_share: float = 0.35
+    wide_share: float = 0.2
 
 
 def load_photos(folders: list[Path]) -> list[Array]:
@@ -185,7 +188,9 @@ def make_shard(number: int, sources: Sources) -> Example:
     if sources.scenes and rng.random() < sources.rendered_share:
         pictures = scene_pictures(rng, sources)
     else:
-        options = WIDE if rng.random() < sources.wide_share else options
+        kind = rng.random()
+        options = WIDE if kind < sources.wide_share else options
+        options = SMALL if kind > 1 - sources.small_share else options
         pictures = shaken_pictures(rng, sources, options)
     rows: list[Example] = []
     for linear, smears, valid in pictures:
@@ -228,7 +233,7 @@ def main() -> None:
     parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")
-    for kind in ("rendered", "procedural", "wide"):
+    for kind in ("rendered", "procedural", "small", "wide"):
         share = getattr(Sources, f"{kind}_share")
         parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
     arguments = parser.parse_args()
@@ -237,6 +242,7 @@ def main() -> None:
         scenes=require_shards(arguments.scenes) if arguments.scenes else [],
         rendered_share=arguments.rendered,
         procedural_share=arguments.procedural,
+        small_share=arguments.small,
         wide_share=arguments.wide,
     )
     numbers = range(arguments.first, arguments.first + arguments.shards, arguments.every)

@@ -6,7 +6,7 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``8 + k / 30`` shards and waits until they are made: the two may
+Step k draws from the newest of the first ``36 + k / 95`` shards and waits until they are made: the two may
 run beside each other, and what is learned depends on the seed alone.
 """
 
@@ -29,7 +29,7 @@ from blur2view.errors import ModelError
 from blur2view.networks.spectra import PEAK_LAGS_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.metrics import DIRECTION_MIN_PX
-from tools.training.reader import Reader, ReaderOptions, loss_of, target_of
+from tools.training.reader import Reader, ReaderOptions, box_sum, loss_of, target_of
 from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
@@ -38,13 +38,15 @@ Batch = dict[str, Tensor]
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
-FIRST_SHARDS, STEPS_PER_SHARD = 8, 30
+FIRST_SHARDS, STEPS_PER_SHARD = 36, 95
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
 LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
 """Weight of the smaller octaves' own losses."""
+DIFFERING_WEIGHT, LEAST_DIFFERENCE_PX = 2.0, 2.0
+"""Further weight of cells that differ wholly from those about them; and what of a difference is too small."""
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
 
@@ -110,14 +112,16 @@ class Pool:
                 self.shards[number] = load_shard(wait_for(self.folder / f"{number:06d}.npz"))
 
     def batch(self, rng: np.random.Generator, count: int) -> Batch:
-        """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones."""
-        kinds: dict[int, list[Example]] = {}
-        for _, shard in sorted(self.shards.items()):
-            kinds.setdefault(cells_in(shard), []).append(shard)
-        cells = sorted(kinds, reverse=True)[int(rng.integers(len(kinds)))]
+        """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones.
+
+        Sizes are as frequent as their shards.
+        """
+        shards = [shard for _, shard in sorted(self.shards.items())]
+        cells = cells_in(shards[int(rng.integers(len(shards)))])
+        alike = [shard for shard in shards if cells_in(shard) == cells]
         rows = []
         for _ in range(max(1, count * PICTURE_CELLS // cells)):
-            shard = kinds[cells][int(rng.integers(len(kinds[cells])))]
+            shard = alike[int(rng.integers(len(alike)))]
             k = int(rng.integers(len(shard["v0"])))
             row = {key: array[k] for key, array in shard.items()}
             rows.append(mirrored(row) if rng.random() < 0.5 else row)
@@ -175,7 +179,21 @@ def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], 
     with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
         joint = network([(batch[f"C{k}"], batch[f"s{k}"]) for k in count])
     targets = [target_of(batch[f"d{k}"], batch[f"v{k}"], joint[k].shape[-1]) for k in count]
-    return [loss_of(joint[k], *targets[k]) for k in count], joint[0]
+    losses = []
+    for k, (target, weight) in enumerate(targets):
+        differing = 1 + DIFFERING_WEIGHT * difference_of(batch[f"d{k}"])
+        losses.append(loss_of(joint[k], target, weight * differing))
+    return losses, joint[0]
+
+
+def difference_of(displacement: Tensor) -> Tensor:
+    """Return how much cells of smears (N, h, w, S, 2) differ from the mean of 5 x 5 about them, 0 to 1."""
+    z = torch.view_as_complex(displacement.contiguous())
+    cell = torch.view_as_real(z * z / (z.abs() + 1e-6)).mean(-2)  # double angles: signs mean nothing
+    around = box_sum(cell, 2) / box_sum(torch.ones_like(cell), 2)
+    apart = torch.linalg.norm(cell - around, dim=-1)
+    share: Tensor = apart / (torch.linalg.norm(around, dim=-1) + LEAST_DIFFERENCE_PX)
+    return share.clamp(max=1)
 
 
 @torch.no_grad()

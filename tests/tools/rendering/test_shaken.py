@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tools.rendering import shaken
 from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, cell_centres, processed, shake
 
-STILL = ShakeOptions(size=(96, 64), still_share=1.0, layer_share=0.0)
+STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0)
 
 
 def photo(size: tuple[int, int] = (300, 400)) -> NDArray[np.uint8]:
@@ -50,10 +50,10 @@ def test_still_picture_is_a_piece_of_its_source(monkeypatch: pytest.MonkeyPatch)
 def test_even_motion_is_a_box_along_it(length: int, axis: int) -> None:
     layer = DECODE[photo((64 + 64, 96 + 64))]
     shift = [float(length), 0.0] if axis == 0 else [0.0, float(length)]
-    picture, covered = averaged([layer], [straight(shift)], (96, 64), 40 * length)
+    picture, (covered,) = averaged([layer], [straight(shift)], (96, 64), 40 * length)
     box = np.ones((1, length)) if axis == 0 else np.ones((length, 1))
     expected = cv2.filter2D(layer, -1, box / box.size)[32:-32, 32:-32]
-    assert not covered.any()
+    np.testing.assert_allclose(covered, 1, atol=1e-5)
     assert np.abs(picture - expected).max() < 0.01 * layer.max()
 
 
@@ -73,7 +73,9 @@ def test_smear_at_the_centre_has_the_length_that_was_drawn() -> None:
         for _ in range(10):
             path = shaken.sample_path(rng, length, 64)
             assert np.hypot(*path.smears(np.zeros(2))) == pytest.approx(length)
-    options = ShakeOptions(size=(96, 64), smear_px=(20.0, 20.001), still_share=0.0, layer_share=0.0)
+    options = ShakeOptions(
+        size=(96, 64), smear_px=(20.0, 20.001), short_share=0.0, still_share=0.0, mover_share=0.0
+    )
     _, displacement, _ = shake(rng, [photo()], options)
     centre = displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
     assert np.hypot(*centre) == pytest.approx(20, rel=1e-3)
@@ -98,6 +100,29 @@ def test_two_layers_are_labelled_by_what_is_seen(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_array_equal(displacement[8, 12:], np.tile([0.0, 12.0], (12, 1)))
     assert valid[8].all() and not valid[0, 12:].any()  # above, the second layer comes and goes
     np.testing.assert_allclose(linear, 1, atol=1e-5)  # white before white
+
+
+def test_a_mover_is_seen_where_no_other_is_before_it() -> None:
+    outlines = [np.zeros((64, 96), np.float32) for _ in range(2)]
+    outlines[0][:, 24:72], outlines[1][:, 48:] = 1, 1
+    layers = [np.zeros((64, 96, 3), np.float32)] + [
+        np.dstack([np.ones((64, 96, 3), np.float32) * shade, o])
+        for shade, o in zip((0.5, 1.0), (outlines[0], outlines[1]), strict=True)
+    ]
+    layers[1][..., :3] *= outlines[0][..., None]
+    layers[2][..., :3] *= outlines[1][..., None]
+    linear, seen = averaged(layers, [straight([0.0, 0.0])] * 3, (96, 64), 1)
+    np.testing.assert_allclose(
+        [s[32, [8, 32, 60, 90]] for s in seen], [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]]
+    )
+    np.testing.assert_allclose(linear[32, [8, 32, 60, 90], 0], [0, 0.5, 1, 1])
+
+
+def test_a_third_of_the_pictures_stands_still_and_half_of_the_others_moves_little() -> None:
+    rng, options = np.random.default_rng(0), ShakeOptions(mover_share=0.0)
+    lengths = np.array([np.hypot(*shaken.sample_paths(rng, options)[0].shift) for _ in range(600)])
+    assert np.mean(lengths == 0) == pytest.approx(0.33, abs=0.05)
+    assert np.mean(lengths[lengths > 0] < 14) > 0.6
 
 
 def test_processed_pictures_are_pictures() -> None:

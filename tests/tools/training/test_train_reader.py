@@ -16,6 +16,7 @@ from tools.training.train_reader import (
     Pool,
     ReaderTraining,
     Run,
+    difference_of,
     load_average,
     load_shard,
     mirrored,
@@ -159,3 +160,12 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     assert whole.figures == state["figures"]
     start = Reader().state_dict()
     assert any(not torch.equal(value, start[name]) for name, value in first.state_dict().items())
+
+
+def test_cells_that_differ_from_those_about_them_count_more() -> None:
+    field = torch.zeros(1, 9, 9, 4, 2)
+    field[..., 0] = 10
+    assert difference_of(field).max() < 1e-4
+    assert difference_of(-field * torch.tensor([1.0, -1.0])).max() < 1e-4  # signs mean nothing
+    field[0, 4, 4] = torch.tensor([0.0, 10.0])
+    assert difference_of(field).argmax() == 4 * 9 + 4 and difference_of(field).max() > 0.9
