@@ -133,7 +133,7 @@ def test_facts_are_those_of_the_document(opened: Opener) -> None:
     scores = page.locator("#scores li").all_inner_texts()
     assert [score.split("\n") for score in scores] == [
         ["camera", "+0.0"],
-        ["plane", "+17.6"],
+        ["translation", "+17.6"],
         ["general", "+59.1"],
     ]
     assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")

@@ -28,7 +28,8 @@ from tests.support.report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, m
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     F, one = turning_F(), made_up(F=turning_F())
     page, field_ = opened(Entry.of(one, boxed_mask())), one.estimate.grid.at_pixels()
-    used = one.estimate.matches.midpoint.round().astype(int).tolist()
+    midpoint = one.estimate.matches.midpoint
+    used = (4 * (midpoint // 4) + 1).astype(int).tolist()  # nodes in the cells of the smears that were used
     inner = [point for point in used if 20 < point[0] < WIDTH - 20 and 20 < point[1] < HEIGHT - 20]
     inside, right = (153, 101), (609, 201)
     for x, y in [inside, right, *inner[:3]]:
@@ -49,9 +50,10 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
         label = "moving" if (x, y) == inside else ("unobservable" if x >= 480 else "static")
         assert value(page, "label", "pointer") == label
         assert shown("probability") == [0.9 if (x, y) == inside else 0.1]
-        mask = dict(zip(map(tuple, used), one.estimate.geometry.inlier_mask.tolist(), strict=True))
-        words = {True: "inlier", False: "outlier", None: "not used"}
-        assert value(page, "used", "pointer") == words[mask.get((x, y))]
+        holds = np.abs(midpoint - (x, y)).max(axis=1) <= 16
+        words = ["outlier", "inlier"]
+        inlier = [words[one] for one in one.estimate.geometry.inlier_mask[holds].astype(int)]
+        assert value(page, "used", "pointer") == (inlier[0] if inlier else "not used")
     page.mouse.move(2, 2)
     assert value(page, "length", "pointer") == "-"
 
@@ -116,7 +118,10 @@ def test_click_takes_a_used_smear_where_those_are_shown(opened: Opener) -> None:
     middle = one.estimate.matches.midpoint
     x, y = middle[np.linalg.norm(middle - (WIDTH / 2, HEIGHT / 2), axis=1).argmin()].tolist()
     click_at(page, (x + 3.5, y - 2.5))
-    assert numbers(value(page, "position")) == [x, y] and value(page, "used") in ("inlier", "outlier")
+    assert numbers(value(page, "position")) == pytest.approx([x, y], abs=2) and value(page, "used") in (
+        "inlier",
+        "outlier",
+    )
 
 
 def focus_stage(page: Page) -> None:

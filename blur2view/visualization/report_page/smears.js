@@ -1,5 +1,7 @@
 // The smears of a photograph: at the nodes of the grid, and those that were used as matches.
 
+const CELL_PX = 32; // side of the cell of a match
+
 /** The smear at node (row, column) of the grid. */
 function smearAt(photo, row, column) {
   const { grid } = photo;
@@ -14,7 +16,7 @@ function smearAt(photo, row, column) {
     dy: grid.displacement.at(plane + index),
     sigmaPx: grid.sigmaPx.at(index),
     sigmaRad: grid.sigmaRad ? grid.sigmaRad.at(index) : null,
-    match: matchAt(photo, index),
+    match: matchAt(photo, grid.x0 + column * grid.step, grid.y0 + row * grid.step),
   };
   return described(photo, smear);
 }
@@ -49,18 +51,14 @@ function matchOf(photo, k) {
   return { k, x: (x0 + x1) / 2, y: (y0 + y1) / 2, ends: [[x0, y0], [x1, y1]], inlier: (flags.values[k] & 1) > 0 };
 }
 
-/** All matches, and which of them lies at which node. */
+/** All matches. */
 function indexMatches(photo) {
   photo.used = Array.from({ length: photo.matches.count }, (_, k) => matchOf(photo, k));
-  photo.matchAtNode = new Map();
-  for (const match of photo.used) {
-    const [row, column] = nearestNode(photo, [match.x, match.y]);
-    photo.matchAtNode.set(row * photo.grid.columns + column, match);
-  }
 }
 
-function matchAt(photo, index) {
-  return photo.matchAtNode.get(index) || null;
+/** The match in whose cell a point lies. */
+function matchAt(photo, x, y) {
+  return photo.used.find((match) => Math.max(Math.abs(match.x - x), Math.abs(match.y - y)) <= CELL_PX / 2) || null;
 }
 
 /** Static, moving or unobservable, with the probability; null without a mask. */
