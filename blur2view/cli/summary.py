@@ -81,7 +81,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
         else f"{fit} ({_share(document)})"
     ]
     if document.cam2_from_cam1 is not None:
-        parts.append(_rotation(document) + _untold(document))
+        parts.append(_rotation(document) + _missing_translation(document))
         if document.angular_velocity_rad_s is not None:
             parts.append(rate(document) + _backward(document))
     elif geometry.F is not None and geometry.H is None:
@@ -162,7 +162,7 @@ def _backward(document: EstimateDocument) -> str:
     return f" or, in the other order in time, {other:.3g} rad/s"
 
 
-def _untold(document: EstimateDocument) -> str:
+def _missing_translation(document: EstimateDocument) -> str:
     """Return why a pose's translation is zero; nothing if it is not."""
     if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
         return ""
@@ -181,7 +181,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
         rotation += _backward(document)
     if not any(pose.translation):
-        return [rotation + _untold(document)]
+        return [rotation + _missing_translation(document)]
     direction = ", ".join(f"{value:z.3f}" for value in pose.translation)
     translation = f"translation towards ({direction})"
     if covariance is not None:
