@@ -220,7 +220,7 @@ def test_many_photographs_show_progress_to_a_person(
     assert run(still, moving) == 0
     captured = capsys.readouterr()
     assert "2/2" in captured.err and "photo" in captured.err
-    assert captured.out.startswith(f"{still}: DEGENERATE")
+    assert captured.out.startswith(f"{still}: No motion")
     assert run(still) == 0
     assert capsys.readouterr().err == ""
 
@@ -285,7 +285,7 @@ def test_control_characters_of_a_name_are_printed_as_escapes(
     odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
     assert run(odd, tmp_path / "absent\n.png") == 1
     printed = capsys.readouterr()
-    assert "two\\nlines\\x1b[31m.png: DEGENERATE" in printed.out and len(printed.out.splitlines()) == 2
+    assert "two\\nlines\\x1b[31m.png: No motion" in printed.out and len(printed.out.splitlines()) == 2
     assert len(printed.err.splitlines()) == 1
 
 
@@ -346,7 +346,7 @@ def test_too_little_memory_costs_one_photograph(
     assert run(moving, still) == 1
     printed = capsys.readouterr()
     assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"
-    assert f"{still}: DEGENERATE" in printed.out
+    assert f"{still}: No motion" in printed.out
 
 
 def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:
@@ -374,7 +374,7 @@ def test_nobody_else_prints(tmp_path: Path, tiny_model: Path) -> None:
     chunk = (7).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     (tmp_path / "a.png").write_bytes(content[:33] + chunk + content[33:])
     done = program("estimate", tmp_path / "a.png", tmp_path / "absent.png", "--model", tiny_model)
-    assert done.returncode == 1 and "a.png: DEGENERATE" in done.stdout
+    assert done.returncode == 1 and "a.png: No motion" in done.stdout
     assert done.stderr == f"blur2view: {tmp_path / 'absent.png'}: no such file; check the path\n"
 
 
