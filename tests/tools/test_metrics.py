@@ -4,79 +4,92 @@ import numpy as np
 import pytest
 
 from tests.support.scenes import make_scene, rotation
-from tools import metrics
+from tools.metrics import (
+    cumulative_curve,
+    direction_error_deg,
+    epe_s,
+    epipole_angle_deg,
+    inlier_share,
+    length_ratio,
+    rho,
+    rotation_error,
+    share_under,
+    sparsification_area,
+    sparsification_curve,
+    translation_direction_error_deg,
+)
 
 
 def test_epe_s_and_direction_are_blind_to_sign() -> None:
     d, truth = np.array([[3.0, 4], [-3, -4], [0, 5], [0, 0]]), np.array([[3.0, 4], [3, 4], [3, 4], [3, 4]])
-    assert np.allclose(metrics.epe_s(d, truth), [0, 0, np.sqrt(10), 5])
+    assert np.allclose(epe_s(d, truth), [0, 0, np.sqrt(10), 5])
     expected = [0, 0, np.degrees(np.arccos(0.8)), 0]
-    assert np.allclose(metrics.direction_error_deg(d, truth), expected)
-    assert np.allclose(metrics.direction_error_deg([1.0, 0], [0.0, -2]), 90)
-    assert np.allclose(metrics.length_ratio(d, truth), [1, 1, 1, 0])
+    assert np.allclose(direction_error_deg(d, truth), expected)
+    assert np.allclose(direction_error_deg([1.0, 0], [0.0, -2]), 90)
+    assert np.allclose(length_ratio(d, truth), [1, 1, 1, 0])
 
 
 def test_sparsification_of_a_sigma_that_ranks_like_the_error_is_the_oracle() -> None:
     error = np.random.default_rng(0).exponential(size=1000)
-    removed, by_sigma, by_error = metrics.sparsification_curve(error, 3 * error)
+    removed, by_sigma, by_error = sparsification_curve(error, 3 * error)
     assert removed[0] == 0
     assert np.isclose(by_error[0], 1)
     assert (np.diff(by_error) < 0).all()
     assert np.allclose(by_sigma, by_error)
-    assert metrics.sparsification_area(error, error**2) == 0
+    assert sparsification_area(error, error**2) == 0
 
 
 def test_sparsification_by_hand_and_its_order() -> None:
-    _, by_sigma, by_error = metrics.sparsification_curve([1.0, 3], [2.0, 1], steps=2)
+    _, by_sigma, by_error = sparsification_curve([1.0, 3], [2.0, 1], steps=2)
     assert np.allclose(by_sigma, [1, 1.5])
     assert np.allclose(by_error, [1, 0.5])
     error = np.random.default_rng(0).exponential(size=1000)
-    chance = metrics.sparsification_area(error, np.random.default_rng(1).random(1000))
-    assert 0 < chance < metrics.sparsification_area(error, -error)
+    chance = sparsification_area(error, np.random.default_rng(1).random(1000))
+    assert 0 < chance < sparsification_area(error, -error)
     with pytest.raises(ValueError, match="expected two arrays"):
-        metrics.sparsification_curve(np.zeros(0), np.zeros(0))
+        sparsification_curve(np.zeros(0), np.zeros(0))
 
 
 def test_rho_is_zero_for_the_true_F_and_relative_to_length() -> None:
     scene = make_scene(np.random.default_rng(1), count=100)
-    assert metrics.rho(scene.F, scene.ends).max() < 1e-9
+    assert rho(scene.F, scene.ends).max() < 1e-9
     along_x = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     ends = np.array([[[0.0, 0], [10, 1]]])
-    assert np.allclose(metrics.rho(along_x, ends), np.sqrt(0.5) / np.sqrt(101))
+    assert np.allclose(rho(along_x, ends), np.sqrt(0.5) / np.sqrt(101))
 
 
 def test_inlier_shares() -> None:
     scene = make_scene(np.random.default_rng(2), count=100)
     along_x = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    assert metrics.inlier_share(scene.F, scene.ends) == 1
-    share = metrics.inlier_share(along_x, scene.ends)
+    assert inlier_share(scene.F, scene.ends) == 1
+    share = inlier_share(along_x, scene.ends)
     assert share < 1
-    assert metrics.share_under([0.1, 0.2, 0.3], 0.2) == pytest.approx(1 / 3)
+    assert share_under([0.1, 0.2, 0.3], 0.2) == pytest.approx(1 / 3)
 
 
 def test_epipole_angle_is_zero_for_F_and_its_transpose() -> None:
     one = make_scene(np.random.default_rng(3), count=50)
-    assert metrics.epipole_angle_deg(one.F, one.F, one.K) < 1e-5
-    assert metrics.epipole_angle_deg(-one.F.T, one.F, one.K) < 1e-5
+    assert epipole_angle_deg(one.F, one.F, one.K) < 1e-5
+    assert epipole_angle_deg(-one.F.T, one.F, one.K) < 1e-5
     sideways, forward = (np.array([[0, -z, 0], [z, 0, -x], [0, x, 0]]) for x, z in ((1.0, 0.0), (0.0, 1.0)))
-    assert np.isclose(metrics.epipole_angle_deg(sideways, forward, np.eye(3)), 90)
+    assert np.isclose(epipole_angle_deg(sideways, forward, np.eye(3)), 90)
 
 
 def test_pose_errors_up_to_the_flip_of_time() -> None:
     R = rotation(np.radians([0, 0, 10.0]))
     for found in (R, R.T):
-        assert np.allclose(metrics.rotation_error(found, R), (0, 0), atol=1e-9)
-    assert np.allclose(metrics.rotation_error(rotation(np.radians([0, 0, 15.0])), R), (5, 0.5))
-    assert metrics.rotation_error(R, np.eye(3))[1] == np.inf
-    assert metrics.rotation_error(np.eye(3), np.eye(3)) == (0, 0)
+        assert np.allclose(rotation_error(found, R), (0, 0), atol=1e-9)
+    assert np.allclose(rotation_error(rotation(np.radians([0, 0, 15.0])), R), (5, 0.5))
+    assert rotation_error(R, np.eye(3))[1] == np.inf
+    assert rotation_error(np.eye(3), np.eye(3)) == (0, 0)
     x, y = np.eye(3)[:2]
-    assert np.isclose(metrics.translation_direction_error_deg(x, -3 * x), 0)
-    assert np.isclose(metrics.translation_direction_error_deg(x, x + y), 45)
-    assert metrics.translation_direction_error_deg(np.zeros(3), np.ones(3)) == 90
+    assert np.isclose(translation_direction_error_deg(x, -3 * x), 0)
+    assert np.isclose(translation_direction_error_deg(x, x + y), 45)
+    assert translation_direction_error_deg(np.zeros(3), np.ones(3)) == 90
     with pytest.raises(ValueError, match="zero translation"):
-        metrics.translation_direction_error_deg(x, 0 * x)
+        translation_direction_error_deg(x, 0 * x)
 
 
 def test_cumulative_curve_counts() -> None:
-    assert np.allclose(metrics.cumulative_curve([3.0, 1, 2], [0.5, 1, 2.5, 3]), [0, 1 / 3, 2 / 3, 1])
-    assert np.allclose(metrics.cumulative_curve([], [1.0]), 0)
+    assert np.allclose(cumulative_curve([3.0, 1, 2], [0.5, 1, 2.5, 3]), [0, 1 / 3, 2 / 3, 1])
+    assert np.allclose(cumulative_curve([], [1.0]), 0)

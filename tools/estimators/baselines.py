@@ -93,6 +93,15 @@ def poselib_calibrated(
     return fundamental_from_pose(K, pose.R, pose.t)
 
 
+def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
+    """Return the two-parameter F, all smears meeting in one point, fitted robustly; None of too few."""
+    if len(matches) < MIN_MATCHES:
+        return None
+    estimator = build_estimator(matches, EstimatorOptions())
+    point = fit_translation(estimator, np.random.default_rng(0))
+    return estimator.problem.pixels(point.matrix())
+
+
 def scrambled(ends: AnyArray, rng: np.random.Generator) -> AnyArray:
     """Return ends (N, 2, 2) in random order."""
     return np.where(rng.random(len(ends))[:, None, None] < 0.5, ends, ends[:, ::-1])
@@ -116,18 +125,3 @@ def solve(solver: Solver, ends: AnyArray) -> AnyArray | None:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
     return F if F is not None and np.isfinite(F).all() and np.abs(F).max() > 0 else None
-
-
-def two_parameter_fundamental(
-    matches: SmearMatches, rng: np.random.Generator | None = None
-) -> AnyArray | None:
-    """Return the two-parameter F (3, 3), all smears meeting in one point, fitted robustly: a baseline.
-
-    None where there are fewer matches than `acceptance` asks for. By default ``default_rng(0)``.
-    """
-    options = EstimatorOptions()
-    if len(matches) < MIN_MATCHES:
-        return None
-    estimator = build_estimator(matches, options)
-    point = fit_translation(estimator, np.random.default_rng(0) if rng is None else rng)
-    return estimator.problem.pixels(point.matrix())

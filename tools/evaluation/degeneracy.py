@@ -10,7 +10,8 @@ Rules: a scene with an F is a pure translation if the model is, or if F's rotati
 that rotation alone, for the true camera, are in the median shorter than a tenth of the smears, or Schwarz's
 criterion does not grant it three parameters (the translation's penalised cost, Akaike's, is above the
 model's by less than 3 (ln N - 2)). Else it is general. "open" is PLANAR_OR_PANORAMIC with F and H: parallax
-is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does.
+is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and
+PLANAR count by name, whether an F stands beside them, which leaves parallax open, or not.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def reading_of(field: blur2view.SmearField, length_px: int, angle: float) -> Rea
     """Return how well one picture was read."""
     true = np.broadcast_to(length_px * np.array([np.cos(angle), np.sin(angle)]), field.displacement.shape)
     error_deg = direction_error_deg(field.displacement.reshape(-1, 2), true.reshape(-1, 2))
-    sigma = (field.sigma_px if field.sigma_rad is None else field.sigma_rad).ravel()
+    sigma = field.sigma_rad.ravel()
     certain = sigma <= np.median(sigma)
     return Reading(
         length_px=length_px,

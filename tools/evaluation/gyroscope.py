@@ -42,8 +42,7 @@ def pairs_of(field: SmearField, truth: Mapping[str, AnyArray]) -> tuple[AnyArray
     first, name = (2, "smear") if "smear" in truth else (1, "flow")
     measured = truth[name].astype(float)
     rows, columns = measured.shape[:2]
-    sigma = field.sigma_px if field.sigma_rad is None else field.sigma_rad
-    read, sigma = (a[first::4, first::4][:rows, :columns] for a in (field.displacement, sigma))
+    read, sigma = (a[first::4, first::4][:rows, :columns] for a in (field.displacement, field.sigma_rad))
     measured = measured[: read.shape[0], : read.shape[1]]
     known = np.hypot(measured[..., 0], measured[..., 1]) >= (DIRECTION_MIN_PX if name == "flow" else 0)
     if "valid" in truth:

@@ -103,14 +103,13 @@ class Smears:
 def block_errors(scene: TestScene, field: SmearField) -> AnyArray:
     """Return every block's median signed error of direction over the median of its sigma (B,).
 
-    Of static pixels that move by 4 px or more; without a sigma of directions, sigma over length.
+    Of static pixels that move by 4 px or more.
     """
     found, true = (
         d[..., 0] + 1j * d[..., 1] for d in (field.displacement[1::4, 1::4], scene.displacement.astype(float))
     )
     error = np.angle(found**2 * np.conj(true**2)) / 2
-    sigma = field.sigma_px / np.maximum(field.length_px, 1e-6) if field.sigma_rad is None else field.sigma_rad
-    used, sigma = scene.valid & scene.static & (abs(true) >= DIRECTION_MIN_PX), sigma[1::4, 1::4]
+    used, sigma = scene.valid & scene.static & (abs(true) >= DIRECTION_MIN_PX), field.sigma_rad[1::4, 1::4]
     errors = []
     for row, column in np.ndindex(*(-(-side // BLOCK_CELLS) for side in used.shape)):
         block = np.s_[row * BLOCK_CELLS :, column * BLOCK_CELLS :]

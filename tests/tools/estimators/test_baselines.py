@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from tests.support.scenes import disturb, make_scene
+from blur2view.smears.matches import SmearMatches
+from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 from tools.estimators import baselines
 from tools.metrics import rho
 
@@ -34,6 +35,14 @@ def test_solver_told_order_and_camera_finds_F() -> None:
     scene = disturb(make_scene(rng, count=600, length_px=30, rotation_share=0.8), rng, noise_px=0.5)
     F = baselines.poselib_calibrated(*scene.ordered, scene.K)
     assert np.median(rho(F, scene.true_ends)) < 0.01 and abs((F * scene.F).sum()) > 0.99
+
+
+def test_two_parameters_are_the_F_of_a_pure_translation() -> None:
+    scene = make_scene(np.random.default_rng(4), count=300, rotation_share=0.0)
+    matches = SmearMatches(ends=scene.ends, sigma_px=np.full(300, 0.2), image_size=IMAGE_SIZE)
+    F = baselines.two_parameter_fundamental(matches)
+    assert F is not None and np.median(rho(F, scene.true_ends)) < 1e-3
+    assert baselines.two_parameter_fundamental(matches.subset(np.arange(19))) is None
 
 
 def test_orders_are_those_of_the_displacement_and_never_to_the_left() -> None:

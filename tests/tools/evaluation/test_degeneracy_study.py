@@ -70,6 +70,15 @@ def test_shared_errors_turn_and_stretch_about_the_midpoint() -> None:
     assert (moved.matches.sigma_px > scene.matches.sigma_px).all()
 
 
+def test_shared_errors_are_stated() -> None:
+    scene = draw_scene("general", 2)
+    moved = erring(scene, 0, 4.0).matches
+    (x, y), (u, v) = scene.matches.displacement.T, moved.displacement.T
+    turned = np.abs(np.arctan((x * v - y * u) / (x * u + y * v))) * moved.length_px
+    assert 0.5 < np.sqrt(np.mean((turned / moved.across_px) ** 2)) < 1.2
+    assert 10 < len(moved) * moved.shared.all_correlation < 60
+
+
 def test_outcomes_name_configurations() -> None:
     scene = draw_scene("pure rotation", 0)
     none = np.zeros(len(scene.matches), bool)
