@@ -51,7 +51,7 @@ class PoseDocument(Document):
     rotation : 3x3
         The rotation matrix R.
     translation : list of 3 float
-        The vector t, of unit length; zero unless parallax is proven.
+        The vector t, of unit length; zero where its direction is not known to 30 degrees.
     """
 
     rotation: Matrix
@@ -174,8 +174,9 @@ class EstimateDocument(Document):
     E : 3x3 or null
         Essential matrix of known intrinsics.
     cam2_from_cam1 : object or null
-        Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. Unless
-        parallax is proven the rotation is the one that explains the smears alone, and the translation zero.
+        Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. Where
+        the direction of the translation is not known to 30 degrees it is zero, and the rotation the one that
+        explains the smears alone, or the mean over all directions.
     rotation_deg : float or null
         Angle of that rotation, degrees.
     angular_velocity_rad_s : list of 3 float, or null

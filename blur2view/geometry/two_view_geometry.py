@@ -80,19 +80,19 @@ class TwoViewGeometry:
     model : MotionModel
         Of F; without F, of H. A calibrated F was started from one of ``scores``.
     scores : tuple of (MotionModel, float)
-        Penalised cost of every model that was fitted, homographies too, best first.
+        Penalised cost of every model of F that was fitted, best first.
     H : ndarray of shape (3, 3) or None
         ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
-        where a homography explains the smears; beside an F parallax is open.
+        where a homography explains the smears; beside an F parallax is undecided.
     E : ndarray of shape (3, 3) or None
         Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
         pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. Unless
-        parallax is proven it is the rotation that explains the smears alone, the translation zero: E, of F,
-        has another rotation.
+        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. Where the
+        direction of the translation is not known it is zero, and the rotation that which explains the smears
+        alone, or the mean over all directions: E, of F, has another rotation.
     covariance : PoseCovariance or None
-        Of the pose; where parallax is open it allows for a translation that is not seen, unless a rotation
+        Of the pose; without a translation it allows for one that is not seen, unless a rotation
         explains the smears as well as any homography.
     insufficient_data : bool
         Whether too little is seen to tell anything, parallax neither.
