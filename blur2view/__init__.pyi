@@ -1,7 +1,6 @@
 """The public names: read by type checkers, and by `blur2view` itself, which imports each when it is used."""
 
 from blur2view.camera.camera import Camera as Camera
-from blur2view.camera.image import read_image as read_image
 from blur2view.colmap.cameras import camera_of_database as camera_of_database
 from blur2view.colmap.database import write_database as write_database
 from blur2view.colmap.mapping import global_options as global_options
@@ -30,9 +29,11 @@ from blur2view.networks.octaves import PyramidOptions as PyramidOptions
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
 from blur2view.networks.smear_network import predict as predict
 from blur2view.networks.tiles import TileOptions as TileOptions
+from blur2view.photographs.image import read_image as read_image
 from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate
+from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.segmentation.mask import MotionLabel as MotionLabel
 from blur2view.segmentation.mask import MotionMask as MotionMask
 from blur2view.segmentation.mask import segment as segment
@@ -46,7 +47,6 @@ from blur2view.smears.stored import StoredSmears as StoredSmears
 from blur2view.smears.stored import load_smears as load_smears
 from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
 from blur2view.two_view.options import EstimatorOptions as EstimatorOptions
-from blur2view.visualization.overlay import draw_overlay as draw_overlay
 
 __version__: str
 __all__: list[str]

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifFacts, disagreement, read_exif
-from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import Intrinsics
-from blur2view.camera.video import frame_of, rows_towards
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
+from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches

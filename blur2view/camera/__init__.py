@@ -1,1 +1,1 @@
-"""Photographs and the cameras that took them."""
+"""Cameras: intrinsics, lenses, pixel conventions, what EXIF says of them."""

@@ -3,14 +3,14 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from blur2view.batch.job import Job, Made
 from blur2view.cli.options import EstimateOptions
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
-from blur2view.documents.stored import restored_file
 from blur2view.output_files import ResultFiles
+from blur2view.results.estimate import EstimateDocument, EstimatesDocument
+from blur2view.results.stored import restored_file
+from blur2view.runs.job import Job, Made
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from blur2view.cli.terminal import QUIET
-from blur2view.documents.to_colmap import DATABASE, HLOC
 from blur2view.errors import CameraError
 from blur2view.output_files import GO_ON
+from blur2view.results.to_colmap import DATABASE, HLOC
 
 if TYPE_CHECKING:
-    from blur2view.batch.inputs import Inputs
+    from blur2view.photographs.inputs import Inputs
     from blur2view.pipeline import Run
 
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
@@ -239,7 +239,7 @@ def _usage(parsed: Namespace) -> Iterator[None]:
 
 def _inputs(values: Mapping[str, Any]) -> Inputs:
     """Return the photographs that the words of a call name."""
-    from blur2view.batch.inputs import Frames, list_photographs
+    from blur2view.photographs.inputs import Frames, list_photographs
 
     frames = Frames(every=values["every"], first=values["first"], last=values["last"])
     stdin = None if sys.stdin is None else sys.stdin.buffer

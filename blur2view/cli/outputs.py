@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from blur2view.batch.job import Job, Work
-from blur2view.batch.manifest import Manifest
 from blur2view.cli.options import FolderOptions
 from blur2view.cli.run import Finished, Taken, begun, kept_of, manifest_beside, refuse_shared, run_over
-from blur2view.documents.document import Document, FailureDocument
-from blur2view.documents.estimate import EstimateDocument
-from blur2view.documents.masks import MaskDocument
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
 from blur2view.pipeline import FileEstimate
+from blur2view.results.document import Document, FailureDocument
+from blur2view.results.estimate import EstimateDocument
+from blur2view.results.mask_overlay import draw_motion
+from blur2view.results.masks import MaskDocument
+from blur2view.results.overlay import draw_overlay
+from blur2view.runs.job import Job, Work
+from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY, MaskFormat
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
-from blur2view.visualization.mask_overlay import draw_motion
-from blur2view.visualization.overlay import draw_overlay
 
 # The overlay is for looking at: fast deflate (3 of 9) is a third of the time of the best.
 _PNG_EFFORT = 3

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from blur2view import __version__
-from blur2view.batch.job import Job, Made, Outcome
 from blur2view.cli.options import ReportOptions
 from blur2view.cli.run import End, begun, jobs_of, manifest_beside, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.stored import plain, restore
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
+from blur2view.results.report import Entry, report
+from blur2view.results.stored import plain, restore
+from blur2view.results.verdicts import VERDICT_ORDER
+from blur2view.runs.job import Job, Made, Outcome
 from blur2view.segmentation.mask import segment
-from blur2view.visualization.report import Entry, report
-from blur2view.visualization.verdicts import VERDICT_ORDER
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 

@@ -12,16 +12,9 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from blur2view.batch.inputs import Inputs
-from blur2view.batch.job import Job, Kept, Outcome, Target, Work
-from blur2view.batch.manifest import Manifest
-from blur2view.batch.processes import Engine, processes
-from blur2view.batch.run import Jobs, outcomes
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
 from blur2view.cli.work import settings_of
-from blur2view.documents.document import FailureDocument
-from blur2view.documents.table import Row, table_text
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import (
@@ -32,6 +25,13 @@ from blur2view.output_files import (
     unwritable,
     write_atomically,
 )
+from blur2view.photographs.inputs import Inputs
+from blur2view.results.document import FailureDocument
+from blur2view.results.table import Row, table_text
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work
+from blur2view.runs.manifest import Manifest
+from blur2view.runs.processes import Engine, processes
+from blur2view.runs.run import Jobs, outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Taken = TypeVar("Taken")
@@ -187,7 +187,7 @@ def run_over(
 def _engine(options: PhotographOptions, count: int) -> Engine:
     """Return where the work on so many photographs is done."""
     if options.dask is not None:
-        from blur2view.batch.cluster import Cluster
+        from blur2view.runs.cluster import Cluster
 
         return Cluster(options.dask)
     return processes(max(min(options.jobs or usable_cores(), count), 1))

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from blur2view.batch.job import Job, Made
 from blur2view.cli.options import SegmentCommandOptions
 from blur2view.cli.outputs import MASK, MaskExport, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.estimate import EstimateDocument
-from blur2view.documents.masks import MaskDocument, MasksDocument
-from blur2view.documents.stored import restored_file
 from blur2view.output_files import ResultFiles
+from blur2view.results.estimate import EstimateDocument
+from blur2view.results.masks import MaskDocument, MasksDocument
+from blur2view.results.stored import restored_file
+from blur2view.runs.job import Job, Made
 from blur2view.segmentation.formats import MaskFormat
 from blur2view.segmentation.mask import segment
 

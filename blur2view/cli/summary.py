@@ -6,16 +6,16 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.cli.terminal import SHORT, printable
-from blur2view.documents.estimate import EstimateDocument
-from blur2view.documents.masks import MaskDocument
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
+from blur2view.results.estimate import EstimateDocument
+from blur2view.results.mask_overlay import headline
+from blur2view.results.masks import MaskDocument
+from blur2view.results.verdicts import sentence
 from blur2view.segmentation.mask import MotionMask
-from blur2view.visualization.mask_overlay import headline
-from blur2view.visualization.verdicts import sentence
 
 FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from blur2view.batch.manifest import Manifest
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import manifest_beside
 from blur2view.cli.views import PhotographViews
@@ -13,6 +12,7 @@ from blur2view.colmap.link import write_links
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import OPEN
 from blur2view.input_files import read_regular
+from blur2view.runs.manifest import Manifest
 
 SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 

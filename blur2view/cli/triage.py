@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from blur2view.batch.job import Job, Made
 from blur2view.cli.options import TriageOptions
 from blur2view.cli.run import (
     End,
@@ -20,9 +19,10 @@ from blur2view.cli.run import (
 )
 from blur2view.cli.terminal import QUIET, complain, plural, printable
 from blur2view.cli.work import EstimatingWork
-from blur2view.documents.table import BLURRED, SHARP, UNUSABLE, Row
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, prepared
+from blur2view.results.table import BLURRED, SHARP, UNUSABLE, Row
+from blur2view.runs.job import Job, Made
 
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")
 

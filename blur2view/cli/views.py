@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.batch.job import Job, Made
-from blur2view.batch.manifest import Manifest
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifFacts, read_exif
-from blur2view.camera.image import read_image
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
@@ -28,16 +25,19 @@ from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
-from blur2view.documents.document import FailureDocument
-from blur2view.documents.stored import plain, restore
-from blur2view.documents.table import Row
-from blur2view.documents.to_colmap import DATABASE, ViewsDocument
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import KeypointViews, keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import Run, contradictions, estimate
+from blur2view.results.document import FailureDocument
+from blur2view.results.stored import plain, restore
+from blur2view.results.table import Row
+from blur2view.results.to_colmap import DATABASE, ViewsDocument
+from blur2view.runs.job import Job, Made
+from blur2view.runs.manifest import Manifest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,18 +10,18 @@ from functools import lru_cache
 from typing import Any, TypedDict
 
 from blur2view import __version__
-from blur2view.batch.job import Job, Kept, Target, Work, file_digest
-from blur2view.batch.manifest import Settings
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import TileProgress
 from blur2view.colmap.cameras import StoredCamera
-from blur2view.documents.stored import plain
-from blur2view.documents.table import Row
 from blur2view.errors import RunError
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.results.stored import plain
+from blur2view.results.table import Row
+from blur2view.runs.job import Job, Kept, Target, Work, file_digest
+from blur2view.runs.manifest import Settings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,12 +21,12 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
-from blur2view.camera.image import read_content
-from blur2view.camera.video import frame_of
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.input_files import read_regular
 from blur2view.output_files import write_atomically
+from blur2view.photographs.image import read_content
+from blur2view.photographs.video import frame_of
 
 DESCRIPTOR = " 0" * 128
 NAMES = ("matches.txt", "keypoints", "images")

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
 from blur2view.networks import smear_network
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.tiles import TileOptions
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
+from blur2view.results.overlay import draw_overlay
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.visualization.overlay import draw_overlay
 from tests.support.colour_code import (
     HEIGHT,
     WIDTH,

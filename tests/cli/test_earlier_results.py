@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from blur2view.batch.manifest import Manifest, Settings
 from blur2view.cli import commands as cli
+from blur2view.runs.manifest import Manifest, Settings
 from tests.support.many_photographs import contents, write_photographs
 
 COMMANDS = {

@@ -10,8 +10,8 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.shared import keys
-from blur2view.documents import document, estimate, masks, to_colmap
-from blur2view.documents.document import Document
+from blur2view.results import document, estimate, masks, to_colmap
+from blur2view.results.document import Document
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("to-transforms",)

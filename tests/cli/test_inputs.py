@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from blur2view.batch.job import file_digest
 from blur2view.cli import commands as cli
 from blur2view.input_files import read_regular
+from blur2view.runs.job import file_digest
 from tests.support.many_photographs import contents, write_photographs
 
 

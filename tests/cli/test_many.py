@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.batch import job
-from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.errors import ImageError
 from blur2view.output_files import write_together
+from blur2view.photographs.image import read_image
+from blur2view.runs import job
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents, finish, start, write_photographs, write_video
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.batch import job
-from blur2view.camera.image import read_image
 from blur2view.cli import commands as cli
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
+from blur2view.runs import job
 from blur2view.segmentation.mask import MotionLabel, segment
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import environment

@@ -12,11 +12,11 @@ import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
-from blur2view.batch.inputs import Inputs
 from blur2view.cli import commands as cli
 from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.sampson import sampson
+from blur2view.photographs.inputs import Inputs
 from tests.cli.test_cli_camera import SIZE, smears
 from tests.support.colour_code import colour_code, write_picture
 from tools.database_safety.colmap_check import check_database

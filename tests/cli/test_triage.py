@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.batch.manifest import Manifest
 from blur2view.cli import commands as cli
 from blur2view.cli import run as cli_run
 from blur2view.cli.triage import list_text, use_of
-from blur2view.documents.table import Row, table_text
 from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_atomically
+from blur2view.results.table import Row, table_text
+from blur2view.runs.manifest import Manifest
 from blur2view.smears.sharpness import median_smear
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.grids import grid_of

@@ -8,12 +8,12 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from blur2view.camera.image import read_image
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
+from blur2view.results import mask_overlay
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.pixels import LEAST_AREA_PX, moving_parts, moving_regions
-from blur2view.visualization import mask_overlay
 from tests.support.motion_scenes import (
     BOX,
     HEIGHT,

@@ -8,8 +8,8 @@ import numpy as np
 import pycolmap
 
 from blur2view.arrays import Array
-from blur2view.camera.image import read_image
 from blur2view.geometry.rotation import rotation_matrix
+from blur2view.photographs.image import read_image
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "models/sample.jpg"

@@ -15,8 +15,8 @@ from playwright.sync_api import Browser, Page
 
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.results.report import Entry, report
 from blur2view.smears.field import smear_ends
-from blur2view.visualization.report import Entry, report
 from tests.support.report_scenes import WIDTH, made_up, turning_F
 
 READY = "performance.getEntriesByName('blur2view-ready').length > 0"

@@ -14,12 +14,12 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
+from blur2view.results.report_pack import Packed
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.visualization.report_pack import Packed
 from tests.support.grids import grid_of
 
 WIDTH, HEIGHT = 640, 360

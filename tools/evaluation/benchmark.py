@@ -29,9 +29,9 @@ import numpy as np
 
 import blur2view
 from blur2view.cli.outputs import ESTIMATE, result_contents
-from blur2view.documents.estimate import EstimateDocument
 from blur2view.output_files import ResultFiles, write_together
 from blur2view.pipeline import Run, estimate, estimate_file
+from blur2view.results.estimate import EstimateDocument
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions

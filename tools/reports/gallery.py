@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
+from blur2view.results.drawing import INK, PAPER, write
+from blur2view.results.mask_overlay import draw_motion
+from blur2view.results.overlay import draw_overlay
 from blur2view.segmentation.mask import segment
-from blur2view.visualization.drawing import INK, PAPER, write
-from blur2view.visualization.mask_overlay import draw_motion
-from blur2view.visualization.overlay import draw_overlay
 from tools.arguments import existing, parser_of, target
 from tools.reports.figure_style import save_picture
 

@@ -22,8 +22,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from blur2view.arrays import Array
-from blur2view.camera.image import read_image
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.classifier import DILATIONS

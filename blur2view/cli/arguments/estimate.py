@@ -1,7 +1,7 @@
 """``blur2view estimate``: its options and its help."""
 
 from blur2view.cli.arguments import shared
-from blur2view.documents.estimate import EstimateDocument, EstimatesDocument
+from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
 ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
 DESCRIPTION = """

@@ -1,7 +1,7 @@
 """``blur2view segment``: its options and its help."""
 
 from blur2view.cli.arguments import shared
-from blur2view.documents.masks import MaskDocument, MasksDocument
+from blur2view.results.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
 DESCRIPTION = """

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from blur2view.cli.arguments import shared
-from blur2view.documents.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
+from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
 DESCRIPTION = """

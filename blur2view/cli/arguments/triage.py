@@ -1,7 +1,7 @@
 """``blur2view triage``: its options and its help."""
 
 from blur2view.cli.arguments import shared
-from blur2view.documents.table import Row
+from blur2view.results.table import Row
 
 MAX_SMEAR_PX = 3.0
 """Longest median smear of a photograph that is called sharp: at most this, half of the SIFT features that a

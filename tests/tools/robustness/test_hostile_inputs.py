@@ -115,7 +115,7 @@ def test_equal_seeds_give_equal_inputs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
 def test_pictures_before_any_damage_are_pictures(tmp_path: Path, kind: str) -> None:
-    from blur2view.camera.image import read_image
+    from blur2view.photographs.image import read_image
 
     path = tmp_path / "a"
     path.write_bytes(encoded(np.random.default_rng(0), kind))

@@ -1,8 +1,0 @@
-"""The JSON documents of the commands, one type for each; the docstring of a type explains its keys.
-
-The keys, their order and their meaning are part of the stable surface. ``blur2view COMMAND --help`` prints
-these explanations, so that the modules of this room import nothing that takes time.
-
-Matrices are lists of rows. Points are (x, y) in pixels of the upright photograph with (0, 0) at the centre of
-the top-left pixel; only the ``params`` of a camera follow COLMAP, where that centre is (0.5, 0.5).
-"""

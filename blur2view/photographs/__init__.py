@@ -1,0 +1,1 @@
+"""Reading photographs: files, folders, lists, videos."""

@@ -1,0 +1,237 @@
+"""Photographs: decode, refuse what cannot be used, orient upright, scale to [0, 1]."""
+
+import io
+import logging
+import math
+import os
+import warnings
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
+
+from blur2view.errors import ImageError, within_memory
+from blur2view.input_files import MAX_PIXELS, read_regular
+from blur2view.photographs.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
+from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
+
+# Four cells of the network's grid: anything smaller shows no smear.
+MIN_SIDE_PX = 16
+# Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
+BYTES_PER_PIXEL = 64
+# What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
+BACKDROP = 0.5
+# of these formats a file may be an animation or have pages
+MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
+NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
+# By which photographs in a folder are known; named by themselves they may be of any.
+PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+logging.getLogger("PIL").addHandler(
+    logging.NullHandler()
+)  # which prints what it logs unless somebody listens
+
+
+def read_image(
+    path: str | os.PathLike[str],
+    *,
+    as_stored: bool = False,
+    max_memory_gib: float = math.inf,
+    content: bytes | None = None,
+) -> NDArray[np.float32]:
+    """Return a photograph as upright float32 sRGB-coded RGB.
+
+    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
+    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
+    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    as_stored : bool
+        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
+    max_memory_gib : float
+        Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
+    content : bytes, optional
+        The file's content, where it has been read already.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), float32
+        RGB in [0, 1], sRGB-coded.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
+        be used. The message is one line that names the path and the remedy.
+    """
+    path = Path(path)
+    encoded = read_content(path) if content is None else content
+    if not encoded:
+        raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
+    with warnings.catch_warnings(), within_memory(path):
+        warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
+        return _to_rgb(*_decode(path, encoded, as_stored, max_memory_gib))
+
+
+def read_content(path: Path) -> bytes:
+    """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
+
+    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
+    """
+    frame = frame_of(path)
+    if frame is not None:
+        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
+    if is_video(path):
+        frame_numbers(path)  # which says what is wrong, if anything is
+        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
+    try:
+        return read_regular(path)
+    except FileNotFoundError:
+        raise ImageError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
+    except OSError as error:
+        reason = error.strerror
+        raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
+
+
+def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
+    """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
+    check_size = partial(_check_size, path, max_memory_gib=max_memory_gib)
+    try:
+        if is_raw(path, encoded):
+            return develop(path, encoded, as_stored=as_stored, check_size=check_size), 65535
+        if is_heic(encoded):
+            register_heic(path)
+        with Image.open(io.BytesIO(encoded)) as photo:
+            check_size(*photo.size)
+            if (pictures := _pictures(photo)) > 1:
+                raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
+            stored = str([tile[3] for tile in photo.tile])  # asked before getexif, which may decode
+            # colour of 16 bits, which Pillow would cut to 8
+            deep = len(photo.getbands()) > 1 and ";16" in stored
+            tags = getattr(photo, "tag_v2", {})  # of TIFF
+            if tags.get(NEW_SUBFILE_TYPE, 0) & 1:
+                raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
+            bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
+            if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
+                # neither decoder reads these right
+                raise ImageError(f"{path}: has 16-bit colour in separate planes; save it with RGB pixels")
+            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            photo.load()  # raises if the file is truncated; OpenCV would return half a picture
+            if deep and (orientation == 1 or as_stored):
+                return _decode_deep(encoded), 65535
+            # Pillow's TIFF reader has rotated the picture by now, so ask again
+            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            pixels, white = _pixels(path, photo)
+            if ";12" in stored:
+                white = 4095
+            if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
+                pixels = white - pixels  # which Pillow does for 8 bits only
+            return pixels if as_stored else _upright(pixels, orientation), white
+    except Image.DecompressionBombError:
+        raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
+    except UnidentifiedImageError:
+        remedy = f"if it lists photographs, write @{path}" if _may_be_list(path, encoded) else _CONVERT
+        raise ImageError(f"{path}: is not a readable image; {remedy}") from None
+    except (ImageError, MemoryError):
+        raise
+    except Exception as error:
+        # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
+
+
+_CONVERT = "convert it to JPEG, PNG or TIFF"
+_TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+
+
+def _may_be_list(path: Path, content: bytes) -> bool:
+    """Return whether a file is text and not named as a photograph."""
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return False
+    return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
+
+
+def _pictures(photo: Image.Image) -> int:
+    """Return how many frames of an animation, or pages of full size, a file holds."""
+    if photo.format not in MANY_PICTURES:
+        return 1
+    count: int = getattr(photo, "n_frames", 1)
+    if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
+        pages = []
+        for page in range(count):
+            photo.seek(page)
+            pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
+        photo.seek(0)
+        # a smaller copy or a mask has a type
+        return sum(kind == pages[0] for kind in pages)
+    return count
+
+
+def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> None:
+    """Refuse sizes that cannot hold a smear or do not fit in memory."""
+    size = f"{path}: is {width}x{height} pixels"
+    if min(width, height) < MIN_SIDE_PX:
+        raise ImageError(f"{size}; use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}")
+    if width * height > MAX_PIXELS:
+        raise ImageError(f"{size}; {_TOO_LARGE}")
+    need_gib = width * height * BYTES_PER_PIXEL / 2**30
+    if need_gib > max_memory_gib:
+        more = f"--max-memory {math.ceil(need_gib)}"
+        raise ImageError(f"{size}, which take about {need_gib:.1f} GiB of memory; resize it or add {more}")
+
+
+def _pixels(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
+    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
+    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
+        grey = np.asarray(photo)
+        if grey.min() < 0 or grey.max() > 65535:
+            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
+        return grey.astype(np.uint16), 65535
+    if photo.mode == "F":
+        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
+    mode = "RGBA" if photo.has_transparency_data else "RGB"
+    return np.asarray(photo.convert(mode)), 255
+
+
+def _decode_deep(encoded: bytes) -> Pixels:
+    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
+    pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
+        raise ValueError("its 16-bit pixels cannot be decoded")
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
+
+
+def _upright(pixels: Pixels, orientation: int) -> Pixels:
+    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
+    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return pixels
+
+
+def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
+    """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
+    values = np.ascontiguousarray(pixels, dtype=np.float32)
+    values /= white
+    if values.ndim == 2:
+        values = values[..., None]
+    if values.shape[2] in (2, 4):
+        alpha = values[..., -1:]
+        values = BACKDROP + (values[..., :-1] - BACKDROP) * alpha
+    return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

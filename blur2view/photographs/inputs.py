@@ -1,0 +1,235 @@
+"""What a user names, as photographs in order: files, folders, lists of names, videos."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+from blur2view.errors import ImageError
+from blur2view.input_files import read_regular, read_stream
+from blur2view.output_files import is_ours
+from blur2view.photographs.image import PHOTOGRAPH_SUFFIXES
+from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video
+
+STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
+MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frames:
+    """Which frames of a video are taken.
+
+    Parameters
+    ----------
+    every : int
+        Of how many one.
+    first, last : int or float
+        An integer is a frame's number, a float a time in seconds; the last is included.
+
+    Raises
+    ------
+    ValueError
+        Unless ``every >= 1`` and none is negative.
+    """
+
+    every: int = 1
+    first: int | float = 0
+    last: int | float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.every < 1 or self.first < 0 or (self.last is not None and self.last < 0):
+            raise ValueError(f"expected every >= 1 and no negative frame, got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inputs:
+    """The photographs of a call.
+
+    Parameters
+    ----------
+    paths : list of Path
+        In order, each once; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among
+        them.
+    refused : dict of Path to str
+        Why these cannot be used.
+    names : dict of Path to Path
+        What the results of a photograph are called, where its place in a folder or video says so: subfolder
+        and stem.
+    lists : list of Path
+        The files that named some.
+    """
+
+    paths: list[Path] = field(default_factory=list)
+    names: dict[Path, Path] = field(default_factory=dict)
+    refused: dict[Path, str] = field(default_factory=dict)
+    lists: list[Path] = field(default_factory=list)
+
+    @property
+    def one_video(self) -> bool:
+        """Whether all are frames of one video, and so in the order of time."""
+        frames = [frame_of(path) for path in self.paths]
+        return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+
+    def is_folder(self, path: Path) -> bool:
+        """Return whether this is a folder that cannot be used, and so no photograph."""
+        return path in self.refused and os.path.isdir(path)
+
+    def refuse(self, path: Path, reason: str) -> None:
+        """Add what cannot be used."""
+        self.paths.append(path)
+        self.refused[path] = f"{path}: {reason}"
+
+
+def list_photographs(
+    words: Sequence[str],
+    *,
+    recursive: bool = False,
+    frames: Frames | None = None,
+    stdin: BinaryIO | None = None,
+) -> Inputs:
+    """Return the photographs that words name.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Files; folders, which stand for the photographs in them by their suffixes, without results of
+        blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+        Blank lines of a list are passed over, and those that begin with # and name no file. What a list names
+        and is not there is looked for in the list's folder.
+    recursive : bool
+        Whether folders stand for all below them, too.
+    frames : Frames, optional
+        Of videos; all by default.
+    stdin : binary file, optional
+
+    Raises
+    ------
+    ImageError
+        If a list cannot be read, names nothing, or is larger than one of photographs can be.
+    """
+    found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
+    for word in _without_lists(words, stdin):
+        path = Path(word)
+        try:
+            if is_video(path):
+                _add_frames(found, path, frames or Frames())
+            elif path.is_dir():
+                _add_folder(found, path, recursive)
+            else:
+                found.paths.append(path)
+        except OSError as error:
+            found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
+    once: dict[str, Path] = {}
+    for path in found.paths:
+        once.setdefault(os.path.join(os.path.realpath(path.parent), path.name), path)
+    found.paths[:] = once.values()
+    return found
+
+
+def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str]:
+    """Yield words, those of lists in place of the lists."""
+    for word in words:
+        if word == STANDARD_INPUT:
+            yield from _lines(
+                "standard input", lambda: b"" if stdin is None else read_stream(stdin, MAX_LIST_BYTES)
+            )
+        elif word.startswith(LIST):
+            path = Path(word[1:])
+            for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES)):
+                beside = path.parent / name
+                there = [p for p in (name, beside) if os.path.lexists(p)]
+                if len({os.path.realpath(p) for p in there}) > 1:
+                    raise ImageError(f"{path}: {name} is here and beside the list; name it with its folder")
+                yield str(there[0]) if there else name
+        else:
+            yield word
+
+
+def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
+    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
+
+    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name. A line that
+    begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
+    """
+    try:
+        text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
+    lines = text.split("\0") if "\0" in text else text.splitlines()
+    if len(lines) > MAX_LINES:
+        raise ImageError(
+            f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
+        )
+    if "\0" in text:
+        names = [name for name in lines if name.strip()]
+    else:
+        lines = [line for line in lines if line.strip() and not _is_comment(line)]
+        names = [line if os.path.lexists(line) else line.strip() for line in lines]
+    if not names:
+        raise ImageError(f"{source}: names no photograph; write one on each line")
+    return names
+
+
+def _is_comment(line: str) -> bool:
+    """Return whether a line of a list begins with #, and is no name of a file that does."""
+    return line.lstrip().startswith(COMMENT) and not os.path.lexists(line)
+
+
+_NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
+
+
+def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
+    """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
+    try:
+        numbers = frame_numbers(video, every=frames.every, first=frames.first, last=frames.last)
+    except ImageError as error:
+        found.paths.append(video)
+        found.refused[video] = str(error)
+        return
+    for number in numbers:
+        path = frame_path(video, number)
+        found.paths.append(path)
+        found.names[path] = Path(video.stem, path.name)
+
+
+def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
+    """Add the photographs of a folder, in the order of their names; without any it stays as it is.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; nothing is added then.
+    """
+    entries = folder.rglob("*") if recursive else folder.iterdir()
+    photographs = [
+        path
+        for path in sorted(entries, key=_in_order)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+    ]
+    if not photographs:
+        more = "name another folder" if recursive else "add --recursive for its subfolders"
+        found.refuse(folder, f"holds no photograph; {more}")
+    found.paths.extend(photographs)
+    for path in photographs:
+        below = path.relative_to(folder)
+        if len(below.parts) > 1:
+            found.names[path] = below.with_suffix("")
+
+
+def _in_order(path: Path) -> list[tuple[str, int, str]]:
+    """Return what sorts names as a person does: frame_2 before frame_10."""
+    parts = re.findall(r"(\D*)(\d*)", str(path))
+    return [(text, int(number or 0), number) for text, number in parts]
+
+
+def _is_result(path: Path) -> bool:
+    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
+    return path.suffix.lower() == ".png" and is_ours(path)

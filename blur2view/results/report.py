@@ -1,0 +1,176 @@
+"""The report: one HTML file with everything in it, that shows the results of many photographs."""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from importlib.resources import files
+from pathlib import PurePath
+from string import Template
+
+import numpy as np
+
+from blur2view.input_files import parse_json
+from blur2view.pipeline import FileEstimate
+from blur2view.results.overlay import draw_smears
+from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
+from blur2view.results.report_photograph import photograph
+from blur2view.results.verdicts import VERDICT_ORDER, VERDICTS, sentence
+from blur2view.segmentation.mask import MotionMask
+
+SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
+SCRIPTS += ["viewer", "gestures", "gallery", "main"]
+STYLES = ("page", "stage")
+PICTURE = re.compile(r"(data:image/[a-z]+;base64,[A-Za-z0-9+/=]+)?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One photograph of a report, as text that goes into the page.
+
+    Parameters
+    ----------
+    name : str
+        Its path without the folders that say where the user keeps it.
+    kind, verdict : str
+        Kind of verdict, see `verdicts.VERDICTS`, or "failed"; the configuration, or "FAILED".
+    text : str
+        One sentence on what the verdict means, or the error.
+    median_px : float or None
+        Median length of the smears that were used.
+    thumbnail : str
+        Data URI of the photograph with its smears, empty for a failed one.
+    content : str
+        JSON of `report_photograph.photograph`, empty for a failed photograph.
+
+    Raises
+    ------
+    ValueError
+        If what goes into the page as it is, which a file of an earlier call may say, is something else.
+    """
+
+    name: str
+    kind: str
+    verdict: str
+    text: str
+    median_px: float | None = None
+    thumbnail: str = ""
+    content: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what is not escaped."""
+        known = {(kind, config.name) for config, (kind, _) in VERDICTS.items()}
+        known |= {("open", verdict) for kind, verdict in known if kind == "flat"} | {("failed", "FAILED")}
+        if (self.kind, self.verdict) not in known or (self.kind == "failed") == bool(self.content):
+            raise ValueError(f"{self.kind!r}, {self.verdict!r} is no verdict of a photograph")
+        if not PICTURE.fullmatch(self.thumbnail):
+            raise ValueError("the thumbnail is no picture")
+
+    @classmethod
+    def of(
+        cls,
+        one: FileEstimate,
+        mask: MotionMask | None = None,
+        mask_s: float | None = None,
+        *,
+        timings: bool = True,
+    ) -> "Entry":
+        """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
+        shown = photograph(one, mask, mask_s, timings=timings)
+        matches, geometry = one.estimate.matches, one.estimate.geometry
+        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
+        return cls(
+            name=shown["name"],
+            kind=shown["kind"],
+            verdict=geometry.config.name,
+            text=sentence(geometry),
+            median_px=shown["median_px"],
+            thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            content=json.dumps(shown, allow_nan=False),
+        )
+
+    def renamed(self, name: str) -> "Entry":
+        """Return the entry of an estimated photograph by another name, also in its document."""
+        shown = parse_json(self.content)
+        document = parse_json(shown["document"]) | {"image": name}
+        shown |= {"name": name, "document": json.dumps(document, indent=2, allow_nan=False)}
+        return replace(self, name=name, content=json.dumps(shown, allow_nan=False))
+
+    @classmethod
+    def failed(cls, name: str, error: str) -> "Entry":
+        """Return the entry of a photograph that could not be estimated."""
+        return cls(name=name, kind="failed", verdict="FAILED", text=error)
+
+
+def report(entries: Sequence[Entry], version: str) -> bytes:
+    """Return the page, UTF-8, of entries in the order of the call; equal entries give equal bytes.
+
+    It loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
+    """
+    style = "\n".join(_part(f"{name}.css") for name in STYLES)
+    script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
+    blocks = [_block(f"photo-data-{k}", one.content) if one.content else "" for k, one in enumerate(entries)]
+    failures = [{"image": one.name, "error": one.text} for one in entries if not one.content]
+    page = Template(_part("page.html")).substitute(
+        title=escape(entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"),
+        summary=escape(_count(entries)),
+        version=escape(version),
+        style=style,
+        style_hash=_hash(style),
+        script=script,
+        script_hash=_hash(script),
+        cards="\n".join(_card(index, entry) for index, entry in enumerate(entries)),
+        contents="\n".join(blocks),
+        failures=_block("failures", json.dumps(failures, allow_nan=False)),
+    )
+    return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
+
+
+def _part(name: str) -> str:
+    """Return the text of a file of the page."""
+    return (files("blur2view.results") / "report_page" / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return the source expression by which a Content-Security-Policy allows exactly this text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _count(entries: Sequence[Entry]) -> str:
+    """Return how many photographs there are and in how many parallax is proven."""
+    failed = sum(not entry.content for entry in entries)
+    proven = sum(entry.kind == "found" for entry in entries)
+    said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
+    return ", ".join(said + [f"{failed} failed"] * bool(failed))
+
+
+def _card(index: int, entry: Entry) -> str:
+    """Return the photograph's card in the gallery, readable without any script."""
+    length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
+    order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
+    picture_html = f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' if entry.content else ""
+    facts = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
+    kind = escape(entry.kind)
+    body = (
+        f'<span class="card-picture">{picture_html}</span>'
+        f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
+        f'<span class="card-verdict"><span class="chip chip-{kind}">{escape(entry.verdict)}</span>'
+        f'<span class="card-length">{facts if entry.content else ""}</span></span>'
+        f'<span class="card-text">{escape(entry.text)}</span>'
+    )
+    link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
+    return (
+        f'<li class="card card-{kind}" data-index="{index}" data-name="{escape(entry.name)}" '
+        f'data-verdict="{order}" data-kind="{kind}" data-length="{length}">'
+        + (link if entry.content else f'<div class="card-body">{body}</div>')
+        + "</li>"
+    )
+
+
+def _block(name: str, text: str) -> str:
+    """Return JSON as a block of data that nothing in it can end: angle brackets are written as escapes."""
+    safe = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return f'<script type="application/json" id="{name}">{safe}</script>'

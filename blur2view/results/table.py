@@ -1,0 +1,101 @@
+"""The table of ``--csv``: one row for each photograph."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from blur2view.results.document import Document
+
+if TYPE_CHECKING:
+    from blur2view.pipeline import Estimate
+
+SHARP, BLURRED, UNUSABLE = "sharp", "blurred", "unusable"
+DIGITS = 6  # significant ones
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(Document):
+    """What a table says of a photograph; empty where there is no such value.
+
+    Parameters
+    ----------
+    name : str
+        The photograph, as COLMAP names it: below the folder that was given, or that all share.
+    verdict : str
+        The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
+    parallax : str
+        proven, open or absent.
+    smear_px : float
+        Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
+        smears that were used is another: blur2view estimate -v and the report have it.)
+    direction_deg : float
+        Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
+    sharpness : float
+        1 / (1 + smear_px): higher is sharper, whatever the texture.
+    rotation_deg : float
+        Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
+        of both orders in time.
+    angular_velocity_rad_s : float
+        That over the exposure time, radians per second.
+    inliers : int
+        Smears that fit the geometry.
+    time_s : float
+        Seconds that the estimate took, without --no-timings.
+    use : str
+        Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
+    error : str
+        Why a photograph failed.
+    """
+
+    name: str = ""
+    verdict: str = ""
+    parallax: str = ""
+    smear_px: float | None = None
+    direction_deg: float | None = None
+    sharpness: float | None = None
+    rotation_deg: float | None = None
+    angular_velocity_rad_s: float | None = None
+    inliers: int | None = None
+    time_s: float | None = None
+    use: str = ""
+    error: str = ""
+
+    @classmethod
+    def of(cls, estimate: Estimate, exposure_s: float | None, time_s: float | None) -> Row:
+        """Return the row of an estimate, without a name."""
+        from blur2view.smears.sharpness import median_smear
+
+        geometry, smear = estimate.geometry, median_smear(estimate.grid)
+        angle = None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg
+        speed = None if angle is None or exposure_s is None else math.radians(angle) / exposure_s
+        return cls(
+            verdict=geometry.config.name,
+            parallax=str(geometry.parallax),
+            smear_px=None if smear is None else smear.length_px,
+            direction_deg=None if smear is None else smear.direction_deg,
+            sharpness=None if smear is None else smear.sharpness,
+            rotation_deg=angle,
+            angular_velocity_rad_s=speed,
+            inliers=int(geometry.inlier_mask.sum()),
+            time_s=time_s,
+        )
+
+
+def table_text(rows: Sequence[Row]) -> str:
+    """Return the table as CSV (RFC 4180, but for the ends of lines) with a header."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([field.name for field in fields(Row)])
+    for one in rows:
+        writer.writerow([_cell(value) for value in asdict(one).values()])
+    return text.getvalue()
+
+
+def _cell(value: Any) -> str:
+    """Return a value as text; a float with six significant digits."""
+    return "" if value is None else f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,105 @@
+"""The document of ``blur2view to-colmap``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from blur2view.results.document import Document, FailureDocument
+
+DATABASE, MATCHES, HLOC = FORMATS = ("database", "matches", "hloc")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewsDocument(Document):
+    """The two virtual images of one photograph.
+
+    Parameters
+    ----------
+    image : str
+        The photograph as it was named.
+    name : str
+        Its name in the database.
+    views : list of 2 str
+        The names of its views, NAME#open and NAME#close.
+    action : str
+        add, replace (with --replace) or skip (with --skip-degenerate).
+    config : str
+        The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    parallax : str
+        proven, open or absent.
+    reason : str
+        One sentence with the figures that decided.
+    num_keypoints : int
+        Keypoints of each view: both ends of the smears, or with --link the features moved.
+    num_matches : int
+        Keypoints that are matched between the views.
+    num_inliers : int
+        Matches that fit the two-view geometry.
+    time_known : bool
+        Whether neighbouring photographs decided which view came first; else open and close may be exchanged.
+    time_confidence : float
+        How sure that decision is, 0 to 1.
+    """
+
+    image: str
+    name: str
+    views: list[str]
+    action: str
+    config: str
+    parallax: str
+    reason: str
+    num_keypoints: int
+    num_matches: int
+    num_inliers: int
+    time_known: bool
+    time_confidence: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptDocument(Document):
+    """A photograph whose views are in the database already.
+
+    Parameters
+    ----------
+    image : str
+        The photograph as it was named.
+    name : str
+        Its name in the database.
+    """
+
+    image: str
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToColmapDocument(Document):
+    """What ``blur2view to-colmap --json`` prints.
+
+    Parameters
+    ----------
+    format : str
+        database, matches or hloc.
+    target : str
+        The database or the folder that was written.
+    dry_run : bool
+        Whether nothing was written, see --dry-run.
+    backup : str or null
+        The copy of the database from before, with --link.
+    photographs : list
+        One object per photograph that was written, see below.
+    skipped : list
+        The same for photographs without F that --skip-degenerate left out.
+    kept : list
+        Photographs whose views are in the database already: image, name.
+    failures : list
+        Photographs that failed: image, error.
+    """
+
+    format: str
+    target: str
+    dry_run: bool
+    backup: str | None
+    photographs: list[ViewsDocument]
+    skipped: list[ViewsDocument]
+    kept: list[KeptDocument]
+    failures: list[FailureDocument]

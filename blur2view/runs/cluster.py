@@ -1,0 +1,114 @@
+"""Jobs done by a Dask cluster: photographs are sent to its workers, files come back to be written here."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import warnings
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from blur2view.errors import RunError
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, perform
+from blur2view.runs.processes import AHEAD
+
+CONNECT_S = 5  # for the scheduler to answer
+WORKERS_S = 10  # and then for a worker to be there
+LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")  # we say it
+
+
+class Cluster:
+    """A Dask cluster that is asked to do jobs; an `Engine`.
+
+    A worker that is lost costs the time of its photographs: Dask gives them to others.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://HOST:8786``.
+
+    Raises
+    ------
+    RunError
+        If Dask is not installed, nobody answers or there is no worker.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
+        self.address, self._dask = address, distributed
+        for name in LOGGERS:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        try:
+            asyncio.run(_greet(address))  # a client that finds nobody takes as long again to be closed
+            self._client = distributed.Client(address, timeout=CONNECT_S)
+        except (OSError, ValueError, ImportError) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
+        try:
+            self._client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError:
+            self._client.close()
+            raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
+
+    def __call__(
+        self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
+    ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+        """Yield the jobs, which must have their contents, with their outcomes, whose files are contents."""
+        pending: dict[Any, Job[Target]] = {}
+        try:
+            while True:
+                with self._in_touch():
+                    slots = AHEAD * max(sum(self._client.nthreads().values()), 1)
+                while len(pending) < slots and (job := next(jobs, None)) is not None:
+                    pending[self._submitted(work, job)] = job
+                if not pending:
+                    return
+                with self._in_touch():
+                    done = self._dask.wait(list(pending), return_when="FIRST_COMPLETED").done
+                for future in done:
+                    yield pending[future], self._outcome(pending.pop(future), future)
+        finally:
+            with suppress(Exception, asyncio.CancelledError):  # of a scheduler that is gone
+                self._client.cancel(list(pending))
+            with suppress(Exception, asyncio.CancelledError):
+                self._client.close()
+
+    def _submitted(self, work: Work[Target, Kept], job: Job[Target]) -> Any:
+        """Return the future of a job."""
+        with self._in_touch(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Dask warns of large arguments; scattered they could be lost
+            return self._client.submit(perform, work, job, write=False, pure=False)
+
+    def _outcome(self, job: Job[Target], future: Any) -> Outcome[Kept]:
+        """Return the outcome of a job that is done."""
+        with self._in_touch():
+            try:
+                outcome: Outcome[Kept] = future.result()
+            except self._dask.scheduler.KilledWorker:
+                error = f"{job.path}: every worker that read it died; resize it or give them memory"
+                outcome = Outcome(error=error)
+        return outcome
+
+    @contextmanager
+    def _in_touch(self) -> Generator[None]:
+        """Raise RunError for whatever keeps the cluster from going on: no module, no scheduler."""
+        try:
+            yield
+        except (Exception, asyncio.CancelledError) as error:  # of a lost scheduler: cancelled
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise RunError(
+                f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "
+                "this blur2view, and go on with --resume"
+            ) from None
+
+
+async def _greet(address: str) -> None:
+    """Raise OSError unless a scheduler answers."""
+    from distributed.comm.core import connect
+
+    comm = await connect(address, timeout=CONNECT_S)
+    comm.abort()

@@ -1,0 +1,284 @@
+"""The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
+
+A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
+manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
+each, done or failed, or of a file of all photographs. One call at a time has a manifest.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Self
+
+from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.input_files import MAX_BYTES, parse_json
+from blur2view.output_files import ResultFiles, unwritable
+from blur2view.results.stored import DAMAGE, plain, restore
+from blur2view.results.table import Row
+from blur2view.runs.job import Job, Kept, Made, Outcome, Target, Work, file_digest
+
+SIGN, FORMAT = "blur2view", 2  # 1 held pickles
+HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
+
+NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What results depend on beside their photograph.
+
+    Parameters
+    ----------
+    command : str
+    version : str
+        Of blur2view.
+    options : mapping
+        Of JSON's types, digests of networks and other files among them.
+    """
+
+    command: str
+    version: str
+    options: Mapping[str, Any]
+
+    @property
+    def line(self) -> dict[str, Any]:
+        """Return the line of a manifest."""
+        about = {"command": self.command, "options": dict(self.options)}
+        return {SIGN: self.version, "format": FORMAT, "settings": self.digest, **about}
+
+    @property
+    def digest(self) -> str:
+        """Return a name of these settings, which every line repeats."""
+        text = json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Manifest:
+    """The lines of a manifest by photograph, and the file that new ones are appended to.
+
+    A photograph is known by its path from the manifest's folder, from wherever it is named. To be closed;
+    an empty one is then removed.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    settings : Settings
+        Of this call.
+    resume : bool
+        Whether what earlier calls did with photographs is looked up.
+
+    Raises
+    ------
+    OutputError
+        If there is a file of another kind, one that cannot be read or written, or one of a call that runs.
+    """
+
+    def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
+        self.path, self.settings, self._resume = path, settings, resume
+        self._done: dict[str, dict[str, Any]] = {}
+        self._owners: dict[str, tuple[str, str]] = {}
+        self._targets: dict[str, str] = {}
+        self._versions: set[tuple[Any, Any]] = set()
+        self._begun = self._damaged = False
+        self._new = not os.path.lexists(path)
+        self._file = _open_alone(path)
+        try:
+            self._read()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the manifest."""
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Let other calls have the file; remove it where this one made it and wrote nothing."""
+        if self._new and not os.fstat(self._file).st_size:
+            self.path.unlink(missing_ok=True)
+        os.close(self._file)
+
+    @property
+    def complaint(self) -> OutputError | None:
+        """Return one line about what cannot be gone on with, if there is such."""
+        ours = self.settings.version, FORMAT
+        if self._resume and self._versions and ours not in self._versions:
+            return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
+        if self._damaged:
+            return OutputError(f"{self.path}: its last line was cut off; that photograph is done again")
+        return None
+
+    def knows(self, job: Job[Any]) -> bool:
+        """Return whether an earlier call with these settings did a photograph, whatever it was then."""
+        return self._name(job.path) in self._done
+
+    def knows_file(self, path: Path) -> bool:
+        """Return whether a file is a result of an earlier call, of whichever photograph."""
+        return self._name(path) in self._owners
+
+    def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
+        """Return the other photograph of which one of these files is a result, from the manifest's folder.
+
+        The same photograph by another name, as after the manifest's folder was moved, is no other.
+        """
+        for output in outputs:
+            owner, digest = self._owners.get(self._name(output), ("", ""))
+            if owner in ("", self._name(path)) or not os.path.lexists(output):
+                continue
+            if not _is_whole(path, digest):
+                return owner
+        return None
+
+    def _name(self, path: Path) -> str:
+        """Return a path from the manifest's folder."""
+        return Path(os.path.relpath(path, self.path.parent)).as_posix()
+
+    def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
+        """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
+
+        A line may hold anything: it is not found unless it gives values of the right types.
+        """
+        line = self._done.pop(self._name(job.path), None)  # which may be large
+        if line is None or (line.get("sha256"), line.get("source")) != (job.digest, job.source):
+            return None
+        outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
+        expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
+        if set(expected) != outputs.keys() or not all(map(_is_whole, outputs, outputs.values())):
+            return None  # its results have other names since then, or another content
+        try:
+            kept = work.restored(job, line.get("kept"))
+            return Made(kept=kept, summary=restore(str, line["summary"]), row=restore(Row, line["row"]))
+        except (OSError, Blur2ViewError, *DAMAGE):
+            return None
+
+    def wrote(self, target: Path) -> bool:
+        """Return whether a file of all photographs is as an earlier call left it."""
+        return _is_whole(target, self._targets.get(target.name, ""))
+
+    def has_target(self, target: Path) -> bool:
+        """Return whether an earlier call wrote a file of this name."""
+        return target.name in self._targets
+
+    def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
+        """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
+        line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
+        if outcome.made is None:
+            self._write(line | {"error": outcome.error})
+            return
+        made, folder = outcome.made, self.path.parent
+        line |= {"sha256": outcome.digest, "source": job.source, "summary": made.summary}
+        line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
+        self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
+
+    def append_target(self, target: Path) -> None:
+        """Append that a call wrote a file of all photographs, such as a database."""
+        self._write({"target": target.name, "sha256": file_digest(target)})
+
+    def _read(self) -> None:
+        """Note the lines of earlier calls; one that was cut off is dropped."""
+        size = os.fstat(self._file).st_size
+        if not size:  # some files of /proc that say so wait for ever
+            return
+        with open(self._file, "rb", closefd=False) as file:
+            if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
+                raise _foreign(self.path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
+            file.seek(0)
+            for line in _whole_lines(file):
+                try:
+                    self._look_up(parse_json(line))
+                except DAMAGE:
+                    self._damaged = True
+
+    def _look_up(self, line: Any) -> None:
+        """Note a file of all photographs, or what was done with these settings."""
+        if SIGN in line:
+            self._versions.add((restore(str, line[SIGN]), restore(int, line.get("format", 1))))
+            return
+        if "target" in line:
+            self._targets[restore(str, line["target"])] = restore(str, line["sha256"])
+            return
+        image = restore(str, line["image"])
+        self._done.pop(image, None)  # failed since, or done otherwise
+        if "outputs" in line:
+            owner = image, restore(str, line["sha256"])
+            self._owners |= dict.fromkeys(restore(dict[str, str], line["outputs"]), owner)
+            if self._resume and line.get("settings") == self.settings.digest:
+                self._done[image] = line
+
+    def _write(self, line: dict[str, Any]) -> None:
+        """Append a line and wait until the disk has it."""
+        lines = [line] if self._begun else [self.settings.line, line]
+        content = "".join(json.dumps(line) + "\n" for line in lines).encode()
+        try:
+            if not self._begun:
+                _drop_cut_line(self._file)
+            while content:
+                content = content[os.write(self._file, content) :]
+            os.fsync(self._file)
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: cannot be written ({error.strerror}); make room and go on with --resume"
+            ) from None
+        self._begun = True
+
+
+def _open_alone(path: Path) -> int:
+    """Return the descriptor of a regular file, open to append to and locked: no other call has it."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise unwritable(path, error) from None
+    try:
+        os.fsync(file)  # which files of /proc refuse
+        regular = stat.S_ISREG(os.fstat(file).st_mode)
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise OutputError(f"{path}: another call writes there; wait for its end or write elsewhere") from None
+    except OSError as error:
+        regular = error.errno in NO_LOCKS
+    if not regular:
+        os.close(file)
+        raise _foreign(path)
+    return file
+
+
+def _foreign(path: Path, more: str = "") -> OutputError:
+    """Return the line about a file that is not ours."""
+    return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
+
+
+def _whole_lines(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of a file; a last one without an end is empty."""
+    for line in file:
+        yield line if line.endswith(b"\n") else b""
+
+
+def _drop_cut_line(file: int) -> None:
+    """Cut a file after its last whole line."""
+    size = end = os.fstat(file).st_size
+    while end and os.pread(file, 1, end - 1) != b"\n":
+        end -= 1
+    if end != size:
+        os.ftruncate(file, end)
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    """Return whether a file has this content."""
+    try:
+        return file_digest(path) == digest
+    except (OSError, ValueError):  # of a name with a null character
+        return False

@@ -1,0 +1,147 @@
+"""Jobs done in this process or in several, each of which runs the network in one thread."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from functools import partial
+from multiprocessing import get_context, parent_process
+from typing import Protocol
+
+import cv2
+
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, perform
+
+AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
+PATIENCE_S = 5.0  # a process that was told to end has that long
+END = getattr(signal, "SIGUSR1", signal.SIGTERM)  # pycolmap takes SIGTERM for a crash and prints a trace
+_ENDING = threading.Event()
+
+
+class Engine(Protocol):
+    """Does jobs and yields each with its outcome when it is done, in any order."""
+
+    def __call__(
+        self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
+    ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+        """Yield every job, which is taken when there is room for it, with its outcome."""
+
+
+def in_this_process(
+    work: Work[Target, Kept], jobs: Iterator[Job[Target]]
+) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    """Yield the jobs with their outcomes, one after another."""
+    for job in jobs:
+        yield job, perform(work, job)
+
+
+def in_processes(
+    work: Work[Target, Kept], jobs: Iterator[Job[Target]], *, count: int
+) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    """Yield the jobs with their outcomes, done by several processes.
+
+    A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
+    hand with it; each of them is tried once more, alone.
+    """
+    executor = _executor(count)
+    pending: dict[Future[Outcome[Kept]], Job[Target]] = {}
+    try:
+        while True:
+            while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
+                pending[_submitted(executor, work, job)] = job
+            if not pending:
+                return
+            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            lost = [future for future in done if isinstance(future.exception(), BrokenProcessPool)]
+            for future in done.difference(lost):
+                yield pending.pop(future), future.result()
+            if lost:  # and with them all that wait
+                _end(executor)
+                again, pending = list(pending.values()), {}
+                for job in again:
+                    yield job, _alone(work, job)
+                executor = _executor(count)
+    finally:
+        _end(executor)
+
+
+def _submitted(
+    executor: ProcessPoolExecutor, work: Work[Target, Kept], job: Job[Target]
+) -> Future[Outcome[Kept]]:
+    """Return the future of a job; it has failed already if the processes have died meanwhile."""
+    try:
+        return executor.submit(_performed, work, job)
+    except BrokenProcessPool as error:
+        future: Future[Outcome[Kept]] = Future()
+        future.set_exception(error)
+        return future
+
+
+def _alone(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
+    """Return the outcome of a job in a process of its own, a failure if that dies."""
+    executor = _executor(1)
+    try:
+        return executor.submit(_performed, work, job).result()
+    except BrokenProcessPool:
+        error = f"{job.path}: the process that read it died, perhaps of too little memory; resize it"
+        return Outcome(error=error)
+    finally:
+        _end(executor)
+
+
+def _executor(count: int) -> ProcessPoolExecutor:
+    """Return processes that start afresh: a fork would copy the threads' locks of the libraries."""
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+
+
+def _begin() -> None:
+    """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(END, _leave)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    cv2.setNumThreads(1)
+
+
+def _leave(number: int, frame: object) -> None:
+    """End the job in hand, after what its functions do finally: half-written files are removed."""
+    _ENDING.set()
+    raise SystemExit
+
+
+def _performed(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
+    """Return the outcome of a job in a process that was not told to end."""
+    if _ENDING.is_set():
+        raise SystemExit
+    return perform(work, job)
+
+
+def _end_with_parent() -> None:
+    """End this process where the parent is killed: nobody would take its results."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _end(executor: ProcessPoolExecutor) -> None:
+    """End the processes, also those at work."""
+    processes = list((executor._processes or {}).values())
+    executor.shutdown(wait=False, cancel_futures=True)
+    for process in processes:
+        if process.pid is not None:
+            with suppress(OSError):  # it has ended
+                os.kill(process.pid, END)
+    for process in processes:
+        process.join(PATIENCE_S)
+        if process.is_alive():
+            process.kill()
+
+
+def processes(count: int) -> Engine:
+    """Return what does jobs in as many processes, in this one if one is enough."""
+    return in_this_process if count == 1 else partial(in_processes, count=count)

@@ -1,0 +1,120 @@
+"""A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from blur2view.errors import Blur2ViewError
+from blur2view.photographs.image import read_content
+from blur2view.photographs.video import EndOfVideo, frame_of
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, write_contents
+from blur2view.runs.manifest import Manifest
+from blur2view.runs.processes import Engine
+
+Jobs = Iterable[tuple[Job[Target], Blur2ViewError | None]]
+"""Of consecutive indices; with an error those that cannot be begun."""
+Waiting = dict[int, tuple[Job[Target], Outcome[Kept]] | None]
+"""By index, until it is their turn; None for a frame that its video does not have."""
+
+
+def outcomes(
+    work: Work[Target, Kept],
+    jobs: Jobs[Target],
+    engine: Engine,
+    manifest: Manifest | None = None,
+    *,
+    sends: bool = False,
+) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    """Yield every job with its outcome in their order; the manifest has it as soon as it is done.
+
+    Parameters
+    ----------
+    work : Work
+        On one photograph.
+    jobs : iterable
+    engine : Engine
+        Where it is done.
+    manifest : Manifest, optional
+        Where it is written down, and what is done already.
+    sends : bool
+        Whether photographs are read here and sent, as to other machines.
+
+    Raises
+    ------
+    OutputError, RunError
+        If the manifest cannot be written, or no photograph can be done any more.
+    KeyboardInterrupt
+        After the outcomes that are there.
+    """
+    waiting: Waiting[Target, Kept] = {}
+    turn = 0
+    left = _left(work, jobs, manifest, waiting, sends=sends)
+    try:
+        with closing(engine(work, left)) as done:
+            for job, outcome in done:
+                if outcome.contents:
+                    outcome = write_contents(outcome)
+                if manifest is not None and not outcome.stop:
+                    manifest.append(job, outcome, work)
+                waiting[job.index] = replace(job, content=None), outcome
+                while turn in waiting:
+                    pair = waiting.pop(turn)
+                    turn += 1
+                    if pair is not None:
+                        yield pair
+    except KeyboardInterrupt:
+        yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+        raise
+    yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+
+
+def _left(
+    work: Work[Target, Kept],
+    jobs: Jobs[Target],
+    manifest: Manifest | None,
+    waiting: Waiting[Target, Kept],
+    *,
+    sends: bool,
+) -> Iterator[Job[Target]]:
+    """Yield the jobs that are to be done; the outcomes of the others go where they wait."""
+    for job, refusal in jobs:
+        try:
+            if refusal is not None:
+                raise refusal
+            if (outcome := _found(work, job, manifest)) is not None:
+                waiting[job.index] = job, outcome
+            elif frame_of(job.path) is not None:  # a video is read once, in order
+                yield replace(job, content=read_content(job.path), digest=_digest(job.path))
+            else:
+                yield replace(job, content=read_content(job.path)) if sends else job
+        except EndOfVideo:
+            waiting[job.index] = None
+        except Blur2ViewError as error:
+            waiting[job.index] = job, failed(error)
+
+
+def _found(work: Work[Target, Kept], job: Job[Target], manifest: Manifest | None) -> Outcome[Kept] | None:
+    """Return what an earlier call made of a photograph that is as it was."""
+    if manifest is None or not manifest.knows(job):
+        return None
+    try:
+        made = manifest.find(replace(job, digest=_digest(job.path)), work)
+    except OSError:  # reading it will say why
+        return None
+    return None if made is None else Outcome(made=made, skipped=True)
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a photograph's file, of a frame that of its video."""
+    frame = frame_of(path)
+    return file_digest(path) if frame is None else _video_digest(frame[0])
+
+
+@cache
+def _video_digest(video: Path) -> str:
+    """Return the SHA-256 of a video, computed once."""
+    return file_digest(video)

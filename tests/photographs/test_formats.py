@@ -1,0 +1,190 @@
+"""Formats that come by extras, and files of several pictures."""
+
+import io
+import struct
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from blur2view.camera.exif import read_exif
+from blur2view.errors import ImageError
+from blur2view.photographs import video
+from blur2view.photographs.image import read_image
+from blur2view.photographs.video import EndOfVideo, frame_of, read_frame, rows_towards
+from tests.support.many_photographs import write_video
+from tests.support.raw_file import dng
+
+GREY = np.full((40, 60, 3), 118, np.uint8)
+
+
+def bayer(shape: tuple[int, int] = (48, 64)) -> np.ndarray:
+    """Return a plane whose left half is darker than its right half."""
+    plane = np.full(shape, 8000, np.uint16)
+    plane[:, shape[1] // 2 :] = 30000
+    return plane
+
+
+def test_raw_is_developed_upright_in_linear_light(tmp_path: Path) -> None:
+    pytest.importorskip("rawpy")
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(bayer()))
+    image = read_image(path)
+    assert image.shape == (48, 64, 3) and image.dtype == np.float32
+    dark, light = image[10:-10, 8:24].mean(axis=(0, 1)), image[10:-10, 40:56].mean(axis=(0, 1))
+    assert (light > dark + 0.2).all()
+    path.write_bytes(dng(bayer(), orientation=6))
+    assert read_image(path).shape == (64, 48, 3)
+    assert read_image(path, as_stored=True).shape == (48, 64, 3)
+
+
+def test_raw_is_known_by_its_content_too(tmp_path: Path) -> None:
+    pytest.importorskip("rawpy")
+    path = tmp_path / "a.NEF"
+    path.write_bytes(dng(bayer()))
+    assert read_image(path).shape == (48, 64, 3)
+    path.write_bytes(b"II*\0" + bytes(100))
+    with pytest.raises(ImageError, match=r"a\.NEF: cannot be developed"):
+        read_image(path)
+    path.write_bytes(dng(bayer((600, 800))))
+    with pytest.raises(ImageError, match="--max-memory"):
+        read_image(path, max_memory_gib=0.01)
+
+
+def test_heic_is_read(tmp_path: Path) -> None:
+    pillow_heif = pytest.importorskip("pillow_heif")
+    path = tmp_path / "a.heic"
+    pillow_heif.from_pillow(Image.fromarray(GREY)).save(path)
+    np.testing.assert_allclose(read_image(path), 118 / 255, atol=0.02)
+    path.rename(tmp_path / "a.jpg")
+    assert read_image(tmp_path / "a.jpg").shape == (40, 60, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "content"),
+    [
+        ("a.heic", "pillow_heif", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic"),
+        ("a.cr2", "rawpy", b"II*\0\x10\0\0\0CR\x02\0"),
+        ("a.jpg", "rawpy", b"FUJIFILMCCD-RAW 0201"),
+    ],
+)
+def test_without_the_extra_the_error_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, content: bytes
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ImageError, match=f"install {module.replace('_', '-')}"):
+        read_image(tmp_path / name)
+
+
+@pytest.mark.parametrize(("kind", "count"), [("gif", 3), ("webp", 2), ("png", 2), ("tiff", 2)])
+def test_animation_and_pages_are_refused(tmp_path: Path, kind: str, count: int) -> None:
+    frames = [Image.fromarray(GREY + 20 * index) for index in range(count)]
+    path = tmp_path / f"a.{kind}"
+    frames[0].save(path, save_all=True, append_images=frames[1:])
+    with pytest.raises(ImageError, match=f"holds {count} pictures; save the one"):
+        read_image(path)
+    frames[0].save(path, save_all=True)
+    assert read_image(path).shape == (40, 60, 3)
+
+
+def test_tiff_with_a_smaller_copy_is_one_picture(tmp_path: Path) -> None:
+    from PIL import TiffImagePlugin
+
+    stream = io.BytesIO()
+    with TiffImagePlugin.AppendingTiffWriter(stream, True) as writer:
+        Image.fromarray(GREY).save(writer, "TIFF")
+        writer.newFrame()
+        Image.fromarray(GREY[::2, ::2]).save(writer, "TIFF", tiffinfo={254: 1})
+    (tmp_path / "a.tif").write_bytes(stream.getvalue())
+    assert read_image(tmp_path / "a.tif").shape == (40, 60, 3)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_floating_point_is_refused(tmp_path: Path, channels: int) -> None:
+    path = tmp_path / "a.tif"
+    shape = (40, 60) if channels == 1 else (40, 60, 3)
+    assert cv2.imwrite(str(path), np.full(shape, 0.5, np.float32))
+    with pytest.raises(ImageError, match=r"a\.tif: "):
+        read_image(path)
+
+
+def test_frame_is_read_by_its_path_in_any_order(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "clip.mp4", 40)
+    for number in (30, 2, 31, 39):
+        path = clip / f"{number:06d}"
+        assert frame_of(path) == (clip, number)
+        np.testing.assert_allclose(read_image(path).mean(), (20 + 2 * number) / 255, atol=0.02)
+    assert read_frame(clip, 0).shape == (64, 80, 3)
+    assert read_exif(clip / "000002").focal_px is None
+    with pytest.raises(ImageError, match="is a video; name a frame, for example"):
+        read_image(clip)
+    assert frame_of(tmp_path / "000002") is None
+
+
+class Cut:
+    """A video of OpenCV's that announces more frames than it gives, ten a second."""
+
+    def __init__(self, frames: int, announced: int) -> None:
+        self.left, self.announced = frames, announced
+
+    def grab(self) -> bool:
+        """Return whether there is one more."""
+        self.left -= 1
+        return self.left >= 0
+
+    def get(self, name: int) -> float:
+        """Return the number of frames or the rate."""
+        return self.announced if name == cv2.CAP_PROP_FRAME_COUNT else 10.0
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        """Return a frame."""
+        return True, GREY
+
+
+@pytest.mark.parametrize(
+    ("turn", "shape", "rows"),
+    [
+        ((1, 0, 0, 1), (64, 80, 3), (0, 1)),
+        ((0, 1, -1, 0), (80, 64, 3), (-1, 0)),
+        ((0, -1, 1, 0), (80, 64, 3), (1, 0)),
+    ],
+)
+def test_rows_of_a_video_that_is_turned_upright(
+    tmp_path: Path, turn: tuple[int, ...], shape: tuple[int, ...], rows: tuple[int, int]
+) -> None:
+    clip = write_video(tmp_path / "clip.mp4", 3)
+
+    def matrix(a: int, b: int, c: int, d: int) -> bytes:  # of a track's header, 16.16 and 2.30
+        return struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
+
+    content = clip.read_bytes()
+    header = content.index(b"tkhd")
+    place = content.index(matrix(1, 0, 0, 1), header)
+    clip.write_bytes(content[:place] + matrix(*turn) + content[place + 36 :])
+    assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
+
+
+@pytest.mark.parametrize(("announced", "failures"), [(40, 0), (50, 0), (51, 1), (900, 1)])
+def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
+    monkeypatch: pytest.MonkeyPatch, announced: int, failures: int
+) -> None:
+    monkeypatch.setattr(video, "_opened", lambda path: Cut(40, announced))
+    cut = Path(f"cut{announced}.mp4")
+    outcomes = []
+    for number in (38, 39, 40, 45, 50):
+        try:
+            read_frame(cut, number)
+            outcomes.append("read")
+        except EndOfVideo:
+            outcomes.append("end")
+        except ImageError as error:
+            outcomes.append("beyond" if number >= announced else "failed")
+            expected = "none of number" if number >= announced else f"ends after 40 of {announced} frames"
+            assert expected in str(error)
+    assert outcomes[:2] == ["read", "read"] and outcomes.count("failed") == failures
+    assert outcomes.count("beyond") == sum(number >= announced for number in (40, 45, 50))
+    assert outcomes.count("end") == 3 - failures - outcomes.count("beyond")

@@ -1,0 +1,241 @@
+"""What a user names becomes photographs in order."""
+
+import io
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import pytest
+
+from blur2view.cli.outputs import png
+from blur2view.errors import ImageError
+from blur2view.photographs.inputs import Frames, Inputs, list_photographs
+from blur2view.photographs.video import frame_of, read_frame
+from tests.support.many_photographs import write_video
+
+
+def listed(*words: object, **options: object) -> Inputs:
+    """Return the photographs that words name."""
+    return list_photographs([str(word) for word in words], **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of photographs, a text, a result of ours and a subfolder."""
+    for name in ("frame_10.jpg", "frame_2.JPG", "notes.txt", "sub/a.tif", "sub/deep/b.heic", "c.NEF"):
+        path = tmp_path / "in" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x")
+    from PIL import Image
+
+    (tmp_path / "in/ours.png").write_bytes(png(Image.new("L", (4, 4))))
+    return tmp_path / "in"
+
+
+def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder: Path) -> None:
+    found = listed(folder)
+    assert [path.name for path in found.paths] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
+    assert not found.refused and not found.names
+
+
+def test_subfolders_are_kept_in_names(folder: Path) -> None:
+    found = listed(folder, recursive=True)
+    below = [path.relative_to(folder).as_posix() for path in found.paths]
+    assert below == ["c.NEF", "frame_2.JPG", "frame_10.jpg", "sub/a.tif", "sub/deep/b.heic"]
+    assert found.names == {
+        folder / "sub/a.tif": Path("sub/a"),
+        folder / "sub/deep/b.heic": Path("sub/deep/b"),
+    }
+
+
+def test_folder_without_photographs_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:
+    (folder / "empty").mkdir()
+    (found,) = listed(folder / "empty").refused.values()
+    assert "holds no photograph" in found and "--recursive" in found
+    (found,) = listed(folder / "empty", recursive=True).refused.values()
+    assert "holds no photograph" in found and "--recursive" not in found
+
+
+@pytest.mark.parametrize("separator", ["\n", "\r\n", "\0"])
+def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separator: str) -> None:
+    text = separator.join([str(folder / "frame_10.jpg"), "", "absent.png", str(folder / "sub")]) + separator
+    (tmp_path / "list.txt").write_bytes(text.encode())
+    expected = [folder / "frame_10.jpg", Path("absent.png"), folder / "sub/a.tif"]
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(text.encode())).paths == expected
+    assert listed("first.jpg", "-", "last.jpg", stdin=io.BytesIO(text.encode())).paths == [
+        Path("first.jpg"), *expected, Path("last.jpg")
+    ]  # fmt: skip
+
+
+def test_blank_lines_and_comments_of_a_list_are_no_names(tmp_path: Path) -> None:
+    text = b"# of the first day\na.jpg\n\n  \n  # b.jpg\n./#c.jpg\n"
+    expected = [Path("a.jpg"), Path("#c.jpg")]
+    (tmp_path / "list.txt").write_bytes(text)
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(text)).paths == expected
+    # of find -print0, which writes no comments
+    assert listed("-", stdin=io.BytesIO(b"#a.jpg\0b.jpg\0")).paths == [Path("#a.jpg"), Path("b.jpg")]
+    with pytest.raises(ImageError, match="names no photograph"):
+        listed("-", stdin=io.BytesIO(b"# nothing\n"))
+
+
+def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    found = listed("frame_10.jpg", folder, "sub/../frame_10.jpg", "sub", "sub", "absent.jpg", "./absent.jpg")
+    assert [path.name for path in found.paths] == [
+        "frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"
+    ]  # fmt: skip
+    (folder / "empty").mkdir()
+    assert len(listed("empty", "empty").paths) == 1
+
+
+def test_name_through_a_link_is_another_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "real/sub").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "real/sub")
+    monkeypatch.chdir(tmp_path)
+    assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is real/x.jpg
+    assert len(listed("x.jpg", "./x.jpg").paths) == 1
+
+
+def test_file_whose_name_begins_as_a_comment_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("#1.jpg").touch()
+    Path("list").write_text("#1.jpg\n# 2.jpg\n")
+    assert [path.name for path in listed("@list").paths] == ["#1.jpg"]
+
+
+def test_spaces_about_a_name_are_none_of_it_unless_a_file_has_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a .jpg ").touch()
+    Path("list").write_text("  b.jpg \na .jpg \n")
+    assert [path.name for path in listed("@list").paths] == ["b.jpg", "a .jpg "]
+
+
+def test_line_break_after_the_last_null_character_is_no_name(tmp_path: Path) -> None:
+    (tmp_path / "list").write_bytes(b"a.jpg\0b.jpg\0\n")
+    assert [path.name for path in listed(f"@{tmp_path / 'list'}").paths] == ["a.jpg", "b.jpg"]
+
+
+def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
+    content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
+    (tmp_path / "list.txt").write_bytes(content)
+    expected = [Path("first.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
+    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
+    assert listed("-", stdin=io.BytesIO(content)).paths == expected
+
+
+def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for endless in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
+            listed(f"@{endless}")
+
+
+def test_list_larger_than_one_of_photographs_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("blur2view.photographs.inputs.MAX_LIST_BYTES", 1 << 20)
+    with (
+        open("/dev/zero", "rb") as endless,
+        pytest.raises(ImageError, match="standard input.*larger than 1 MiB"),
+    ):
+        listed("-", stdin=endless)
+    monkeypatch.setattr("blur2view.photographs.inputs.MAX_LINES", 3)
+    for separator in ("\n", "\0", "\u2028"):
+        assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3
+        with pytest.raises(ImageError, match="has 4 lines; name at most 3"):
+            listed("-", stdin=io.BytesIO(separator.join("abcd").encode()))
+
+
+@pytest.mark.parametrize("claim", [{cv2.CAP_PROP_FRAME_COUNT: 1e9}, {cv2.CAP_PROP_FPS: float("nan")}])
+def test_video_that_claims_what_cannot_be_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, claim: dict[int, float]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    capture = cv2.VideoCapture(str(video))
+    claims = {key: capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS)} | claim
+    damaged = SimpleNamespace(get=claims.get, release=capture.release)
+    monkeypatch.setattr("blur2view.photographs.video._opened", lambda path: damaged)
+    (reason,) = listed(video, frames=Frames(first=1.0)).refused.values()
+    assert "convert it to MP4" in reason or "name frames by number" in reason
+
+
+def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
+    (tmp_path / "empty.txt").write_text("\n\n")
+    with pytest.raises(ImageError, match=r"absent\.txt: the list cannot be read \(No such file"):
+        listed(f"@{tmp_path / 'absent.txt'}")
+    with pytest.raises(ImageError, match=r"empty\.txt: names no photograph"):
+        listed(f"@{tmp_path / 'empty.txt'}")
+    with pytest.raises(ImageError, match="standard input: names no photograph"):
+        listed("-", stdin=io.BytesIO(b""))
+
+
+@pytest.mark.parametrize(
+    ("frames", "numbers"),
+    [
+        (Frames(), range(25)),
+        (Frames(every=10), range(0, 25, 10)),
+        (Frames(every=4, first=3, last=12), [3, 7, 11]),
+        (Frames(first=1.2, last=1.4), [12, 13, 14]),
+        (Frames(first=20, last=99), range(20, 25)),
+        (Frames(first=2.4, last=1e308), [24]),
+    ],
+)
+def test_video_stands_for_its_frames_named_after_their_numbers(
+    tmp_path: Path, frames: Frames, numbers: range | list[int]
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    found = listed(video, frames=frames)
+    assert found.paths == [video / f"{number:06d}" for number in numbers]
+    assert list(found.names.values()) == [Path("clip", f"{number:06d}") for number in numbers]
+    assert found.one_video
+
+
+def test_frames_larger_than_any_cameras_are_refused_undecoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", 2)
+    monkeypatch.setattr("blur2view.photographs.video.MAX_FRAME_PIXELS", 100)
+    (reason,) = listed(video).refused.values()
+    assert "has frames of" in reason and "resize it to" in reason
+    with pytest.raises(ImageError, match="has frames of"):
+        read_frame(video, 0)
+    assert frame_of(video / ("9" * 18)) and not frame_of(video / ("9" * 5000))
+
+
+def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "clip.mp4", 25)
+    (reason,) = listed(video, frames=Frames(first=30)).refused.values()
+    assert "has 25 frames in 2.5 s, none from 30" in reason
+    (reason,) = listed(video, frames=Frames(first=1e308)).refused.values()
+    assert "none from 1e+308" in reason
+    (tmp_path / "text.mp4").write_text("text")
+    found = listed(tmp_path / "text.mp4", "a.jpg")
+    assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]
+    assert found.paths == [tmp_path / "text.mp4", Path("a.jpg")] and not found.one_video
+
+
+@pytest.mark.parametrize("wrong", [{"every": 0}, {"first": -1}, {"last": -0.5}])
+def test_impossible_frames_are_errors(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="expected every >= 1"):
+        Frames(**wrong)  # type: ignore[arg-type]
+
+
+def test_what_the_system_cannot_look_at_is_refused_and_not_the_others(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = "n" * 5000 + ".mp4"
+    found = listed(long, folder / "c.NEF", "d" * 5000)
+    assert found.paths == [Path(long), folder / "c.NEF", Path("d" * 5000)] and len(found.refused) == 2
+    assert "cannot be read (File name too long); check the path" in found.refused[Path(long)]
+
+    def denied(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", denied)
+    (reason,) = listed(folder).refused.values()
+    assert "cannot be read (Permission denied)" in reason

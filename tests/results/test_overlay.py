@@ -1,0 +1,230 @@
+"""The overlay: its parts are where the geometry says, at every size of photograph."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.results import panel
+from blur2view.results.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.results.mask_overlay import headline
+from blur2view.results.overlay import View, draw_overlay, farthest_points, spread_subset
+from blur2view.results.panel import short_number
+from blur2view.segmentation.mask import MotionLabel
+from blur2view.segmentation.pixels import moving_regions
+from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.matches import SmearMatches
+from tests.support.grids import grid_of
+from tests.support.report_scenes import boxed_mask
+
+SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
+
+
+def flat_photo(height: int, width: int) -> NDArray[np.float32]:
+    return np.full((height, width, 3), 0.5, np.float32)
+
+
+def blank_grid(shape: tuple[int, ...]) -> SmearGrid:
+    cells = -(-shape[0] // 32), -(-shape[1] // 32)
+    return grid_of(np.zeros((*cells, 2)), 1.0, stride=32, shape=(shape[0], shape[1]))
+
+
+def matches_at(
+    points: list[tuple[float, float]], displacement: tuple[float, float] = (12, 0)
+) -> SmearMatches:
+    ends = smear_ends(np.reshape(points, (-1, 2)), np.full((len(points), 2), displacement))
+    return SmearMatches(ends=ends, sigma_px=np.ones(len(points)))
+
+
+def geometry_of(inliers: list[bool], F: NDArray[np.float64] | None = None) -> TwoViewGeometry:
+    return TwoViewGeometry(
+        F=F,
+        config=Configuration.DEGENERATE if F is None else Configuration.UNCALIBRATED,
+        reason="the figures that decided",
+        inlier_mask=np.array(inliers, bool),
+        swapped=np.zeros(len(inliers), bool),
+    )
+
+
+def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(100, 100), (500, 300)])
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True, False]))
+    np.testing.assert_array_equal(picture[100, 100], orientation_colours(np.array([[12.0, 0]]))[0])
+    np.testing.assert_array_equal(picture[300, 500], FAINT)
+
+
+def test_smear_is_drawn_from_end_to_end() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(300, 200)], displacement=(0, 40))
+    without = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([]))
+    drawn = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True]))
+    rows, columns = np.nonzero((drawn[:480] != without[:480]).any(-1))
+    assert abs(rows.min() - 180) <= 3 and abs(rows.max() - 220) <= 3
+    assert abs(columns.mean() - 300) <= 1 and np.ptp(columns) <= 6
+
+
+def test_epipolar_lines_run_through_inliers_alone_along_F() -> None:
+    photo = flat_photo(480, 640)
+    matches = matches_at([(100, 60), (300, 240), (500, 400)])
+    everything = [True] * 3
+    with_F = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything, SIDEWAYS))
+    without = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything))
+    changed = (with_F[:480] != without[:480]).any(-1)
+    rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
+    assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
+    assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
+    outlier = draw_overlay(
+        photo, blank_grid(photo.shape), matches_at([(100, 60)]), geometry_of([False], SIDEWAYS)
+    )
+    assert (outlier[60, 200:] == outlier[0, 0]).all()
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) -> None:
+    K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    R, t = np.eye(3), np.array([0.1, 0.0, 0.0])
+    R[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
+    F = fundamental_from_pose(K, R, t)
+    ray = np.array([0.0, 0.2, 1.0])
+    open_end, close_end = ((K @ point)[:2] / (K @ point)[2] for point in (ray, R @ ray + t))
+    line = F @ [*open_end, 1.0]  # rolled against the lines F^T x2 by 17 degrees
+    ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
+    matches = SmearMatches(ends=ends, sigma_px=np.ones(1))
+    geometry = replace(geometry_of([True], F), swapped=np.array([swapped]))
+    photo = flat_photo(480, 640)
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry)
+    columns = np.array([20, 60, 580, 620])
+    rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
+    inside = (rows > 2) & (rows < 477)
+    assert inside.sum() >= 2
+    for column, row in zip(columns[inside], rows[inside], strict=True):
+        assert picture[row - 1 : row + 2, column].max() > picture[2, 2].max() + 30
+
+
+def test_epipole_in_the_picture_is_ringed() -> None:
+    photo = flat_photo(480, 640)
+    F = cross_matrix(np.array([320.0, 240.0, 1.0]))
+    picture = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([], F))
+    assert picture[240, 320 + 11].min() > 200
+    np.testing.assert_array_equal(picture[240, 320], picture[0, 0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("size", "canvas"),
+    [
+        ((48, 64), (480, 640)),
+        ((480, 640), (480, 640)),
+        ((720, 1280), (720, 1280)),
+        ((3000, 4000), (960, 1280)),
+    ],
+)
+def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
+    photo = flat_photo(*size)
+    picture = draw_overlay(photo, blank_grid(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
+    assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
+    assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
+
+
+@pytest.mark.parametrize("size", [(16, 16), (16, 3000), (3000, 16)])
+def test_odd_proportions_are_drawn_and_nothing_given_is_changed(size: tuple[int, int]) -> None:
+    photo = np.random.default_rng(0).random((*size, 3), np.float32)
+    before = photo.copy()
+    picture = draw_overlay(photo, blank_grid(size), matches_at([(8, 8)]), geometry_of([True], SIDEWAYS))
+    assert picture.shape[1] >= 640
+    np.testing.assert_array_equal(photo, before)
+
+
+def test_scaling_keeps_corner_pixels_in_place() -> None:
+    view = View.of((48, 64))
+    np.testing.assert_allclose(
+        view.to_canvas(np.array([[-0.5, -0.5], [63.5, 47.5]])), [[-0.5, -0.5], [639.5, 479.5]]
+    )
+
+
+def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
+    photo = flat_photo(480, 640)
+    heights = []
+    for words in (10, 200):
+        geometry = replace(geometry_of([]), reason="word " * words)
+        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry).shape[0])
+    assert heights[1] > heights[0] + 100
+
+
+def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[str] = []
+    monkeypatch.setattr(panel, "write", lambda canvas, text, at, **style: written.append(text))
+    geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
+    draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
+    caption = " ".join(written)
+    assert "The camera moved past things at different depths: F is given." in caption
+    assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
+
+
+def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:
+    shown = [short_number(value) for value in (0.012, 0.34, 8.2, 9.49, 9.5, 82.4, 820.0, 1000.0)]
+    assert shown == ["0.012", "0.34", "8.2", "9.5", "10", "82", "820", "1000"]
+
+
+def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_be_judged() -> None:
+    mask, still, moving = boxed_mask(), MotionLabel.STATIC, MotionLabel.MOVING
+    assert headline(mask) == "nothing moves; motion is unobservable in 25%"
+    labels = np.full((100, 100), MotionLabel.UNOBSERVABLE, np.uint8)
+    assert headline(replace(mask, labels=np.full_like(labels, still))) == "nothing moves"
+    assert headline(replace(mask, labels=labels)) == "motion is unobservable everywhere"
+    labels[:22] = still
+    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 78%; elsewhere nothing moves"
+    labels[:4] = moving
+    regions = moving_regions(labels == moving, np.ones(labels.shape, np.float32))
+    told = headline(replace(mask, labels=labels, regions=regions))
+    assert told == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
+    few = np.full((400, 400), still, np.uint8)
+    few[:8, :8] = moving
+    told = headline(replace(mask, labels=few, regions=regions))
+    assert told == "1 moving part, under 0.1% of the photograph"
+    labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, still
+    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 99%; elsewhere nothing moves"
+
+
+def test_sizes_that_disagree_are_refused() -> None:
+    photo = flat_photo(48, 64)
+    with pytest.raises(ValueError, match="grid of shape"):
+        draw_overlay(photo, blank_grid((64, 48)), matches_at([]), geometry_of([]))
+    with pytest.raises(ValueError, match=r"grid of shape \(\), got"):
+        draw_overlay("a.jpg", blank_grid(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
+        draw_overlay(photo, blank_grid(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
+
+
+def test_colours_depend_on_orientation_and_not_on_sign() -> None:
+    d = np.random.default_rng(1).normal(size=(100, 2))
+    np.testing.assert_array_equal(orientation_colours(d), orientation_colours(-d))
+    horizontal, vertical = orientation_colours(np.array([[5.0, 0.0], [0.0, 5.0]])).astype(int)
+    assert np.abs(horizontal - vertical).max() > 150
+
+
+def test_subset_keeps_the_best_of_every_square() -> None:
+    points = np.array([[1.0, 1], [2, 2], [11, 1], [12, 3], [13, 2]])
+    quality = np.array([1.0, 2, 5, 9, 9])
+    np.testing.assert_array_equal(spread_subset(points, quality, spacing=10), [1, 3])
+
+
+def test_farthest_points_reach_the_corners_first() -> None:
+    square = np.array([[0.0, 0], [10, 0], [0, 10], [10, 10], [5, 5], [6, 5], [4, 5]])
+    assert set(farthest_points(square, 5)) == {0, 1, 2, 3, 4}
+    assert len(farthest_points(square, 50)) == len(square)
+    assert len(farthest_points(np.empty((0, 2)), 5)) == 0
+
+
+def test_wrapped_lines_fit_and_keep_every_word() -> None:
+    text = "a sentence of many words that is much wider than the panel beside the inset"
+    lines = wrap(text, 150, TEXT_SIZE)
+    assert " ".join(lines) == text and len(lines) > 2
+    widths = [cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, TEXT_SIZE, 1)[0][0] for line in lines]
+    assert max(widths) <= 150

@@ -1,0 +1,356 @@
+"""The report's file: whole, small, the same every time, and nothing that a user names becomes markup."""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from blur2view.camera.camera import Camera
+from blur2view.cli import commands as cli
+from blur2view.cli import report as report_command
+from blur2view.cli.report import FOLDERS, shown_names
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.pipeline import Estimate
+from blur2view.results.report import Entry, report
+from blur2view.results.report_photograph import MAX_NODES, lens, node_pixels, photograph
+from blur2view.results.verdicts import VERDICTS
+from blur2view.segmentation.mask import MotionMask, segment
+from tests.support.colour_code import colour_code, write_picture
+from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
+
+HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
+Report = Callable[..., int]
+
+
+class Markup(HTMLParser):
+    """The elements of a page, with their attributes and text."""
+
+    def __init__(self, page: bytes) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self.inside = ""
+        self.feed(page.decode())
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        """Note an element."""
+        self.inside = tag
+        self.elements.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag: str) -> None:
+        """Leave an element."""
+        self.inside = ""
+
+    def handle_data(self, data: str) -> None:
+        """Note a text with the element it lies in."""
+        self.texts.append((self.inside, data))
+
+    def blocks(self) -> list[Any]:
+        """Blocks of data, decoded: the failures, then the photographs."""
+        return [
+            json.loads(text) for tag, text in self.texts if tag == "script" and text.startswith(("{", "["))
+        ]
+
+
+@pytest.fixture
+def call(tiny_model: Path, tmp_path: Path) -> Report:
+    """Return ``blur2view report`` with the tiny network, writing page.html."""
+
+    def run(*arguments: object) -> int:
+        page = str(tmp_path / "page.html")
+        return cli.main(["report", "--model", str(tiny_model), "-o", page, *map(str, arguments)])
+
+    return run
+
+
+@pytest.fixture
+def moving(tmp_path: Path) -> Path:
+    """Return a picture in which the tiny network sees forward motion."""
+    y, x = np.mgrid[:120, :160].astype(float)
+    smears = 0.2 * np.stack([x - 70, y - 50], -1)
+    return write_picture(tmp_path / "moving.png", colour_code(smears, 1.0))
+
+
+@pytest.mark.slow
+def test_page_holds_what_estimate_prints(
+    call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(moving) == 0
+    assert "moving.png: " in (shown := capsys.readouterr().out) and "page.html" in shown
+    assert cli.main(["estimate", "--json", "--model", str(tiny_model), str(moving)]) == 0
+    (printed,) = json.loads(capsys.readouterr().out)["estimates"]
+    _, shown = Markup((tmp_path / "page.html").read_bytes()).blocks()
+    document = json.loads(shown["document"])
+    assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
+    assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
+    assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
+    assert document == printed
+    assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
+
+
+def test_masks_are_made_with_the_seed_of_the_call(
+    call: Report, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noted: list[float] = []
+
+    def mask_of(found: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
+        noted.append(rng.random())
+        return segment(found, image, rng)
+
+    monkeypatch.setattr(report_command, "segment", mask_of)
+    assert call(moving, "--seed", 5, "--jobs", 1) == 0
+    assert noted == [np.random.default_rng(5).random()]
+
+
+@pytest.mark.slow
+def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
+    pages = []
+    for _ in range(2):
+        assert call(moving, "--no-timings", "--overwrite") == 0
+        pages.append((tmp_path / "page.html").read_bytes())
+    assert pages[0] == pages[1]
+    assert call(moving, "--no-timings", "--overwrite", "--seed", "5") == 0
+    assert (tmp_path / "page.html").read_bytes() != pages[0]
+
+
+@pytest.mark.slow
+def test_failure_is_a_card_not_the_end(
+    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"no picture")
+    assert call(broken, moving, tmp_path / "absent.jpg") == 1
+    assert len(capsys.readouterr().err.splitlines()) == 2
+    markup = Markup((tmp_path / "page.html").read_bytes())
+    cards = [attributes for tag, attributes in markup.elements if tag == "li" and "data-index" in attributes]
+    assert ["card-failed" in str(card["class"]) for card in cards] == [True, False, True]
+    text = "".join(data for _, data in markup.texts)
+    assert "is not a readable image" in text and "no such file" in text
+    failures, photo = markup.blocks()
+    assert [Path(failure["image"]).name for failure in failures] == ["broken.jpg", "absent.jpg"]
+    assert photo["name"] == "moving.png"
+    assert str(tmp_path) not in (tmp_path / "page.html").read_text()
+
+
+def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
+    for name in ("a/x.jpg", "b/x.jpg"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    images = [tmp_path / "a/x.jpg", tmp_path / "b/x.jpg", Path("/secret/y.jpg")]
+    assert shown_names(images) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
+    assert shown_names(images[:1]) == ["x.jpg"]
+    line = "x.jpg: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
+    assert FOLDERS.sub("", line) == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
+
+
+def test_thumbnail_shows_the_smears() -> None:
+    entry = Entry.of(made_up(F=turning_F()))
+    data = base64.b64decode(entry.thumbnail.partition(",")[2])
+    picture = np.asarray(Image.open(BytesIO(data)).convert("RGB"), int)
+    assert max(picture.shape) == 400
+    assert (np.ptp(picture, axis=2) > 100).sum() > 200  # colours on a photograph that has none
+
+
+def test_nothing_is_replaced_unasked(
+    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("mine")
+    assert call(moving) == 1 and page.read_text() == "mine"
+    before = moving.read_bytes()
+    assert call(moving, "-o", moving, "--overwrite") == 1 and moving.read_bytes() == before
+    assert call(moving, "-o", tmp_path) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3 and all(" -o" in line for line in lines)
+    page.unlink()
+    assert call(moving) == 0 and call(moving) == 1 and call(moving, "--overwrite") == 0
+    assert page.read_bytes().startswith(b"<!doctype html>")
+
+
+@pytest.mark.slow
+def test_nothing_is_written_if_every_photograph_fails(
+    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, absent = tmp_path / "page.html", tmp_path / "absent.jpg"
+    assert call(absent) == 1 and not page.exists()
+    assert call(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
+    assert call(moving, "--overwrite") == 0
+    good = page.read_bytes()
+    capsys.readouterr()
+    assert call(absent, "--overwrite") == 1 and page.read_bytes() == good
+    assert capsys.readouterr().err.count("\n") == 1
+    assert call(absent, tmp_path / "none.jpg", "--overwrite") == 1 and page.read_bytes() == good
+    printed = capsys.readouterr()
+    assert "page.html: is not written" in printed.err.splitlines()[-1] and "wrote" not in printed.out
+    assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
+
+
+def test_mask_can_be_left_out(call: Report, moving: Path, tmp_path: Path) -> None:
+    assert call(moving, "--no-mask") == 0
+    _, photo = Markup((tmp_path / "page.html").read_bytes()).blocks()
+    assert photo["mask"] is None and "mask" not in photo["seconds"]
+
+
+@pytest.mark.parametrize(
+    "name", [HOSTILE, "</script><script>alert(3)</script>", "<!--<script>", "\udcff.png", "$title"]
+)
+def test_names_and_errors_never_become_markup(name: str) -> None:
+    entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
+    markup = Markup(report(entries, "1.0"))
+    plain = Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
+    assert [tag for tag, _ in markup.elements] == [tag for tag, _ in plain.elements]
+    assert not any(key.startswith("on") for _, attributes in markup.elements for key in attributes)
+    failures, photo = markup.blocks()
+    assert photo["name"] == str(Path(name)) and failures[0]["image"] == name
+    text = "".join(data for _, data in markup.texts)
+    readable = name.encode("utf-8", "backslashreplace").decode()
+    assert f"{readable}: no such file" in text
+
+
+def test_page_forbids_loading_and_foreign_scripts() -> None:
+    page = report([Entry.of(made_up(F=turning_F()), boxed_mask())], "1.0")
+    markup = Markup(page)
+    (policy,) = (
+        str(a["content"]) for tag, a in markup.elements if a.get("http-equiv") == "Content-Security-Policy"
+    )
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'" and rules["img-src"] == "data:"
+    for tag, rule in (("script", "script-src"), ("style", "style-src")):
+        text = [text for of, text in markup.texts if of == tag and not text.startswith(("{", "["))][-1]
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert rules[rule] == f"'sha256-{digest}'"
+    addresses = [
+        value for _, a in markup.elements for key, value in a.items() if key in ("src", "href", "srcset")
+    ]
+    assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
+
+
+def test_photograph_of_1280x720_stays_small() -> None:
+    one = made_up(F=turning_F(), size=(1280, 720))
+    rng = np.random.default_rng(3)
+    grain = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1).astype(
+        np.float32
+    )  # 10 of 255 levels
+    one.image[:] = grain
+    one.estimate.grid.cells[..., :2] = rng.normal(0, 20, (*one.estimate.grid.cells.shape[:2], 2))
+    assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (2000, 3000), (6000, 4000), (17, 16)])
+def test_nodes_are_pixels_of_the_matches_grid_and_bounded(size: tuple[int, int]) -> None:
+    width, height = size
+    rows, columns = node_pixels((height, width))
+    count = len(range(*rows.indices(height))) * len(range(*columns.indices(width)))
+    assert 0 < count <= MAX_NODES
+    assert rows.step % 4 == 0 and rows.start == columns.start == 1
+    if width * height <= 1920 * 1080:
+        assert rows.step == 4
+
+
+def test_packed_photograph_holds_fields_matches_and_mask() -> None:
+    one, mask = made_up(F=turning_F()), boxed_mask()
+    shown = photograph(one, mask)
+    assert (shown["width"], shown["height"]) == (WIDTH, HEIGHT)
+    rows, columns = node_pixels((HEIGHT, WIDTH))
+    field = one.estimate.grid.at_pixels()
+    expected = field.displacement[rows, columns].transpose(2, 0, 1)
+    assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
+    assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
+    assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
+    assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
+    ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)
+    assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
+    flags = unpacked(shown["matches"]["flags"]).astype(int)
+    np.testing.assert_array_equal(flags & 1, one.estimate.geometry.inlier_mask)
+    np.testing.assert_array_equal(flags >> 1, one.estimate.geometry.swapped)
+    np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
+    probability = unpacked(shown["mask"]["probability"])
+    assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.parametrize(("size", "spacing_px"), [((WIDTH, HEIGHT), 32), ((1280, 720), 64)])
+def test_used_smears_are_as_far_apart_as_the_page_is_told(size: tuple[int, int], spacing_px: int) -> None:
+    one = made_up(size=size)
+    assert photograph(one)["matches"]["spacing_px"] == spacing_px
+    for places in one.estimate.matches.midpoint.T:
+        assert (np.diff(np.unique(places.round(2))) == spacing_px).all()
+
+
+def test_lens_tells_where_pixels_would_lie() -> None:
+    text = f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 500 320 180 0.15"
+    camera = Camera.from_string(text)
+    shown = lens(camera)
+    assert shown is not None
+    shift = unpacked(shown["shift"]).transpose(1, 2, 0)
+    y, x = np.mgrid[: shift.shape[0], : shift.shape[1]] * shown["step_px"]
+    pixels = np.stack([x, y], -1).astype(float)
+    assert abs(pixels + shift - camera.undistorted(pixels)).max() < 1e-3
+    assert x.max() >= WIDTH - 1 and y.max() >= HEIGHT - 1 and abs(shift).max() > 5
+    assert lens(None) is None and lens(Camera.from_focal(500, (WIDTH, HEIGHT))) is None
+
+
+def test_every_configuration_has_words_and_card_and_page_say_the_same() -> None:
+    assert set(Configuration) - set(VERDICTS) == {Configuration.WATERMARK}  # which nothing here gives
+    for config in VERDICTS:
+        entry = Entry.of(made_up(config=config))
+        page, shown = report([entry], "1.0").decode(), json.loads(entry.content)
+        assert f">{config.name}</span>" in page
+        # of the smears that were used, where triage has that of all
+        assert f"used: median {entry.median_px:.1f} px" in page
+        assert shown["meaning"] == entry.text != ""
+        reason = json.loads(shown["document"])["reason"]
+        assert shown["kind"] != "none" or entry.text.lower() == reason.lower()  # of a still scene: why
+
+
+def test_what_is_undecided_is_said() -> None:
+    proven = made_up(F=turning_F())
+    beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)
+    assert "F is given, and H" in photograph(beside_H)["meaning"]
+    assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("open", "found")
+    either = made_up(config=Configuration.PLANAR_OR_PANORAMIC)
+    assert photograph(either)["kind"] == "flat" and "F is given" not in photograph(either)["meaning"]
+    for one, parallax in ((proven, "proven"), (beside_H, "open"), (either, "absent")):
+        assert json.loads(photograph(one)["document"])["parallax"] == parallax
+
+
+ENTRY: dict[str, Any] = {
+    "name": "a",
+    "kind": "flat",
+    "verdict": "PLANAR",
+    "text": "",
+    "content": '{"document": "{}"}',
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"kind": "x\"><script>"}, {"kind": "found"}, {"verdict": "<b>"}, {"verdict": "FAILED"},
+        {"kind": "failed"}, {"content": ""}, {"thumbnail": 'data:image/png;base64,AA"><b>'},
+        {"thumbnail": "https://a.b/c.png"}, {"thumbnail": "data:image/png;base64,AA\n"},
+    ],
+)  # fmt: skip
+def test_an_entry_of_an_earlier_call_cannot_change_the_page(change: dict[str, str]) -> None:
+    assert report([Entry(**ENTRY)], "1")
+    with pytest.raises(ValueError, match="is no"):
+        Entry(**ENTRY | change)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["{", "[" * 100_000, "[]", "{}", '{"document": 3}', '{"document": "[]"}', '{"document": "[NaN]"}'],
+)
+def test_an_entry_with_a_damaged_document_is_not_renamed(content: str) -> None:
+    assert Entry(**ENTRY).renamed("b").name == "b"
+    with pytest.raises((ValueError, TypeError, LookupError)):
+        Entry(**ENTRY | {"content": content}).renamed("b")

@@ -1,0 +1,237 @@
+"""The report in headless Chromium: gallery, facts, downloads, phone."""
+
+import json
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page
+
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.results.report import Entry, report
+from tests.support.report_browser import (
+    AMBER,
+    CYAN,
+    Opener,
+    Visits,
+    click_at,
+    gallery_entries,
+    near,
+    numbers,
+    settle,
+    toggle,
+    value,
+)
+from tests.support.report_scenes import boxed_mask, made_up, turning_F
+
+
+def names(page: Page) -> list[str]:
+    """Return the names on the cards, first letters and numbers alone."""
+    return [name.removesuffix(".png") for name in page.locator(".card-name").all_inner_texts()]
+
+
+def test_gallery_sorts_by_verdict_length_and_name(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    by, reverse = page.locator("#sort-by"), page.locator("#sort-direction")
+    assert names(page) == ["b10", "b9", "a", "c", "d"]
+    by.select_option("verdict")
+    assert names(page) == ["c", "b10", "d", "b9", "a"]
+    by.select_option("length")
+    assert names(page) == ["b9", "d", "b10", "c", "a"]
+    reverse.click()
+    assert names(page) == ["c", "b10", "d", "b9", "a"]  # what has no length stays last
+    by.select_option("name")
+    assert names(page) == ["d", "c", "b10", "b9", "a"]
+    reverse.click()
+    assert names(page) == ["a", "b9", "b10", "c", "d"]
+
+
+def test_gallery_shows_one_verdict(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    kind = page.locator("#show-kind")
+    offered = kind.locator("option").evaluate_all("(options) => options.map((option) => option.value)")
+    assert offered[0] == "" and set(offered[1:]) == {entry.kind for entry in gallery_entries()}
+    kind.select_option("found")
+    shown = [card.inner_text() for card in page.locator(".card:visible .card-name").all()]
+    expected = [entry for entry in gallery_entries() if entry.kind == "found"]
+    assert shown == [entry.name for entry in expected] and 0 < len(shown) < 5
+    page.locator(".card:visible a").first.click()
+    page.locator("#photo").wait_for()
+    assert page.locator("#to-next").is_visible() == (len(expected) > 1)
+    page.locator("#to-gallery").click()
+    kind.select_option("")
+    assert page.locator(".card:visible").count() == 5
+
+
+def test_a_card_holds_the_whole_sentence_of_its_verdict(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    whole = "(texts) => texts.every((text) => text.scrollHeight <= text.clientHeight)"
+    assert page.locator(".card-text").evaluate_all(whole)
+    assert "The camera moved past things at different depths" in page.locator("#cards").inner_text()
+
+
+def test_terms_of_the_page_are_explained(opened: Opener) -> None:
+    text = opened(Entry.of(made_up(F=turning_F()))).locator("#terms").inner_text()
+    assert "\u221aSErrMin is the distance in pixels" in text and "P(moves) is the motion mask's" in text
+
+
+def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
+    page = opened(*gallery_entries())
+    page.locator("#sort-by").focus()
+    page.keyboard.type("median")
+    assert names(page)[0] == "b9"
+    for _ in ("direction", "filter", "first card"):
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    title = page.locator("#photo-name")
+    title.get_by_text("b9.png").wait_for()
+    assert page.evaluate("document.activeElement.id") == "photo-title"
+    assert page.locator("#to-previous").is_hidden() and page.locator("#gallery").is_hidden()
+    for name in ("d.png", "b10.png", "c.png"):
+        page.locator("#to-next").focus()
+        page.keyboard.press("Enter")
+        title.get_by_text(name).wait_for()
+    assert page.locator("#to-next").is_hidden()
+    page.locator("#to-gallery").focus()
+    page.keyboard.press("Enter")
+    page.locator("#gallery").wait_for()
+    assert page.evaluate("document.activeElement.getAttribute('href')") == "#photo-3"
+    page.go_back()
+    title.get_by_text("c.png").wait_for()
+
+
+def test_address_names_a_photograph(opened: Opener) -> None:
+    page = opened(*gallery_entries(), address="#photo-3")
+    assert (
+        page.locator("#photo-name").inner_text() == "c.png"
+        and page.locator("#chip").inner_text() == "CALIBRATED"
+    )
+    page = opened(*gallery_entries(), address="#photo-2")  # which failed
+    assert page.locator("#gallery").is_visible() and page.locator("#photo").is_hidden()
+
+
+def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
+    visits = Visits(browser=browser, folder=tmp_path)
+    page = visits.open(*gallery_entries())
+    page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
+    assert page.locator("#notice").is_hidden()
+    with page.expect_event("pageerror"):
+        page.evaluate("location.hash = '#photo-3'")
+    assert page.locator("#notice").inner_text().startswith("The page is damaged: ")
+    assert len(visits.messages) == 1
+    visits.messages.clear()
+    visits.close()
+
+
+def test_facts_are_those_of_the_document(opened: Opener) -> None:
+    one = made_up(F=turning_F())
+    page = opened(Entry.of(one, None, 0.25))
+    assert page.locator("#reason").inner_text() == "the figures <that> decided & more"
+    scores = page.locator("#scores li").all_inner_texts()
+    assert [score.split("\n") for score in scores] == [
+        ["camera", "+0.0"],
+        ["translation", "+17.6"],
+        ["general", "+59.1"],
+    ]
+    assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")
+    F = np.array([float(cell) for cell in page.locator("#matrix td").all_inner_texts()]).reshape(3, 3)
+    np.testing.assert_allclose(F, turning_F(), rtol=1e-4)
+    assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
+
+
+@pytest.mark.parametrize("with_F", [True, False])
+def test_beside_a_homography_no_epipolar_line_reads_as_certain(opened: Opener, with_F: bool) -> None:
+    one = made_up(F=turning_F() if with_F else None, H=np.eye(3), config=Configuration.PANORAMIC)
+    page = opened(Entry.of(one))
+    assert page.locator("[data-layer=lines]").is_disabled()
+    titles = page.locator("#matrix h2").all_inner_texts()
+    assert titles == ["Fundamental matrix F"] * with_F + ["Homography H"]
+    assert page.locator("#epipoles").inner_text() == ""
+    assert page.locator("#matrix td").count() == 9 * len(titles)
+    assert ("H explains them, too" in page.locator("#counts").inner_text()) == with_F
+
+
+def test_inliers_that_are_not_all_are_not_called_all(opened: Opener) -> None:
+    one = made_up(F=turning_F())
+    most = np.arange(len(one.estimate.matches)) > 0
+    geometry = replace(one.estimate.geometry, inlier_mask=most)
+    page = opened(Entry.of(replace(one, estimate=replace(one.estimate, geometry=geometry))))
+    assert f"{most.sum()} (99 %)" in page.locator("#counts").inner_text()
+
+
+def test_inliers_are_counted_only_where_there_is_a_geometry(opened: Opener) -> None:
+    one = made_up(config=Configuration.DEGENERATE)
+    page = opened(Entry.of(one))
+    assert "inliers -" in " ".join(page.locator("#counts").inner_text().split())
+
+
+def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:
+    entries = gallery_entries()
+    page = opened(*entries, address="#photo-3")
+
+    def downloaded(button: str) -> bytes:
+        with page.expect_download() as download:
+            page.locator(button).click()
+        return Path(download.value.path()).read_bytes()
+
+    texts = [json.loads(entry.content)["document"] for entry in entries if entry.content]
+    assert downloaded("#download") == texts[2].encode() + b"\n"
+    everything = {
+        "estimates": list(map(json.loads, texts)),
+        "failures": [{"image": "a.png", "error": "a.png: is damaged"}],
+    }
+    assert downloaded("#download-all").decode() == json.dumps(everything, indent=2) + "\n"
+    click_at(page, (201, 121))
+    picture = np.asarray(Image.open(BytesIO(downloaded("#save-picture"))).convert("RGB"), float)
+    assert near(picture, AMBER).sum() > 200 and near(picture, CYAN).sum() > 200
+
+
+def pinch(page: Page) -> None:
+    """Spread two fingers on the stage."""
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    session = page.context.new_cdp_session(page)
+    for kind, reach in (("touchStart", 20), ("touchMove", 40), ("touchMove", 70), ("touchEnd", 0)):
+        points = [{"x": x + side * reach, "y": y, "id": side} for side in (-1, 1)] if reach else []
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    settle(page)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bool) -> None:
+    long = "folder/" + "a_very_long_name_without_any_blank" * 6 + ".png"
+    entries = [
+        Entry.of(made_up(long, F=turning_F()), boxed_mask()),
+        Entry.failed(long, f"{long}: is damaged"),
+        Entry.of(made_up("short", config=Configuration.PLANAR_OR_PANORAMIC)),
+    ]
+    how = {"has_touch": True, "is_mobile": True, "color_scheme": "dark" if dark else "light"}
+    page = opened(*entries, size=(390, 844), **how)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    fits = "(cards) => cards.every((card) => card.scrollWidth <= card.clientWidth)"
+    assert page.locator(".card").evaluate_all(fits)
+    page.locator("a.card-body").first.tap()
+    page.locator("#photo").wait_for()
+    settle(page)
+    toggle(page, "lines", "sigma", "mask", "probability", "inliers")
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    page.locator("#stage").tap(position={"x": 120, "y": 90})
+    settle(page)
+    assert value(page, "length").endswith(" px") and page.locator("[data-mark=line-2]").count() == 1
+    pinch(page)
+    assert "stage-zoomed" in (page.locator("#stage").get_attribute("class") or "")
+    red, green, blue = numbers(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert (red + green + blue < 128) == dark
+
+
+def test_old_browser_gets_a_message(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "old.html").write_bytes(report(gallery_entries(), "1.0"))
+    page = browser.new_page()
+    page.add_init_script("delete window.DecompressionStream")
+    page.goto((tmp_path / "old.html").as_uri())
+    assert "too old" in page.locator("#notice").inner_text() and page.locator(".card").count() == 5
+    page.close()

@@ -1,0 +1,109 @@
+"""Results in JSON's types come back as they were, and nothing else comes back."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.camera.camera import Camera
+from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.input_files import parse_json
+from blur2view.results.stored import plain, restore, restored_file
+from blur2view.results.table import Row
+
+MASK = np.array([True, False])
+GEOMETRY = TwoViewGeometry(
+    F=np.arange(9.0).reshape(3, 3).T,  # not contiguous
+    config=Configuration.CALIBRATED,
+    reason="r",
+    inlier_mask=MASK,
+    swapped=~MASK,
+    scores=((MotionModel.GENERAL, np.float64(3.5)),),
+    cam2_from_cam1=RigidTransform(rotation=np.eye(3), translation=np.array([0.0, 0, 1])),
+    covariance=PoseCovariance(matrix=np.eye(5), tangents=np.eye(3)[:2]),
+)
+VIEWS = ExposureViews(
+    name="a\udcff.jpg",
+    size=(4, 5),
+    points_open=np.ones((2, 2)) / 3,
+    points_close=np.zeros((2, 2)),
+    sigma_px=np.ones(2),
+    geometry=GEOMETRY,
+    camera=Camera.from_focal(3.0, (4, 5)),
+    time=TimeDirection(known=True, confidence=0.5),
+)
+
+
+def through_json(value: Any) -> Any:
+    """Return a value as a file gives it."""
+    return parse_json(json.dumps(plain(value)))
+
+
+def test_dataclasses_arrays_and_enums_come_back_as_they_were() -> None:
+    back = restore(ExposureViews, through_json(VIEWS))
+    assert (
+        back.geometry.config is Configuration.CALIBRATED and back.size == (4, 5) and back.name == VIEWS.name
+    )
+    assert back.geometry.scores == GEOMETRY.scores and back.time == VIEWS.time and back.geometry.H is None
+    np.testing.assert_array_equal(back.geometry.F, GEOMETRY.F)
+    np.testing.assert_array_equal(back.geometry.inlier_mask, MASK)
+    assert json.dumps(plain(back)) == json.dumps(plain(VIEWS))
+    back.points_open[0] = 7  # which can be written
+    empty = replace(VIEWS, points_open=np.zeros((0, 2)), points_close=np.zeros((0, 2)), sigma_px=np.zeros(0))
+    assert restore(ExposureViews, through_json(empty)).points_open.shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("dtype", "|O"),
+        ("dtype", ">f8"),
+        ("shape", [3]),
+        ("shape", [1 << 62, 1 << 62]),
+        ("shape", "2"),
+        ("data", "é"),
+        ("data", "0" * 5),
+        ("data", None),
+        ("data", plain(np.full((2, 2), np.nan))["data"]),
+    ],
+)
+def test_array_of_another_kind_is_refused(key: str, value: Any) -> None:
+    stored = through_json(VIEWS)
+    stored["points_open"][key] = value
+    with pytest.raises(ValueError):
+        restore(ExposureViews, stored)
+
+
+@pytest.mark.parametrize(
+    ("kind", "stored"),
+    [
+        (int, True), (int, 1.0), (int, 1 << 63), (float, "1"), (float, True), (float, float("inf")), (str, 1),
+        (bool, 0), (list[int], {}), (list[int], ["1"]), (tuple[int, int], [1]), (tuple[int, ...], [1, "a"]),
+        (dict[str, int], [1]), (int | None, "a"), (Configuration, "NONE"), (Configuration, 1), (Row, {}),
+        (Row, {"__class__": "os.system"}), (Row, plain(Row()) | {"run": "os.system"}), (Row, []),
+    ],
+)  # fmt: skip
+def test_value_of_another_type_is_refused(kind: Any, stored: Any) -> None:
+    with pytest.raises(ValueError):
+        restore(kind, stored)
+
+
+def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
+    row = restore(Row, plain(Row(smear_px=3)))
+    assert row.smear_px == 3 and row.rotation_deg is None
+
+
+@pytest.mark.parametrize("text", ["[" * 99999, "NaN", "[Infinity]", "9" * 9999, "{", b"\xff"])
+def test_text_that_is_no_JSON_is_one_kind_of_error(text: str | bytes) -> None:
+    with pytest.raises(ValueError):
+        parse_json(text)
+
+
+def test_device_is_not_read() -> None:
+    with pytest.raises(OSError):
+        restored_file(Row, Path("/dev/zero"))
