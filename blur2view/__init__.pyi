@@ -15,14 +15,15 @@ from blur2view.errors import ImageError as ImageError
 from blur2view.errors import ModelError as ModelError
 from blur2view.errors import OutputError as OutputError
 from blur2view.exposure.views import ExposureViews as ExposureViews
-from blur2view.exposure.views import TimeDirection as TimeDirection
 from blur2view.exposure.views import views_of as views_of
+from blur2view.geometry.pose import AngularVelocity as AngularVelocity
 from blur2view.geometry.pose import PoseCovariance as PoseCovariance
 from blur2view.geometry.pose import RigidTransform as RigidTransform
 from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration as Configuration
 from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
 from blur2view.geometry.two_view_geometry import Parallax as Parallax
+from blur2view.geometry.two_view_geometry import TimeDirection as TimeDirection
 from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeometry
 from blur2view.networks.model_file import ModelInfo as ModelInfo
 from blur2view.networks.octaves import PyramidOptions as PyramidOptions

@@ -27,8 +27,9 @@ from scipy.special import ndtr
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import decompose_essential
+from blur2view.geometry.two_view_geometry import TimeDirection
 
 Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photographs -> points (M, 2) in both
 MAX_DISTANCE = 0.04  # of the longer side: a match is compared with the nearest used smear within it

@@ -10,36 +10,10 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.end_order import motion_order
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeDirection:
-    """Which of both views came first, as far as it is known.
-
-    Parameters
-    ----------
-    known : bool
-        False: open and close may be exchanged; one order was chosen arbitrarily.
-    confidence : float
-        In [0, 1]; 0 where the direction is not known.
-
-    Raises
-    ------
-    ValueError
-        If the confidence is out of range.
-    """
-
-    known: bool = False
-    confidence: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the confidence."""
-        if not 0 <= self.confidence <= 1:
-            raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,4 +140,5 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
         sigma_px=estimate.matches.sigma_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
+        time=estimate.time,
     )

@@ -23,11 +23,11 @@ from blur2view.exposure.time_direction import (
     with_time_direction,
 )
 from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TimeDirection, TwoViewGeometry
 from blur2view.input_files import parse_json
 from blur2view.results.stored import plain, restore, restored_file
 from blur2view.results.table import Row
