@@ -14,6 +14,7 @@ from blur2view.errors import DatabaseError as DatabaseError
 from blur2view.errors import ImageError as ImageError
 from blur2view.errors import ModelError as ModelError
 from blur2view.errors import OutputError as OutputError
+from blur2view.exposure.sequence import estimate_frames as estimate_frames
 from blur2view.exposure.views import ExposureViews as ExposureViews
 from blur2view.exposure.views import views_of as views_of
 from blur2view.geometry.pose import AngularVelocity as AngularVelocity

@@ -153,16 +153,22 @@ def confidence_of(agreement: float) -> float:
     return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
 
 
-def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> ExposureViews:
+def directed(
+    views: ExposureViews,
+    motions: Sequence[NeighbourMotion],
+    candidates: Sequence[ExposureViews] | None = None,
+) -> ExposureViews:
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
     Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
-    neighbours the views are returned as they are.
+    neighbours the views are returned as they are. Candidates are by default both signs of time and of the
+    translation.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
-    twins = [views, other_translation(views)]
-    candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
+    if candidates is None:
+        twins = [views, other_translation(views)]
+        candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
         """Return how well a candidate agrees with the neighbours, and with cheirality."""

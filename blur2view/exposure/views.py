@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -128,9 +129,13 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
-    ends = estimate.matches.ends
     order = motion_order(estimate.geometry, estimate.matches, estimate.camera, estimate.grid.size)
-    swapped = order.swapped(ends, estimate.matches.sampson_px)
+    return views_in_order(name, estimate, order.swapped(estimate.matches.ends, estimate.matches.sampson_px))
+
+
+def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) -> ExposureViews:
+    """Return both virtual images of an estimate whose ends[:, 1] are open where ``swapped`` (N,)."""
+    ends = estimate.matches.ends
     index = np.arange(len(ends))
     return ExposureViews(
         name=name,

@@ -100,7 +100,7 @@ class TwoViewGeometry:
         One sentence with the figures that decided.
     inlier_mask : ndarray of bool, shape (N,)
     swapped : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` is the open end under F.
+        Where ``ends[:, 1]`` is the open end, under the pose or, without one, under F or H.
     iterations : int
         Samples drawn.
     model : MotionModel

@@ -108,6 +108,7 @@ def test_row_of_before_its_columns_had_their_names_is_read() -> None:
     assert Row.restored(older | {"time_s": 0.5, "angular_velocity_rad_s": 0.3}) == Row(
         name="a", smear_px=3.0, elapsed_s=0.5
     )
+    wrong: Any
     for wrong in ({"time_s": "long"}, {"time_s": 0.5, "run": "os.system"}, [], {}):
         with pytest.raises(ValueError, match="expected"):
             Row.restored(wrong)
