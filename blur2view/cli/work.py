@@ -5,8 +5,9 @@ The network is loaded once in each process and run in one thread, so that bytes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypedDict
 
 from blur2view import __version__
@@ -14,9 +15,12 @@ from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import TileProgress
 from blur2view.colmap.cameras import StoredCamera
-from blur2view.errors import RunError
+from blur2view.errors import Blur2ViewError, RunError
+from blur2view.exposure.neighbours import Features, features_of
+from blur2view.exposure.sequence import in_time, motions_between
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_content, read_image
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.results.stored import plain
 from blur2view.results.table import Row
@@ -105,12 +109,38 @@ class EstimatingWork(Work[Target, Kept]):
         }
 
     def estimated(self, job: Job[Target]) -> FileEstimate:
-        """Return the estimate of a photograph."""
-        return estimate_file(job.path, self.network.loaded, self.run, job.content)
+        """Return the estimate of a photograph, in the order in time that its neighbours decide."""
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+        one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
+        if not job.neighbours:
+            return one
+        own, motions, camera = features_of(one.image), [], one.estimate.camera
+        for neighbour in job.neighbours:
+            other = _features(neighbour.path, neighbour.content)
+            if other is not None and neighbour.steps < 0:
+                motions.append(motions_between(other, own, camera)[1])
+            elif other is not None:
+                motions.append(motions_between(own, other, camera)[0])
+        return replace(one, estimate=in_time(one.estimate, motions))
 
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
-        return Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        return replace(row, frame=one.frame, timestamp_s=one.timestamp_s)
+
+
+@lru_cache(maxsize=2)
+def _features_of(path: Path, content: bytes) -> Features:
+    """Return the features of a photograph; a frame is a neighbour of two."""
+    return features_of(read_image(path, content=content))
+
+
+def _features(path: Path, content: bytes | None) -> Features | None:
+    """Return the features of a photograph, None if it cannot be read."""
+    try:
+        return _features_of(path, read_content(path) if content is None else content)
+    except Blur2ViewError:
+        return None
 
 
 NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}
