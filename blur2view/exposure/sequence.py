@@ -23,14 +23,11 @@ def in_time(found: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     F, H, E, the pose and its covariance and the order of every smear (``swapped``) are of that direction, all
     of them. Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
-    pose, candidates = found.geometry.cam2_from_cam1, None
-    if found.shutter is None and (pose is None or pose.translation.any()):
-        views = views_of("frame", found)
-    else:  # there is no sign of a translation to decide
+    if found.shutter is None:
+        views, candidates = views_of("frame", found), None
+    else:  # another motion in the other order in time, or none
         views = views_in_order("frame", found, found.geometry.swapped)
-        # another motion in the other order in time, or none
-        one_way = found.shutter is not None and found.geometry.backward is None
-        candidates = [views] if one_way else [views, views.reversed()]
+        candidates = [views] if found.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
     return replace(found, geometry=views.geometry, time=views.time)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
-from blur2view.geometry.rotation import plane_basis, rotation_flow, rotation_matrix
+from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import RotationH
@@ -187,8 +187,7 @@ def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays:
     pose, F, E = geometry.cam2_from_cam1, geometry.F, geometry.E
     if pose is None or pose.translation.any():
         return geometry
-    flow = np.tensordot(pose.rotation_vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
-    swapped = (flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) < 0
+    swapped = against_rotation(pose.rotation_vector, rays)
     if F is not None and (swapped_order(F, matches.ends) == swapped).mean() < 0.5:
         F, E = F.T.copy(), None if E is None else E.T.copy()
     return replace(geometry, F=F, E=E, swapped=swapped)
