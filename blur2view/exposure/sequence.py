@@ -32,14 +32,6 @@ def in_time(found: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     return replace(found, geometry=views.geometry, time=views.time)
 
 
-def motions_between(
-    earlier: Features, later: Features, camera: Camera | None, steps: int = 1
-) -> tuple[NeighbourMotion, NeighbourMotion]:
-    """Return what two frames, so many steps apart, show of the motion: about the earlier, about the later."""
-    first, second = match_features(earlier, later)
-    return neighbour_motion(first, second, steps, camera), neighbour_motion(second, first, -steps, camera)
-
-
 def estimate_frames(
     frames: Iterable[AnyArray],
     *,
@@ -82,9 +74,9 @@ def estimate_frames(
         )
         features, motions = features_of(image), list[NeighbourMotion]()
         if held is not None:
-            before, after = motions_between(held[1], features, camera)
-            motions.append(after)
-            yield in_time(held[0], [*held[2], before])
+            earlier, later = match_features(held[1], features)
+            motions.append(neighbour_motion(later, earlier, -1, camera))
+            yield in_time(held[0], [*held[2], neighbour_motion(earlier, later, 1, camera)])
         held = found, features, motions
     if held is not None:
         yield in_time(held[0], held[2])

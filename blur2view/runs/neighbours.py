@@ -30,6 +30,11 @@ class Neighbour:
     steps: int
     content: bytes | None = None
 
+    @property
+    def encoded(self) -> bytes:
+        """Return the file's content, read if need be; ImageError if it cannot be."""
+        return read_content(self.path, beside=True) if self.content is None else self.content
+
 
 def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tuple[Neighbour, ...]]:
     """Return the neighbours of each photograph, the earlier one first.
@@ -56,5 +61,5 @@ def with_contents(neighbours: Iterable[Neighbour]) -> tuple[Neighbour, ...]:
     read: list[Neighbour] = []
     for one in neighbours:
         with suppress(ImageError):
-            read.append(replace(one, content=read_content(one.path, beside=True)))
+            read.append(replace(one, content=one.encoded))
     return tuple(read)

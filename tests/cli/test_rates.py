@@ -156,3 +156,18 @@ def test_jsonl_prints_a_document_a_line_and_nothing_else(
     with pytest.raises(SystemExit) as refused:
         call(paths[0], "--json", "--jsonl")
     assert refused.value.code == 2 and "--jsonl one for each" in capsys.readouterr().err
+
+
+def test_neighbour_that_cannot_be_read_costs_its_own_line_only(
+    tmp_path: Path, tiny_model: Path, capsys: Any
+) -> None:
+    paths = write_photographs(tmp_path, 3)
+    paths[1].write_bytes(b"no picture")
+    words = ["--model", tiny_model, *paths, "--sequence", "--jobs", 1, "--jsonl"]
+    for command, known in (("estimate", "cam2_from_cam1"), ("segment", "shares")):
+        asked = [one for one in words if command == "estimate" or one != "--sequence"]
+        assert cli.main([command, *map(str, asked)]) == 1
+        printed = capsys.readouterr()
+        first, failed, last = map(json.loads, printed.out.splitlines())
+        assert known in first and known in last and set(failed) == {"image", "error"}
+        assert len(printed.err.splitlines()) == 1
