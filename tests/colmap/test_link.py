@@ -273,3 +273,10 @@ def test_views_of_other_intrinsics_are_no_longer_those_of_the_project(path: Path
     assert isinstance(after, DatabaseError) and "add --replace" in str(after)
     replaced = only_plan(path, replace=True)
     assert isinstance(replaced, LinkStep) and digest(replaced.image) != digest(before.image)
+
+
+def test_the_digest_is_of_the_camera_too(path: Path) -> None:
+    plan = only_plan(path)
+    assert isinstance(plan, LinkStep)
+    assert digest(plan.image) != digest(replace(plan.image, camera_id=9))
+    assert digest(plan.image) != digest(replace(plan.image, source=b""))
