@@ -108,20 +108,38 @@ class ReportOptions(PhotographOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Amount:
+    """A number, or a percentage of what is known later."""
+
+    number: float
+    percent: bool = False
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return f"{self.number:g}{'%' if self.percent else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class TriageOptions(PhotographOptions):
     """Those of ``blur2view triage``."""
 
     keep: Path | None
-    max_smear: float
+    extract: Path | None
+    max_smear: Amount
     blurred: bool
+    best: Amount | None
+    every_best: int | None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if self.csv is None and self.keep is None:
-            raise ValueError("name the table with --csv, the list with --keep, or both")
-        if not 0 <= self.max_smear < math.inf:
-            raise ValueError(f"--max-smear must not be negative, got {self.max_smear}")
+        if self.selects and self.keep is None and self.extract is None:
+            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
         super().__post_init__()
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None
 
 
 @dataclass(frozen=True, kw_only=True)

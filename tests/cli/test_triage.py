@@ -21,7 +21,7 @@ from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.grids import grid_of
 
 COLUMNS = [
-    "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
+    "name", "verdict", "parallax", "smear_px", "smear_percent", "direction_deg", "sharpness", "rotation_deg",
     "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
 ]  # fmt: skip
 
@@ -72,7 +72,7 @@ def test_table_and_list_of_a_folder(
     assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
-    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
+    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.3g} px" in printed
     # not again unless asked
     assert call("triage", tiny_model, *words) == 1
     assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
@@ -97,13 +97,16 @@ def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     assert call("triage", tiny_model, frames, "--recursive", "--keep", tmp_path / "all.txt") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.rpartition("; ")[2] for line in lines[:3]] == ["unusable", "blurred", "sharp"]
-    assert "the list is empty" not in lines[-1]
+    assert "nothing is kept" not in lines[-1]
     assert call("triage", tiny_model, frames / "left" / "moving.png", "--keep", tmp_path / "one.txt") == 0
     printed = capsys.readouterr().out.splitlines()
-    assert printed[-1] == "the list is empty: --blurred lists the blurred ones that are of use"
+    assert (
+        printed[-1]
+        == "nothing is kept: --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
+    )
     assert call("triage", tiny_model, frames / "chaos.png", "--keep", tmp_path / "other.txt") == 0
     told = capsys.readouterr().out.splitlines()[-1]
-    assert told.startswith("the list is empty: the sharpest has a median of ") and told.endswith("is 3")
+    assert told.startswith("nothing is kept: the sharpest has a median of ") and told.endswith("is 3")
     (tmp_path / "none.png").write_bytes(b"no picture")
     assert call("triage", tiny_model, tmp_path / "none.png", "--keep", tmp_path / "none.txt") == 1
     assert "no photograph shows texture" not in capsys.readouterr().out
@@ -228,7 +231,16 @@ def test_list_is_ours_after_a_photograph_was_deleted(
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
+    "words",
+    [
+        ["--csv", "t.csv", "--max-smear", "-1"],
+        ["--keep", "k", "--max-smear", "nan%"],
+        ["--keep", "k", "--best", "0"],
+        ["--keep", "k", "--best", "1.5"],
+        ["--keep", "k", "--best", "101%"],
+        ["--keep", "k", "--best", "5", "--every-best", "2"],
+        ["--csv", "t.csv", "--every-best", "2"],
+    ],
 )
 def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
@@ -249,7 +261,7 @@ def test_every_command_writes_the_same_rows(
     )
     first, second = map(table, sheets)
     for ours, own in zip(first, second, strict=True):
-        assert {key: own[key] for key in COLUMNS[:9]} == {key: ours[key] for key in COLUMNS[:9]}
+        assert {key: own[key] for key in COLUMNS[:10]} == {key: ours[key] for key in COLUMNS[:10]}
         assert own["use"] == ""
     assert float(first[0]["rotation_deg"]) >= 0
 
@@ -272,8 +284,8 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(
 
 
 def test_use_follows_smear_and_geometry() -> None:
-    def use(smear_px: float | None, verdict: str, error: str = "") -> str:
-        return use_of(Row(name="a", smear_px=smear_px, verdict=verdict, error=error), 3.0)
+    def use(smear_px: float | None, verdict: str, error: str = "", before: str = "") -> str:
+        return use_of(Row(name="a", verdict=verdict, error=error), smear_px, 3.0, before)
 
     assert use(3.0, "DEGENERATE") == "sharp"
     assert use(3.1, "DEGENERATE") == use(30, "UNDEFINED") == use(None, "DEGENERATE") == "unusable"
@@ -281,6 +293,12 @@ def test_use_follows_smear_and_geometry() -> None:
         "blurred"
     }
     assert use(None, "", "broken") == ""
+    for near in (2.95, 3.05, 3.2):  # as the one before
+        assert (
+            use(near, "PLANAR", before="sharp") == "sharp"
+            and use(near, "PLANAR", before="blurred") == "blurred"
+        )
+    assert use(2.7, "PLANAR", before="blurred") == "sharp" and use(3.4, "PLANAR", before="sharp") == "blurred"
 
 
 def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
