@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
 from blur2view.output_files import GO_ON
@@ -204,31 +205,14 @@ class ToColmapOptions(PhotographOptions):
         return self.format == HLOC
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions:
-    """Those of ``blur2view to-transforms``."""
-
-    model: Path
-    photographs: Path | None
-    exposure: float
-    output: Path
-    dialect: str
-    overwrite: bool
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        """Refuse an exposure time that is none."""
-        if not 0 < self.exposure < math.inf:
-            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
-
-
-Options = PhotographOptions | ToTransformsOptions
+Options = PhotographOptions | PlaceOptions | ToTransformsOptions
 OF_COMMAND: dict[str, type[Options]] = {
     "estimate": EstimateOptions,
     "segment": SegmentCommandOptions,
     "report": ReportOptions,
     "triage": TriageOptions,
     "to-colmap": ToColmapOptions,
+    "place": PlaceOptions,
     "to-transforms": ToTransformsOptions,
 }
 
