@@ -12,6 +12,7 @@ from blur2view.colmap.models import (
     PROJECT_FILE,
     FoundModel,
     find_model,
+    is_ours,
     project_text,
 )
 from blur2view.colmap.placement import Placement, place_views
@@ -56,14 +57,15 @@ def _refuse_others(folder: Path) -> None:
 
 def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
     """Raise why no frame was placed, or none with the path of the camera."""
-    if math.isfinite(placement.fraction) and placement.placed:
-        return
     count = plural(len(placement.placed) + len(placement.left), "frame")
-    raise DatabaseError(
-        f"{options.database}: of {count} with views in {options.model} no two follow one another and show "
-        "how long an exposure is; link all frames of the video (blur2view to-colmap --link), or state "
-        "--fraction"
-    )
+    about = f"{options.database}: of {count} with views in {options.model}"
+    if not math.isfinite(placement.fraction):
+        raise DatabaseError(
+            f"{about} no two follow one another and show how long an exposure is; link all frames of the "
+            "video (blur2view to-colmap --link), or state --fraction"
+        )
+    if not placement.placed:
+        raise DatabaseError(f"{about} none has enough smears at the model's points; link more frames")
 
 
 def _write(options: PlaceOptions, placement: Placement) -> None:
