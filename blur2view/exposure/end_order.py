@@ -4,7 +4,7 @@ F alone leaves the order of most smears ambiguous where the camera hardly rotate
 translates). Cheirality decides it, for which a roughly right focal length is enough:
 on 8 scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from
 0.58 to 0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
-(tests/test_end_order.py).
+(tests/exposure/test_end_order.py).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.pose import RigidTransform, order_before_both, oriented_pose
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -81,16 +81,7 @@ def forward_share(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> 
     if geometry.F is not None:
         ahead, behind = (sampson(geometry.F, side[:, 0], side[:, 1]) for side in sides)
     elif geometry.H is not None:
-        ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
+        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
     else:
         return np.full(len(ends), 0.5)
     return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
-
-
-def _transfer(H: Array, points1: Array, points2: Array) -> Array:
-    """Return the squared transfer error (N,) of points2 from H points1, halved as both ends share it."""
-    mapped = homogeneous(points1) @ H.T
-    depth = mapped[:, 2:]
-    mapped = mapped[:, :2] / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
-    squared: Array = 0.5 * ((mapped - points2) ** 2).sum(axis=1)
-    return squared

@@ -139,7 +139,11 @@ class TwoViewGeometry:
         return self.E if pose is None or pose.translation.any() else None
 
     def reversed(self) -> TwoViewGeometry:
-        """Return the same motion with time reversed: the other of two equal answers."""
+        """Return the same motion with time reversed: the other of two equal answers.
+
+        Of a rolling shutter that is `backward`; without it the motion leaves no such smears the other way
+        round, and the inverse is given.
+        """
         if self.backward is not None:
             return replace(self.backward, backward=replace(self, backward=None))
         pose, covariance = self.cam2_from_cam1, self.covariance

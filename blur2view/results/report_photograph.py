@@ -18,7 +18,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import cells_apart
 
 NODE_PX = 4  # distance of the nodes at which smears are shown, at least
-MAX_NODES = 150_000  # of the grid of smears: Full HD keeps the network's stride of 4
+MAX_NODES = 150_000  # of the grid of smears
 SMEAR_STEP_PX = 1 / 64
 DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
 LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ordinary lenses
@@ -33,7 +33,7 @@ class Grid(TypedDict):
     step_px: int
     displacement: Packed
     sigma_px: Packed
-    sigma_rad: Packed | None
+    sigma_rad: Packed
 
 
 class Matches(TypedDict):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
@@ -133,7 +134,21 @@ def as_recorded(
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
+    if problem.intrinsics_known:
+        geometry = with_pose(geometry, matches, problem, fits, options)
+    return in_one_order(geometry, matches)
+
+
+def in_one_order(geometry: TwoViewGeometry, matches: SmearMatches) -> TwoViewGeometry:
+    """Return a geometry whose H maps the open ends, as F or the pose orders them, to the closed ones."""
+    if geometry.H is None or not geometry.inlier_mask.any():
+        return geometry
+    ends = matches.ends[geometry.inlier_mask]
+    first = np.where(geometry.swapped[geometry.inlier_mask, None], ends[:, 1], ends[:, 0])
+    last = ends.sum(axis=1) - first
+    if (transfer(geometry.H, first, last) <= transfer(geometry.H, last, first)).mean() >= 0.5:
+        return geometry
+    return replace(geometry, H=unit_norm(np.asarray(np.linalg.inv(geometry.H), float)))
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:

@@ -136,6 +136,7 @@ def with_pose(
     if geometry.F is not None:
         geometry = with_essential(geometry, matches, fit, covariance, options)
     region = likelihood.region(pose)
+    flip = 1.0 if (fit.oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
@@ -143,7 +144,9 @@ def with_pose(
     wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
-        cam2_from_cam1=RigidTransform(rotation=rotation_matrix(region.rotation), translation=np.zeros(3)),
+        cam2_from_cam1=RigidTransform(
+            rotation=rotation_matrix(flip * region.rotation), translation=np.zeros(3)
+        ),
         covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
         reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
     )
@@ -160,6 +163,7 @@ def with_essential(
     pose, problem = fit.oriented.pose, fit.problem
     F = problem.pixels(pose.essential)
     proven = geometry.parallax is Parallax.PROVEN
+    within_px = options.tolerance_px(measured_sigma_px(pose.essential, problem))
     return replace(
         geometry,
         F=F if geometry.F is not None else None,
@@ -169,8 +173,7 @@ def with_essential(
         reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model=MotionModel.CALIBRATED if geometry.F is not None else geometry.model,
-        inlier_mask=serrmin(F, matches.ends)
-        < options.tolerance_px(measured_sigma_px(pose.essential, problem)) ** 2,
+        inlier_mask=geometry.inlier_mask if geometry.F is None else serrmin(F, matches.ends) < within_px**2,
         swapped=fit.oriented.swapped,
     )
 
@@ -183,7 +186,8 @@ def turned(
     along, across = matches.bulk_px
     data = FlowData.of(problem, (scale * along, scale * across))
     fixed = CameraPrior(rotation=problem.prior.rotation, log_focal=0.0, principal=0.0)
-    assert geometry.H is not None
+    if geometry.H is None:
+        raise ValueError("a rotation is refined from its homography, which is missing")
     A = problem.T @ geometry.H @ np.linalg.inv(problem.T)
     A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
     fit = fit_flow(RotationH.from_generator(A, fixed), data.without_slow_errors())
