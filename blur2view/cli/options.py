@@ -43,6 +43,8 @@ class PhotographOptions:
     max_failures: int | None
     verbosity: int
     json: bool = False
+    jsonl: bool = False
+    sequence: bool | None = False
     timings: bool = True
 
     remedy: ClassVar[str] = GO_ON
@@ -63,7 +65,7 @@ class PhotographOptions:
     @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.json and self.verbosity > QUIET
+        return not (self.json or self.jsonl) and self.verbosity > QUIET
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +76,8 @@ class FolderOptions(PhotographOptions):
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
+        if self.json and self.jsonl:
+            raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:
             raise ValueError("--resume goes on with results in a folder; name it with -o")
         super().__post_init__()
@@ -156,7 +160,6 @@ class ToColmapOptions(PhotographOptions):
     dry_run: bool
     skip_degenerate: bool
     corrected: bool
-    sequence: bool | None
 
     remedy: ClassVar[str] = "--resume to go on"
 

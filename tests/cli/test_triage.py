@@ -25,7 +25,8 @@ from tests.support.many_photographs import contents
 
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "smear_percent", "direction_deg", "sharpness", "rotation_deg",
-    "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
+    "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz", "rate_unit",
+    "time_confidence", "inliers", "elapsed_s", "use", "error",
 ]  # fmt: skip
 
 
@@ -72,7 +73,7 @@ def test_table_and_list_of_a_folder(
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.1)
     assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.1)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
-    assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
+    assert moving["rotation_deg"] == moving["wx"] == "" and float(moving["elapsed_s"]) > 0
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
     assert f"left/moving.png: median of all smears {float(moving['smear_px']):.3g} px" in printed
@@ -154,8 +155,8 @@ def test_resumed_run_has_every_row_and_judges_anew(frames: Path, tiny_model: Pat
     assert sheet.read_bytes() == before  # the times, too: nothing was done again
     assert call("triage", tiny_model, *words, "--resume", "--max-smear", 100) == 0
     assert [one["use"] for one in table(sheet)] == ["sharp"] * 3
-    assert [one["time_s"] for one in table(sheet)] == [
-        one["time_s"] for one in csv.DictReader(before.decode().splitlines())
+    assert [one["elapsed_s"] for one in table(sheet)] == [
+        one["elapsed_s"] for one in csv.DictReader(before.decode().splitlines())
     ]
 
 
@@ -277,10 +278,11 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(
     assert call("estimate", tiny_model, *words) == 0
     facts = json.loads(capsys.readouterr().out)["estimates"][0]
     (one,) = table(sheet)
-    speed = np.linalg.norm(facts["angular_velocity_rad_s"])
-    assert float(one["angular_velocity_rad_s"]) == pytest.approx(speed, rel=1e-5)
+    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
+        assert float(one[axis]) == pytest.approx(facts[axis], rel=1e-5)
+    assert one["rate_unit"] == facts["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
     assert float(one["rotation_deg"]) == pytest.approx(facts["rotation_deg"], rel=1e-5)
-    assert int(one["inliers"]) == facts["num_inliers"] and one["time_s"] == ""
+    assert int(one["inliers"]) == facts["num_inliers"] and one["elapsed_s"] == ""
     written = sheet.read_bytes()
     assert call("estimate", tiny_model, *words, "--overwrite") == 0
     assert sheet.read_bytes() == written
@@ -468,7 +470,8 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_judged_alike(
         )
     assert call("triage", tiny_model, folder, "--csv", tmp_path / "frames.csv", "--no-timings") == 0
     video, frames = table(tmp_path / "video.csv"), table(tmp_path / "frames.csv")
-    assert [{**one, "name": ""} for one in video] == [{**one, "name": ""} for one in frames]
+    place = dict.fromkeys(("name", "frame", "timestamp_s"), "")
+    assert [one | place for one in video] == [one | place for one in frames]
 
 
 def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(

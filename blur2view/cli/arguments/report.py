@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -46,6 +46,7 @@ def describe(parser: shared.CommandParser) -> None:
     )
     add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
     add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)
