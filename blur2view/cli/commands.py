@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
+from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
 from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
@@ -21,6 +21,7 @@ COMMANDS = {
     "estimate": estimate,
     "segment": segment,
     "to-colmap": to_colmap,
+    "place": place,
     "to-transforms": to_transforms,
     "report": report,
     "triage": triage,

@@ -14,7 +14,7 @@ from blur2view.results import document, estimate, masks, to_colmap
 from blur2view.results.document import Document
 
 ROOT = Path(__file__).parents[2]
-WITHOUT_ESTIMATE = ("to-transforms",)
+WITHOUT_ESTIMATE = ("place", "to-transforms")
 HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
 DOCUMENTS = [
     kind
