@@ -9,11 +9,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
-from blur2view.output_files import GO_ON
 from blur2view.results.to_colmap import DATABASE, HLOC
 
 if TYPE_CHECKING:
@@ -44,20 +43,12 @@ class PhotographOptions:
     json: bool = False
     timings: bool = True
 
-    remedy: ClassVar[str] = GO_ON
-    """What may be added to the call so that a table is replaced."""
-
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if self.dask is not None and self.run.intrinsics.in_database:
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )
-
-    @property
-    def replaces(self) -> bool:
-        """Whether files of an earlier call may be replaced."""
-        return self.overwrite or self.resume
 
     @property
     def prints(self) -> bool:
@@ -139,8 +130,6 @@ class ToColmapOptions(PhotographOptions):
     corrected: bool
     sequence: bool | None
 
-    remedy: ClassVar[str] = "--resume to go on"
-
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if not self.link and (self.replace or not self.backup):
@@ -174,11 +163,6 @@ class ToColmapOptions(PhotographOptions):
         if target is None:
             raise ValueError("there is neither --db nor -o")
         return target
-
-    @property
-    def is_new(self) -> bool:
-        """Whether a database of our own is written, which a manifest tells from one that was changed."""
-        return self.db is not None and not self.link
 
     @property
     def hloc(self) -> bool:

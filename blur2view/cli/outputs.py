@@ -82,7 +82,6 @@ def _planned(
             options.output,
             endings,
             overwrite=options.overwrite,
-            resume=options.resume,
             names=inputs.names,
             beside=beside,
             earlier=manifest,

@@ -78,7 +78,7 @@ def run(options: ReportOptions) -> int:
         is_folder = options.inputs.is_folder(job.path)
         return None if is_folder else _failed(job.path, shown[job.path], outcome.error)
 
-    check_file(page, "page", images, overwrite=options.replaces)
+    check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
         finished = run_over(options, work, jobs_of(options), manifest, take=entry_of)
         entries = [entry for entry in finished.taken if entry is not None]

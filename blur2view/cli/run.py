@@ -96,10 +96,7 @@ def begun(
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
-        overwrite, remedy = options.replaces, options.remedy
-        check_file(
-            options.csv, "table", options.inputs.paths, overwrite=overwrite, option="--csv", remedy=remedy
-        )
+        check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
     with prepared(*folders):
         alone = len(options.inputs.paths) == 1 and not options.resume

@@ -24,7 +24,7 @@ def run(options: ToColmapOptions) -> int:
     folders = [] if options.dry_run or options.output is None else [options.output]
     path, files = manifest_path(options), written_files(options)
     with prepared(*folders), begun(options, work, path, files) as manifest:
-        replaces = refuse_others(options, manifest)
+        replaces = refuse_others(options)
         before = written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
         finished = make_views(options, work, [one for one in photographs if not one.kept], manifest)
@@ -39,8 +39,6 @@ def run(options: ToColmapOptions) -> int:
             made = [replace(one, views=one.views.corrected()) for one in made]
         written = [one for one in made if not _skips(options, one)]
         backup = None if options.dry_run else write_views(options, written, replace=replaces)
-        if manifest is not None and written and options.is_new:
-            manifest.append_target(options.target)
     document = ToColmapDocument(
         format=options.format,
         target=str(options.target),

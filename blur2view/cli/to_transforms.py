@@ -19,7 +19,7 @@ MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame
 def run(options: ToTransformsOptions) -> int:
     """Return the exit code, after writing the file."""
     target = options.output
-    check_file(target, "file", overwrite=options.overwrite, remedy="--overwrite")
+    check_file(target, "file")
     images = options.photographs or target.parent / "images"
     content = transforms(
         options.model,

@@ -204,7 +204,7 @@ def test_wrong_usage_is_exit_code_2(
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimate", *images, *arguments])
     assert caught.value.code == 2
-    assert "usage: blur2view estimate" in capsys.readouterr().err
+    assert capsys.readouterr().err.startswith("blur2view estimate: ")
 
 
 def test_defaults_are_those_of_the_dataclasses() -> None:
@@ -308,7 +308,7 @@ def test_what_no_path_holds_is_wrong_usage(
         cli.main([*words, str(still)])
     assert caught.value.code == 2
     printed = capsys.readouterr().err
-    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and "error: " in printed.splitlines()[-1]
+    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and len(printed.splitlines()) == 1
 
 
 def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(

@@ -67,27 +67,37 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     moving, still, total = out.splitlines()
     assert moving.startswith("moving.png: add CALIBRATED") and still.startswith("still.png: add DEGENERATE")
     assert total == f"{path}: wrote 4 images and 2 pairs of 2 photographs"
-    code, _, err = run("--db", path, *CAMERA, *photos)
-    assert code == 1 and err.count("\n") == 1 and "is of an earlier call; add --resume to go on" in err
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         assert len(database.read_two_view_geometry(1, 2).inlier_matches) > 60
         assert len(database.read_two_view_geometry(3, 4).inlier_matches) == 0
-    code, _, err = run("--db", path, *photos)
-    assert code == 1 and err.count("\n") == 1 and "has changed since an earlier call wrote it" in err
+    before = path.read_bytes()
+    assert run("--db", path, *CAMERA, *photos)[0] == 0 and path.read_bytes() != before  # COLMAP opened it
+    assert run("--db", path, *CAMERA, *photos)[0] == 0
+    code, _, err = run("--db", path, *CAMERA, photos[0])
+    assert code == 1 and err.count("\n") == 1 and "(still.png) would be lost" in err
 
 
-def test_a_database_that_COLMAP_worked_in_has_one_way_on(
+def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     run: Any, photos: list[Path], tmp_path: Path
 ) -> None:
     path = tmp_path / "new.db"
     assert run("--db", path, *CAMERA, *photos)[0] == 0
     pycolmap.incremental_mapping(path, photos[0].parent, tmp_path, mapper_options(max_seconds=1))
-    with pycolmap.Database.open(path) as database:  # as any program of COLMAP may
-        database.clear_two_view_geometries()
-    for words in ([], ["--resume"]):
-        code, _, err = run("--db", path, *words, *CAMERA, *photos)
-        assert code == 1 and "has changed since an earlier call wrote it; choose another --db" in err
+    assert run("--db", path, *CAMERA, *photos)[0] == 0
+    for sql in (
+        "INSERT INTO images SELECT 9, 'theirs.png', camera_id FROM images LIMIT 1",
+        "INSERT INTO matches SELECT 2 * 2147483647 + 3, rows, cols, data FROM matches LIMIT 1",
+        "INSERT INTO descriptors(image_id, rows, cols, type) VALUES (1, 0, 128, 0)",
+    ):
+        with closing(sqlite3.connect(path)) as database:
+            whole = path.read_bytes()
+            database.execute(sql)
+            database.commit()
+        for words in ([], ["--resume"]):
+            code, _, err = run("--db", path, *words, *CAMERA, *photos)
+            assert code == 1 and "exists; choose another --db" in err
+        path.write_bytes(whole)
     code, _, err = run("--db", path, "--link", *CAMERA, *photos)
     assert code == 1 and err.count("without --link") == 2 and "choose another --db" in err
     assert run("--db", tmp_path / "other.db", *CAMERA, *photos)[0] == 0

@@ -73,12 +73,9 @@ def test_table_and_list_of_a_folder(
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
     assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
-    # not again unless asked
-    assert call("triage", tiny_model, *words) == 1
-    assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
-    assert call("triage", tiny_model, *words, "--overwrite", "--blurred") == 0
+    assert call("triage", tiny_model, *words, "--blurred") == 0
     assert keep.read_text() == "left/moving.png\nstill.png\n"
-    assert call("triage", tiny_model, *words, "--overwrite", "--max-smear", 100) == 0
+    assert call("triage", tiny_model, *words, "--max-smear", 100) == 0
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
@@ -212,18 +209,18 @@ def test_list_of_the_photographs_is_not_replaced(
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("again", ["--resume", "--overwrite"])
+@pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted(
-    frames: Path, tiny_model: Path, tmp_path: Path, again: str
+    frames: Path, tiny_model: Path, tmp_path: Path, again: list[str]
 ) -> None:
     words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
     assert call("triage", tiny_model, *words) == 0
     assert (tmp_path / "keep.txt").read_text() == "still.png\n"
     (frames / "still.png").unlink()
-    assert call("triage", tiny_model, *words, again) == 0
+    assert call("triage", tiny_model, *words, *again) == 0
     assert (tmp_path / "keep.txt").read_text() == ""
     (tmp_path / "keep.txt").write_text("mine.png\n")
-    assert call("triage", tiny_model, *words, again) == 1
+    assert call("triage", tiny_model, *words, *again) == 1
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
 
 

@@ -51,9 +51,13 @@ def describe(parser: shared.CommandParser) -> None:
         "--output",
         type=shared.output_path,
         metavar="DIR",
-        help="write DIR/<stem>.json, .smear.npz and .png, see below",
+        help="write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
     add(
         "--full-field",
         action="store_true",

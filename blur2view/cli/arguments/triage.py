@@ -57,7 +57,12 @@ def describe(parser: shared.CommandParser) -> None:
         "SIFT features are still matched)",
     )
     add("--blurred", action="store_true", help="list the blurred ones, too, that geometry can use")
-    add("--overwrite", action="store_true", help="replace table and list of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace a list that was changed since it was written, too, if it names nothing but these "
+        "photographs",
+    )
     shared.add_timings(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
