@@ -144,10 +144,11 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
             views, usable = linked.views, linked.usable
+        row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
         return Made(
             kept=PhotographViews(photograph=photograph, views=views, usable=usable),
-            summary=verdict_line(photograph.name, result.geometry),
-            row=Row.of(result, exif.exposure_s, sum(asdict(result.timings).values())),
+            summary=verdict_line(photograph.name, row.meaning, result.geometry),
+            row=row,
             warnings=contradictions(run, camera, exif),
         )
 

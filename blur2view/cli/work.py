@@ -110,7 +110,8 @@ class EstimatingWork(Work[Target, Kept]):
 
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
-        return Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        time_s = one.seconds if self.timings else None
+        return Row.of(one.estimate, one.exposure_s, time_s, one.run.exposure_s)
 
 
 NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}

@@ -29,7 +29,7 @@ class Row(Document):
     verdict : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
@@ -50,6 +50,8 @@ class Row(Document):
         Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
     error : str
         Why a photograph failed.
+    meaning : str
+        What the configuration says of the camera, in words: the line that is printed.
     """
 
     name: str = ""
@@ -64,10 +66,18 @@ class Row(Document):
     time_s: float | None = None
     use: str = ""
     error: str = ""
+    meaning: str = ""
 
     @classmethod
-    def of(cls, estimate: Estimate, exposure_s: float | None, time_s: float | None) -> Row:
-        """Return the row of an estimate, without a name."""
+    def of(
+        cls,
+        estimate: Estimate,
+        exposure_s: float | None,
+        time_s: float | None,
+        stated_s: float | None = None,
+    ) -> Row:
+        """Return the row of an estimate, without a name; ``stated_s`` is the time of --exposure."""
+        from blur2view.results.verdicts import sentence
         from blur2view.smears.sharpness import median_smear
 
         geometry, smear = estimate.geometry, median_smear(estimate.grid)
@@ -83,6 +93,7 @@ class Row(Document):
             angular_velocity_rad_s=speed,
             inliers=int(geometry.inlier_mask.sum()),
             time_s=time_s,
+            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1], stated_s),
         )
 
 

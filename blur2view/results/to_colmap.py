@@ -26,7 +26,7 @@ class ViewsDocument(Document):
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     reason : str
         One sentence with the figures that decided.
     num_keypoints : int

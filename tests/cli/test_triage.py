@@ -22,7 +22,7 @@ from tests.support.grids import grid_of
 
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
-    "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
+    "angular_velocity_rad_s", "inliers", "time_s", "use", "error", "meaning",
 ]  # fmt: skip
 
 

@@ -163,7 +163,7 @@ def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
     draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)
-    assert "The camera moved past things at different depths: F is given." in caption
+    assert "Camera moved past near and far things; blur" in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
 
 

@@ -14,9 +14,9 @@ CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 MULTIPLE: two motions share the picture: F is that of the one most smears follow; no pose
-PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is open
+PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, it is open which: the same
+PLANAR_OR_PANORAMIC: one of both does, undecided which: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """
