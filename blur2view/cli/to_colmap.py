@@ -84,7 +84,11 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     verb = "would write" if document.dry_run else "wrote"
     pairs = plural(count * (3 if linked else 1), "pair")
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
-    return "\n".join([*lines, total + (f"; backup {printable(document.backup)}" if document.backup else "")])
+    total += f"; backup {printable(document.backup)}" if document.backup else ""
+    undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
+    if undecided and not linked:
+        total += f"; the translation of {undecided} is undecided, COLMAP makes no points of those"
+    return "\n".join([*lines, total])
 
 
 def _line(one: ViewsDocument, verbosity: int) -> str:
@@ -94,5 +98,6 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
         return f"{name}: {one.action} {one.config}, no matches: {one.reason}"
     time = f"open first (confidence {one.time_confidence:.0%})" if one.time_known else "open or close first"
     counts = f"{one.num_inliers} inliers of {one.num_matches} matches"
-    line = f"{name}: {one.action} {one.config}, parallax {one.parallax}, {counts}, {time}"
+    known = "translation known" if one.translation_known else "translation undecided"
+    line = f"{name}: {one.action} {one.config}, {known}, {counts}, {time}"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

@@ -24,6 +24,7 @@ from blur2view.colmap.rows import (
 from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 
 
 def write_database(
@@ -136,8 +137,19 @@ def matched(views: ExposureViews) -> NDArray[np.int_]:
 
 
 def inliers(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of the matches that fit the geometry."""
-    return np.flatnonzero(views.geometry.inlier_mask) if len(matched(views)) else matched(views)
+    """Return the indices of the matches from which COLMAP may build points: none without a translation.
+
+    A mapper takes the inliers and looks at no configuration: those of a pure turn become points at the
+    reprojection error of noise, at a depth that nothing shows.
+    """
+    known = len(matched(views)) and translation_known(views.geometry)
+    return np.flatnonzero(views.geometry.inlier_mask if known else [])
+
+
+def translation_known(geometry: TwoViewGeometry) -> bool:
+    """Return whether the camera is known to have moved: parallax is proven, or the pose has a direction."""
+    pose = geometry.cam2_from_cam1
+    return geometry.parallax is Parallax.PROVEN or (pose is not None and bool(pose.translation.any()))
 
 
 def mark_views(

@@ -177,7 +177,7 @@ def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_pat
     code, out, err = run("--db", tmp_path / "new.db", bad, photos[0], photos[0])
     assert code == 1
     assert err.count("\n") == 1 and "bad.jpg" in err  # and not the one that is named twice
-    assert "wrote 2 images and 1 pair of 1 photograph\n" in out
+    assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
 def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:
@@ -208,8 +208,8 @@ def test_table_has_the_rate_over_the_exposure_time_of_exif(
     exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
     Image.open(photos[0]).save(timed, exif=exif)
     assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
-    names, values = (line.split(",") for line in sheet.read_text().splitlines())
-    said = dict(zip(names, values, strict=True))
+    with sheet.open(newline="") as file:
+        (said,) = csv.DictReader(file)
     rate = np.radians(float(said["rotation_deg"])) / 0.02
     assert float(said["angular_velocity_rad_s"]) == pytest.approx(rate, rel=1e-4)
 

@@ -148,12 +148,12 @@ def test_scaling_keeps_corner_pixels_in_place() -> None:
     )
 
 
-def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
+def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     photo = flat_photo(480, 640)
     heights = []
-    for words in (10, 200):
-        geometry = replace(geometry_of([]), reason="word " * words)
-        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry).shape[0])
+    for words in (3, 60):
+        monkeypatch.setattr(panel, "sentence", lambda *_, count=words: "words " * count)
+        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([])).shape[0])
     assert heights[1] > heights[0] + 100
 
 
