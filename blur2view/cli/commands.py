@@ -104,7 +104,11 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
     named = [word for word in words if not word.startswith("-")]
     if not words:
         parser.error(f"name a command: {', '.join(COMMANDS)}")
-    if not named or named[0] in COMMANDS or words[0] == COMPLETION:
+    command = next((word for word in words if word in COMMANDS), None)
+    first = words[0].partition("=")[0]
+    if command and first in option_names(command):
+        parser.error(f"{first} goes after {command}")
+    if not named or named[0] in COMMANDS or first == COMPLETION:
         return
     near = get_close_matches(named[0], COMMANDS, 1)
     if near:
@@ -125,8 +129,6 @@ def check_option(options: argparse.Namespace, word: str, *, known: bool) -> None
         error(f"{word} has one dash; did you mean -{word}?")
     if known:
         return
-    if word in names:
-        error(f"{word} goes after {command}")
     if why := getattr(COMMANDS[command], "REFUSED", {}).get(word):
         error(f"{word} is not for {command}: {why}")
     if owners := [f"blur2view {other}" for other in COMMANDS if word in option_names(other)]:

@@ -108,8 +108,8 @@ class TriageOptions(PhotographOptions):
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if self.csv is None and self.keep is None:
-            raise ValueError("name the table with --csv, the list with --keep, or both")
+        if self.resume and self.csv is None and self.keep is None:
+            raise ValueError("--resume goes on with a table or a list; name it with --csv or --keep")
         if not 0 <= self.max_smear < math.inf:
             raise ValueError(f"--max-smear must not be negative, got {self.max_smear}")
         super().__post_init__()

@@ -154,7 +154,8 @@ def run_over(
                 row = Row() if outcome.made is None else outcome.made.row
                 row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
-                _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                if not outcome.skipped or options.verbosity > SHORT:
+                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:

@@ -76,8 +76,11 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity) for one in document.photographs]
     lines += [f"{printable(one.name)}: {one.config}, skipped: {one.reason}" for one in document.skipped]
-    there = "has its views already; --replace makes them anew"
-    lines += [f"{printable(one.name)}: {there}" for one in document.kept]
+    if document.kept:
+        some = ", ".join(printable(one.name) for one in document.kept[:3])
+        some += ", ..." if len(document.kept) > 3 else ""
+        there = plural(len(document.kept), "photograph")
+        lines.append(f"{there} ({some}): the views are there already; --replace makes them anew")
     target, count = printable(document.target), len(document.photographs)
     if not count:
         return "\n".join([*lines, f"{target}: nothing to write"])

@@ -164,7 +164,8 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     first = project.read_bytes()
     code, out, _ = run("--db", project, "--link", *CAMERA, *photos)
     assert code == 0 and project.read_bytes() == first
-    assert "moving.png: has its views already; --replace makes them anew" in out and "nothing to write" in out
+    said = "2 photographs (moving.png, still.png): the views are there already; --replace makes them anew"
+    assert out.splitlines() == [said, f"{project}: nothing to write"]
     code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
     assert code == 0 and "moving.png: replace CALIBRATED" in out and "backup" not in out
     assert user_rows(project) == before

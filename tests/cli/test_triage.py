@@ -224,8 +224,17 @@ def test_list_is_ours_after_a_photograph_was_deleted(
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
 
 
+def test_without_a_table_and_a_list_each_photograph_has_its_line(
+    frames: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("triage", tiny_model, frames / "still.png") == 0
+    line, total = capsys.readouterr().out.splitlines()
+    assert "still.png: median of all smears" in line and total.startswith("1 photograph: 1 sharp")
+    assert not list(frames.glob("*.csv*"))
+
+
 @pytest.mark.parametrize(
-    "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
+    "words", [["--resume"], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
 )
 def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:

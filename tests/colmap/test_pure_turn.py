@@ -37,12 +37,12 @@ def test_a_pure_turn_is_told_and_becomes_no_points(
     turns: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for turn in turns:
-        focal = str(np.load(turn.with_suffix(".npz"))["K"][0, 0])
+        folder, focal = tmp_path / turn.stem, str(np.load(turn.with_suffix(".npz"))["K"][0, 0])
         words = ["to-colmap", "--focal", focal, str(turn), "--db"]
-        assert cli.main([*words[:-1], "--format", "matches", "-o", str(tmp_path)]) == 0
-        assert (tmp_path / "matches.txt").read_text() == f"{turn.name}#open {turn.name}#close\n\n"
-        assert cli.main([*words[:-1], "--format", "hloc", "-o", str(tmp_path)]) == 0
-        with h5py.File(tmp_path / "matches.h5") as file:
+        assert cli.main([*words[:-1], "--format", "matches", "-o", str(folder)]) == 0
+        assert (folder / "matches.txt").read_text() == f"{turn.name}#open {turn.name}#close\n\n"
+        assert cli.main([*words[:-1], "--format", "hloc", "-o", str(folder)]) == 0
+        with h5py.File(folder / "matches.h5") as file:
             assert (file[f"{turn.name}#open"][f"{turn.name}#close"]["matches0"][:] == -1).all()
         capsys.readouterr()
         path = tmp_path / f"{turn.stem}.db"
