@@ -148,7 +148,7 @@ def in_one_order(geometry: TwoViewGeometry, matches: SmearMatches) -> TwoViewGeo
     last = ends.sum(axis=1) - first
     if (transfer(geometry.H, first, last) <= transfer(geometry.H, last, first)).mean() >= 0.5:
         return geometry
-    return replace(geometry, H=unit_norm(np.linalg.inv(geometry.H)))
+    return replace(geometry, H=unit_norm(np.asarray(np.linalg.inv(geometry.H), float)))
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:

@@ -136,6 +136,7 @@ def with_pose(
     if geometry.F is not None:
         geometry = with_essential(geometry, matches, fit, covariance, options)
     region = likelihood.region(pose)
+    flip = 1.0 if (fit.oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
@@ -143,7 +144,9 @@ def with_pose(
     wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
-        cam2_from_cam1=RigidTransform(rotation=rotation_matrix(region.rotation), translation=np.zeros(3)),
+        cam2_from_cam1=RigidTransform(
+            rotation=rotation_matrix(flip * region.rotation), translation=np.zeros(3)
+        ),
         covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
         reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
     )
