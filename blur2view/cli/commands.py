@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
 
 from blur2view import __version__
@@ -106,7 +107,7 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
         parser.error(f"name a command: {', '.join(COMMANDS)}")
     command = next((word for word in words if word in COMMANDS), None)
     first = words[0].partition("=")[0]
-    if command and first in option_names(command):
+    if command and first.startswith("-") and first in option_names(command):
         parser.error(f"{first} goes after {command}")
     if not named or named[0] in COMMANDS or first == COMPLETION:
         return
@@ -137,6 +138,7 @@ def check_option(options: argparse.Namespace, word: str, *, known: bool) -> None
     error(f"{word} is no option of {command}" + "".join(f"; did you mean {name}?" for name in near))
 
 
+@cache
 def option_names(command: str) -> set[str]:
     """Return the names of a command's options."""
     parser = CommandParser(describe=COMMANDS[command].describe).described()

@@ -24,7 +24,7 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share: the options of ``--help`` by their names.
+    """What the commands over photographs share: the options of ``--help-all`` by their names.
 
     ``inputs`` are the photographs, ``run`` is how each is estimated.
     """

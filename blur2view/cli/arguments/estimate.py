@@ -3,7 +3,7 @@
 from blur2view.cli.arguments import shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
-ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
+ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
 DESCRIPTION = """
 Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
 matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the

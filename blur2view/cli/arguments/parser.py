@@ -12,7 +12,7 @@ from blur2view.cli.terminal import printable
 BRIEF = {
     *("recursive", "every", "output", "db", "link", "format", "csv", "keep", "max_smear", "blurred", "mask"),
     *("masks", "photographs", "dialect", "json", "verbosity", "focal", "camera", "exposure", "sequence"),
-    *("jobs", "resume", "help", "help_all"),
+    *("extract", "best", "every_best", "jobs", "resume", "help", "help_all"),
 }
 """Options that ``--help`` shows, by the names that argparse keeps their values by."""
 EXAMPLES = "examples:"
