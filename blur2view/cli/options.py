@@ -41,6 +41,8 @@ class PhotographOptions:
     max_failures: int | None
     verbosity: int
     json: bool = False
+    jsonl: bool = False
+    sequence: bool | None = False
     timings: bool = True
 
     def __post_init__(self) -> None:
@@ -53,7 +55,7 @@ class PhotographOptions:
     @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.json and self.verbosity > QUIET
+        return not (self.json or self.jsonl) and self.verbosity > QUIET
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,8 @@ class FolderOptions(PhotographOptions):
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
+        if self.json and self.jsonl:
+            raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:
             raise ValueError("--resume goes on with results in a folder; name it with -o")
         super().__post_init__()
@@ -128,7 +132,6 @@ class ToColmapOptions(PhotographOptions):
     dry_run: bool
     skip_degenerate: bool
     corrected: bool
-    sequence: bool | None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""

@@ -149,7 +149,7 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
         return Made(
             kept=PhotographViews(photograph=photograph, views=views, usable=usable),
             summary=verdict_line(photograph.name, row.meaning, result.geometry),
-            row=row,
+            row=replace(row, frame=job.frame, timestamp_s=job.timestamp_s),
             warnings=contradictions(run, camera, exif),
         )
 

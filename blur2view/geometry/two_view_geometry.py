@@ -60,6 +60,32 @@ class MotionModel(StrEnum):
     """Neither F nor H."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class TimeDirection:
+    """Which end of the exposure came first, as far as it is known.
+
+    Parameters
+    ----------
+    known : bool
+        False: open and close may be exchanged; one order was chosen arbitrarily.
+    confidence : float
+        In [0, 1]; 0 where the direction is not known.
+
+    Raises
+    ------
+    ValueError
+        If the confidence is out of range.
+    """
+
+    known: bool = False
+    confidence: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the confidence."""
+        if not 0 <= self.confidence <= 1:
+            raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoViewGeometry:
     """Two-view geometry of the exposure: open (1) and close (2).
@@ -74,7 +100,7 @@ class TwoViewGeometry:
         One sentence with the figures that decided.
     inlier_mask : ndarray of bool, shape (N,)
     swapped : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` is the open end under F.
+        Where ``ends[:, 1]`` is the open end, under the pose or, without one, under F or H.
     iterations : int
         Samples drawn.
     model : MotionModel

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
+from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.camera_motion import Cells, camera_field
 from blur2view.segmentation.classifier import shipped
@@ -59,9 +60,7 @@ class MotionMask:
     reason: str
 
 
-def segment(
-    found: Estimate, image: NDArray[np.float32], rng: np.random.Generator | None = None
-) -> MotionMask:
+def segment(found: Estimate, image: AnyArray, rng: np.random.Generator | None = None) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
     The camera's motion is one smooth field through the smears and, where there is one, F. What departs from
@@ -73,8 +72,8 @@ def segment(
     ----------
     found : Estimate
         Of one photograph.
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1].
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
     rng : numpy.random.Generator, optional
         Draws starts of the fit; ``default_rng(0)`` by default.
 
@@ -83,6 +82,7 @@ def segment(
     ValueError
         If the image has another shape than the estimate, or the estimate has no grid of smears.
     """
+    image = rgb_of(image)
     if found.grid is None or image.shape[:2] != found.grid.shape:
         shape = None if found.grid is None else found.grid.shape
         raise ValueError(f"expected the photograph of the estimate, {shape}, got {image.shape}")

@@ -19,7 +19,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.model_selection import Fit, measured_sigma_px
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.pose import with_pose
+from blur2view.two_view.pose import in_order_of_rotation, with_pose
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
@@ -135,7 +135,9 @@ def as_recorded(
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
     if problem.intrinsics_known:
-        geometry = with_pose(geometry, matches, problem, fits, options)
+        geometry = in_order_of_rotation(
+            with_pose(geometry, matches, problem, fits, options), matches, problem.ends
+        )
     return in_one_order(geometry, matches)
 
 

@@ -22,7 +22,8 @@ from tests.support.grids import grid_of
 
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
-    "angular_velocity_rad_s", "inliers", "time_s", "use", "error", "meaning",
+    "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz", "rate_unit",
+    "time_confidence", "inliers", "elapsed_s", "use", "error", "meaning",
 ]  # fmt: skip
 
 
@@ -69,7 +70,7 @@ def test_table_and_list_of_a_folder(
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.1)
     assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.1)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
-    assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
+    assert moving["rotation_deg"] == moving["wx"] == "" and float(moving["elapsed_s"]) > 0
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
     assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
@@ -145,8 +146,8 @@ def test_resumed_run_has_every_row_and_judges_anew(frames: Path, tiny_model: Pat
     assert sheet.read_bytes() == before  # the times, too: nothing was done again
     assert call("triage", tiny_model, *words, "--resume", "--max-smear", 100) == 0
     assert [one["use"] for one in table(sheet)] == ["sharp"] * 3
-    assert [one["time_s"] for one in table(sheet)] == [
-        one["time_s"] for one in csv.DictReader(before.decode().splitlines())
+    assert [one["elapsed_s"] for one in table(sheet)] == [
+        one["elapsed_s"] for one in csv.DictReader(before.decode().splitlines())
     ]
 
 
@@ -268,10 +269,11 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(
     assert call("estimate", tiny_model, *words) == 0
     facts = json.loads(capsys.readouterr().out)["estimates"][0]
     (one,) = table(sheet)
-    speed = np.linalg.norm(facts["angular_velocity_rad_s"])
-    assert float(one["angular_velocity_rad_s"]) == pytest.approx(speed, rel=1e-5)
+    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
+        assert float(one[axis]) == pytest.approx(facts[axis], rel=1e-5)
+    assert one["rate_unit"] == facts["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
     assert float(one["rotation_deg"]) == pytest.approx(facts["rotation_deg"], rel=1e-5)
-    assert int(one["inliers"]) == facts["num_inliers"] and one["time_s"] == ""
+    assert int(one["inliers"]) == facts["num_inliers"] and one["elapsed_s"] == ""
     written = sheet.read_bytes()
     assert call("estimate", tiny_model, *words, "--overwrite") == 0
     assert sheet.read_bytes() == written

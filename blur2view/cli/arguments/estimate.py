@@ -1,6 +1,6 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
 ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
@@ -36,6 +36,7 @@ EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
     "blur2view estimate photographs --recursive -o results --resume",
     "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
+    "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
     'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
 )
 
@@ -64,7 +65,8 @@ def describe(parser: shared.CommandParser) -> None:
         help="write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 "
         "bytes a pixel",
     )
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    series.add_json(add)
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)

@@ -3,7 +3,7 @@
 from argparse import SUPPRESS
 from pathlib import Path
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -47,6 +47,7 @@ def describe(parser: shared.CommandParser) -> None:
     )
     add("--overwrite", action="store_true", help=SUPPRESS)
     add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)

@@ -1,6 +1,6 @@
 """``blur2view segment``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 from blur2view.results.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
@@ -61,7 +61,7 @@ def describe(parser: shared.CommandParser) -> None:
         action="store_true",
         help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
     )
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    series.add_json(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)
