@@ -20,9 +20,15 @@ SIGNS = {
     ".npz": (b"smear_grid.npy", b"displacement.npy"),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
+    ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
-KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
+KINDS = {
+    "page": ".html",
+    "table": ".csv",
+    "file": ".json",
+    "point cloud": ".ply",
+}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 

@@ -13,7 +13,7 @@ from functools import cache
 from importlib import import_module
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
+from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
 from blur2view.cli.arguments.parser import CommandParser, Completion
 from blur2view.cli.arguments.shared import EXIT_CODES, paragraph, table
 from blur2view.cli.terminal import complain
@@ -24,6 +24,7 @@ COMMANDS = {
     "estimate": estimate,
     "segment": segment,
     "to-colmap": to_colmap,
+    "place": place,
     "to-transforms": to_transforms,
     "report": report,
     "triage": triage,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
 from blur2view.results.to_colmap import DATABASE, HLOC
@@ -103,20 +104,40 @@ class ReportOptions(PhotographOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Amount:
+    """A number, or a percentage of what is known later."""
+
+    number: float
+    percent: bool = False
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return f"{self.number:g}{'%' if self.percent else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class TriageOptions(PhotographOptions):
     """Those of ``blur2view triage``."""
 
     keep: Path | None
-    max_smear: float
+    extract: Path | None
+    max_smear: Amount
     blurred: bool
+    best: Amount | None
+    every_best: int | None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if self.resume and self.csv is None and self.keep is None:
-            raise ValueError("--resume goes on with a table or a list; name it with --csv or --keep")
-        if not 0 <= self.max_smear < math.inf:
-            raise ValueError(f"--max-smear must not be negative, got {self.max_smear}")
+        if self.resume and self.csv is None and self.keep is None and self.extract is None:
+            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
+        if self.selects and self.keep is None and self.extract is None:
+            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
         super().__post_init__()
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,31 +194,14 @@ class ToColmapOptions(PhotographOptions):
         return self.format == HLOC
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions:
-    """Those of ``blur2view to-transforms``."""
-
-    model: Path
-    photographs: Path | None
-    exposure: float
-    output: Path
-    dialect: str
-    overwrite: bool
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        """Refuse an exposure time that is none."""
-        if not 0 < self.exposure < math.inf:
-            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
-
-
-Options = PhotographOptions | ToTransformsOptions
+Options = PhotographOptions | PlaceOptions | ToTransformsOptions
 OF_COMMAND: dict[str, type[Options]] = {
     "estimate": EstimateOptions,
     "segment": SegmentCommandOptions,
     "report": ReportOptions,
     "triage": TriageOptions,
     "to-colmap": ToColmapOptions,
+    "place": PlaceOptions,
     "to-transforms": ToTransformsOptions,
 }
 

@@ -2,11 +2,17 @@
 
 from dataclasses import replace
 
+from blur2view.cli.linking.targets import (
+    manifest_path,
+    refuse_others,
+    write_views,
+    written_before,
+    written_files,
+)
+from blur2view.cli.linking.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import End, begun
-from blur2view.cli.targets import manifest_path, refuse_others, write_views, written_before, written_files
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
 from blur2view.errors import OutputError
 from blur2view.output_files import prepared
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument

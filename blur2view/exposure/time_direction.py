@@ -17,7 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import cv2
 import numpy as np
@@ -234,6 +234,21 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
         runs[-1].append(index)
         last = (frame, number)
     return [run for run in runs if len(run) > 1]
+
+
+def with_gaps(names: Sequence[str]) -> list[str]:
+    """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
+
+    So frames of a video of which some were left out are not taken for neighbours. Names that differ in more
+    than their number stay as they are.
+    """
+    numbered = [_number(name) for name in names]
+    if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
+        return list(names)
+    steps = [second - first for (_, first), (_, second) in pairwise(numbered)]
+    usual = max(sorted(set(steps)), key=steps.count)
+    gaps = [[name] if step == usual else ["", name] for name, step in zip(names[1:], steps, strict=True)]
+    return [names[0], *chain.from_iterable(gaps)]
 
 
 def _number(name: str) -> tuple[str, int]:

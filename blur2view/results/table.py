@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,8 @@ class Row(Document):
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
+    smear_percent : float
+        That over the diagonal of the picture, per cent: the same whatever its size.
     direction_deg : float
         Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
     sharpness : float
@@ -72,6 +75,7 @@ class Row(Document):
     verdict: str = ""
     parallax: str = ""
     smear_px: float | None = None
+    smear_percent: float | None = None
     direction_deg: float | None = None
     sharpness: float | None = None
     rotation_deg: float | None = None
@@ -102,6 +106,7 @@ class Row(Document):
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
             smear_px=None if smear is None else smear.length_px,
+            smear_percent=None if smear is None else 100 * smear.length_px / math.hypot(*estimate.grid.size),
             direction_deg=None if smear is None else smear.direction_deg,
             sharpness=None if smear is None else smear.sharpness,
             rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,

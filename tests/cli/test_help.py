@@ -27,7 +27,7 @@ completed segment --masks ner
 completed estimate cli
 """
 ROOT = Path(__file__).parents[2]
-WITHOUT_ESTIMATE = ("to-transforms",)
+WITHOUT_ESTIMATE = ("place", "to-transforms")
 HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
 DOCUMENTS = [
     kind

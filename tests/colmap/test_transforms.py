@@ -239,7 +239,7 @@ def with_camera(video: Rendered, folder: Path, kind: str, params: list[float]) -
 
 
 def test_what_cannot_be_written_is_one_line(video: Rendered, tmp_path: Path) -> None:
-    with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*place_views"):
+    with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*blur2view place"):
         transforms(video.folder / "sharp")
     with pytest.raises(DatabaseError, match="absent: no such folder"):
         transforms(tmp_path / "absent")

@@ -19,6 +19,7 @@ from blur2view.exposure.time_direction import (
     rotation_agreement,
     rotation_between,
     smears_at,
+    with_gaps,
     with_time_direction,
 )
 from blur2view.exposure.translation_sign import other_translation, share_in_front
@@ -319,3 +320,12 @@ def test_wrong_arguments_are_named() -> None:
         neighbour_motion(np.zeros((3, 2)), np.zeros((3, 2)), 0)
     with pytest.raises(ValueError, match=r"\(3, 2\), \(2, 2\)"):
         neighbour_motion(np.zeros((3, 2)), np.zeros((2, 2)), 1)
+
+
+def test_frames_that_are_left_out_leave_a_gap() -> None:
+    every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
+    found = with_gaps(every_tenth)
+    assert [name for name in found if name] == every_tenth
+    assert [k for k, name in enumerate(found) if not name] == [3, 6]  # after 20 and after 50
+    for names in (["a.jpg", "b.jpg", "c.jpg"], ["f_1.jpg"], [], ["l/1.jpg", "l/2.jpg", "r/1.jpg"]):
+        assert with_gaps(names) == names

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from blur2view.cli.linking.views import PhotographViews
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import manifest_beside
-from blur2view.cli.views import PhotographViews
 from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.database import (
     holds_views_alone,
