@@ -9,12 +9,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
-from blur2view.output_files import GO_ON
 from blur2view.results.to_colmap import DATABASE, HLOC
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share: the options of ``--help`` by their names.
+    """What the commands over photographs share: the options of ``--help-all`` by their names.
 
     ``inputs`` are the photographs, ``run`` is how each is estimated.
     """
@@ -47,20 +46,12 @@ class PhotographOptions:
     sequence: bool | None = False
     timings: bool = True
 
-    remedy: ClassVar[str] = GO_ON
-    """What may be added to the call so that a table is replaced."""
-
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
         if self.dask is not None and self.run.intrinsics.in_database:
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )
-
-    @property
-    def replaces(self) -> bool:
-        """Whether files of an earlier call may be replaced."""
-        return self.overwrite or self.resume
 
     @property
     def prints(self) -> bool:
@@ -137,6 +128,8 @@ class TriageOptions(PhotographOptions):
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
+        if self.resume and self.csv is None and self.keep is None and self.extract is None:
+            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
         if self.selects and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
         super().__post_init__()
@@ -160,8 +153,6 @@ class ToColmapOptions(PhotographOptions):
     dry_run: bool
     skip_degenerate: bool
     corrected: bool
-
-    remedy: ClassVar[str] = "--resume to go on"
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -196,11 +187,6 @@ class ToColmapOptions(PhotographOptions):
         if target is None:
             raise ValueError("there is neither --db nor -o")
         return target
-
-    @property
-    def is_new(self) -> bool:
-        """Whether a database of our own is written, which a manifest tells from one that was changed."""
-        return self.db is not None and not self.link
 
     @property
     def hloc(self) -> bool:

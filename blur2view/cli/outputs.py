@@ -101,7 +101,6 @@ def _planned(
             options.output,
             endings,
             overwrite=options.overwrite,
-            resume=options.resume,
             names=inputs.names,
             beside=beside,
             earlier=manifest,
@@ -123,7 +122,7 @@ def result_contents(
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry)
+    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
     stored = StoredSmears(
         smears=grid.at_pixels() if full_field else grid,
         ends=matches.ends,

@@ -97,10 +97,7 @@ def begun(
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
-        overwrite, remedy = options.replaces, options.remedy
-        check_file(
-            options.csv, "table", options.inputs.paths, overwrite=overwrite, option="--csv", remedy=remedy
-        )
+        check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
     with prepared(*folders):
         alone = len(options.inputs.paths) == 1 and not options.resume
@@ -158,7 +155,8 @@ def run_over(
                 row = Row() if outcome.made is None else outcome.made.row
                 row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
-                _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                if not outcome.skipped or options.verbosity > SHORT:
+                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:

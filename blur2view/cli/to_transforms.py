@@ -22,7 +22,7 @@ MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame
 def run(options: ToTransformsOptions) -> int:
     """Return the exit code, after writing the file, and the points beside it where it names them."""
     target = options.output
-    check_file(target, "file", overwrite=options.overwrite, remedy="--overwrite")
+    check_file(target, "file")
     images = options.photographs or pictures_of(options.model) or target.parent / "images"
     content = transforms(
         options.model,
@@ -35,7 +35,7 @@ def run(options: ToTransformsOptions) -> int:
     files = {target: (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()}
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
-        check_file(cloud, "point cloud", overwrite=True)
+        check_file(cloud, "point cloud")
         files = {cloud: point_cloud(options.model), **files}
     _write(target.parent, files)
     if options.verbosity > QUIET:

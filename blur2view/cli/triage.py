@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
@@ -159,19 +160,14 @@ def list_text(names: Sequence[str]) -> str:
 def _check_list(options: TriageOptions, target: Path, names: Collection[str], *, wrote: bool) -> None:
     """Refuse a list that would replace what it must not.
 
-    Ours is as the manifest says that an earlier call wrote it, or names nothing but these photographs.
+    Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
+    changed since is replaced, too, if it names nothing but these photographs.
     """
-    if target.is_file() and options.replaces:
-        try:
-            ours = wrote or set(target.read_text().splitlines()) <= set(names)
-        except (OSError, ValueError):
-            ours = False
-        if not ours:
-            raise OutputError(
-                f"{target}: is no list of an earlier call; name another with --keep or remove it"
-            )
-    else:
-        check_file(target, "list", options.inputs.paths, overwrite=False, option="--keep")
+    if target.is_file() and (options.overwrite or options.resume or len(names) == 1):
+        with suppress(OSError, ValueError):
+            wrote = wrote or set(target.read_text().splitlines()) <= set(names)
+    if not (target.is_file() and wrote):
+        check_file(target, "list", options.inputs.paths, option="--keep")
 
 
 def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:

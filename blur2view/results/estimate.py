@@ -159,12 +159,14 @@ class EstimateDocument(Document):
         transpose are one answer. With lens distortion F, H and E hold for undistorted pixels.
     H : 3x3 or null
         Homography of the same points, points2 ~ H points1, where one explains the smears; beside F parallax
-        is open.
+        is undecided.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    meaning : str
+        What it says of the camera, in words: the line that is printed.
     parallax : str
-        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
-        of errors only, or too little is seen) or absent (H alone, or nothing moved).
+        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F
+        may be of errors only, or too little is seen) or absent (H alone, or nothing moved).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
@@ -235,6 +237,7 @@ class EstimateDocument(Document):
     F: Matrix | None
     H: Matrix | None
     config: str
+    meaning: str
     parallax: str
     reason: str
     motion_model: str
@@ -270,6 +273,8 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
+        from blur2view.results.verdicts import meaning
+
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         return cls(
@@ -281,6 +286,7 @@ class EstimateDocument(Document):
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
+            meaning=meaning(one),
             parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),

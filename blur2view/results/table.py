@@ -30,7 +30,7 @@ class Row(Document):
     verdict : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
@@ -67,6 +67,8 @@ class Row(Document):
         Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
     error : str
         Why a photograph failed.
+    meaning : str
+        What the configuration says of the camera, in words: the line that is printed.
     """
 
     name: str = ""
@@ -91,10 +93,12 @@ class Row(Document):
     elapsed_s: float | None = None
     use: str = ""
     error: str = ""
+    meaning: str = ""
 
     @classmethod
     def of(cls, estimate: Estimate, exposure_s: float | None, elapsed_s: float | None) -> Row:
         """Return the row of an estimate, without a name."""
+        from blur2view.results.verdicts import sentence
         from blur2view.smears.sharpness import median_smear
 
         geometry, smear = estimate.geometry, median_smear(estimate.grid)
@@ -110,6 +114,7 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=elapsed_s,
+            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1]),
         )
 
     @classmethod

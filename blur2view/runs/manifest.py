@@ -168,10 +168,6 @@ class Manifest:
         """Return whether a file of all photographs is as an earlier call left it."""
         return _is_whole(target, self._targets.get(target.name, ""))
 
-    def has_target(self, target: Path) -> bool:
-        """Return whether an earlier call wrote a file of this name."""
-        return target.name in self._targets
-
     def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
         """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
         line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}

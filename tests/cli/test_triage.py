@@ -26,7 +26,7 @@ from tests.support.many_photographs import contents
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "smear_percent", "direction_deg", "sharpness", "rotation_deg",
     "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz", "rate_unit",
-    "time_confidence", "inliers", "elapsed_s", "use", "error",
+    "time_confidence", "inliers", "elapsed_s", "use", "error", "meaning",
 ]  # fmt: skip
 
 
@@ -77,12 +77,9 @@ def test_table_and_list_of_a_folder(
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
     assert f"left/moving.png: median of all smears {float(moving['smear_px']):.3g} px" in printed
-    # not again unless asked
-    assert call("triage", tiny_model, *words) == 1
-    assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
-    assert call("triage", tiny_model, *words, "--overwrite", "--blurred") == 0
+    assert call("triage", tiny_model, *words, "--blurred") == 0
     assert keep.read_text() == "left/moving.png\nstill.png\n"
-    assert call("triage", tiny_model, *words, "--overwrite", "--max-smear", 100) == 0
+    assert call("triage", tiny_model, *words, "--max-smear", 100) == 0
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
@@ -219,24 +216,34 @@ def test_list_of_the_photographs_is_not_replaced(
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("again", ["--resume", "--overwrite"])
+@pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted(
-    frames: Path, tiny_model: Path, tmp_path: Path, again: str
+    frames: Path, tiny_model: Path, tmp_path: Path, again: list[str]
 ) -> None:
     words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
     assert call("triage", tiny_model, *words) == 0
     assert (tmp_path / "keep.txt").read_text() == "still.png\n"
     (frames / "still.png").unlink()
-    assert call("triage", tiny_model, *words, again) == 0
+    assert call("triage", tiny_model, *words, *again) == 0
     assert (tmp_path / "keep.txt").read_text() == ""
     (tmp_path / "keep.txt").write_text("mine.png\n")
-    assert call("triage", tiny_model, *words, again) == 1
+    assert call("triage", tiny_model, *words, *again) == 1
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
+
+
+def test_without_a_table_and_a_list_each_photograph_has_its_line(
+    frames: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("triage", tiny_model, frames / "still.png") == 0
+    line, total = capsys.readouterr().out.splitlines()
+    assert "still.png: median of all smears" in line and total.startswith("1 photograph: 1 sharp")
+    assert not list(frames.glob("*.csv*"))
 
 
 @pytest.mark.parametrize(
     "words",
     [
+        ["--resume"],
         ["--csv", "t.csv", "--max-smear", "-1"],
         ["--keep", "k", "--max-smear", "nan%"],
         ["--keep", "k", "--best", "0"],

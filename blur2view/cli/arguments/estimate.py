@@ -3,7 +3,7 @@
 from blur2view.cli.arguments import series, shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
-ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
+ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
 DESCRIPTION = """
 Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
 matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
@@ -14,9 +14,9 @@ CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 MULTIPLE: two motions share the picture: F is that of the one most smears follow; no pose
-PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is open
+PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, it is open which: the same
+PLANAR_OR_PANORAMIC: one of both does, undecided which: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """
@@ -52,9 +52,13 @@ def describe(parser: shared.CommandParser) -> None:
         "--output",
         type=shared.output_path,
         metavar="DIR",
-        help="write DIR/<stem>.json, .smear.npz and .png, see below",
+        help="write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
     add(
         "--full-field",
         action="store_true",

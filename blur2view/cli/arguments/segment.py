@@ -56,7 +56,11 @@ def describe(parser: shared.CommandParser) -> None:
         default="keep",
         help="what --masks makes of unobservable pixels (default: keep)",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
     series.add_json(add)
     shared.add_timings(add)
     shared.add_table(add)

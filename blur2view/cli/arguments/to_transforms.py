@@ -1,5 +1,6 @@
 """``blur2view to-transforms``: its options and its help."""
 
+from argparse import SUPPRESS
 from pathlib import Path
 
 from blur2view.cli.arguments import shared
@@ -58,11 +59,11 @@ def describe(parser: shared.CommandParser) -> None:
         type=shared.output_path,
         default=Path("transforms.json"),
         metavar="JSON",
-        help="the file (default: %(default)s)",
+        help="the file (default: %(default)s); one of an earlier call is replaced",
     )
     output.add_argument(
         "--dialect", choices=DIALECTS, default=DIALECTS[0], help="whose file (default: %(default)s)"
     )
-    output.add_argument("--overwrite", action="store_true", help="replace a file of an earlier call")
+    output.add_argument("--overwrite", action="store_true", help=SUPPRESS)
     shared.add_verbosity(output)
     parser.epilog = shared.epilog(shared.table("what is written", KEYS), examples=EXAMPLES)

@@ -107,7 +107,12 @@ def describe(parser: shared.CommandParser) -> None:
         metavar="N",
         help="keep the sharpest of every N neighbours, and of each view among them",
     )
-    add("--overwrite", action="store_true", help="replace table and list of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace a list that was changed since it was written, too, if it names nothing but these "
+        "photographs",
+    )
     shared.add_timings(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
