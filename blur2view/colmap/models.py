@@ -32,7 +32,7 @@ def read_model(folder: Path) -> Any:
 
     try:
         return pycolmap.Reconstruction(folder)
-    except (ValueError, RuntimeError):
+    except (ValueError, RuntimeError, IndexError):  # the last of files that do not go together
         reason = "is no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None

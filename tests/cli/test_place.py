@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,10 @@ def test_what_cannot_be_placed_is_one_line(
     assert "holds no photograph" in complaint(database, linked / "model", linked / "model")
     assert "no such folder; name the one with cameras.bin" in complaint(database, tmp_path / "none", frames)
     assert "is no model that can be read" in complaint(database, tmp_path, frames)
+    shutil.copytree(linked / "model" / "1", tmp_path / "torn")
+    images = tmp_path / "torn" / "images.bin"
+    images.write_bytes(images.read_bytes()[:5000])
+    assert "torn: is no model that can be read" in complaint(database, tmp_path / "torn", frames)
     assert "no such database" in complaint(tmp_path / "none.db", linked / "model", frames)
     one = pycolmap.Reconstruction(linked / "model" / "1")
     for k in range(2, FRAMES + 1):
