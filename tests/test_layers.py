@@ -20,6 +20,7 @@ PACKAGE = ROOT / "blur2view"
 ROWS = [
     "arrays errors",
     "input_files",
+    "file_writing",
     "output_files",
     "camera smears",
     "geometry networks photographs",
@@ -35,7 +36,7 @@ ROWS = [
     "__main__",
 ]
 RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
-MOST_FILES, MOST_MODULES, MOST_LINES = 12, 15, 350
+MOST_FILES, MOST_MODULES, MOST_LINES = 12, 15, 300
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})

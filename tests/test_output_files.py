@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from blur2view.output_files import remove_left_over
+from blur2view.file_writing import remove_left_over
 
 
 def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(tmp_path: Path) -> None:

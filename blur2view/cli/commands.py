@@ -14,8 +14,8 @@ from importlib import import_module
 
 from blur2view import __version__
 from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
+from blur2view.cli.arguments.help_text import EXIT_CODES, paragraph, table
 from blur2view.cli.arguments.parser import CommandParser, Completion
-from blur2view.cli.arguments.shared import EXIT_CODES, paragraph, table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 

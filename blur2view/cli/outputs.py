@@ -23,7 +23,8 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
+from blur2view.file_writing import Write, remove_left_over
+from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument
 from blur2view.results.estimate import EstimateDocument

@@ -18,7 +18,8 @@ from blur2view.colmap.models import (
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
-from blur2view.output_files import prepared, unwritable, write_atomically
+from blur2view.file_writing import unwritable, write_atomically
+from blur2view.output_files import prepared
 from blur2view.photographs.inputs import list_photographs
 
 DONE = 0

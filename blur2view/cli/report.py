@@ -16,7 +16,8 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import OutputError
-from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
+from blur2view.file_writing import unwritable, write_atomically
+from blur2view.output_files import below_shared_folder, check_file, prepared
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
 from blur2view.results.verdicts import VERDICT_ORDER, meaning

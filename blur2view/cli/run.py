@@ -16,15 +16,9 @@ from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
+from blur2view.file_writing import is_there
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import (
-    below_shared_folder,
-    check_file,
-    is_there,
-    prepared,
-    unwritable,
-    write_atomically,
-)
+from blur2view.output_files import below_shared_folder, check_file, prepared, write_text
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
@@ -293,15 +287,6 @@ def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths
         raise OutputError(f"{target}: two results would be one file; name another with {option}")
     if real in {os.path.realpath(path) for path in options.inputs.lists}:
         raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
-
-
-def write_text(target: Path, text: str) -> None:
-    """Write a table or a list, whole or not at all."""
-    with prepared(target.parent):
-        try:
-            write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
-        except OSError as error:
-            raise unwritable(target.parent, error) from None
 
 
 def manifest_beside(target: Path) -> Path:

@@ -11,10 +11,10 @@ from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
-from blur2view.results.estimate import BackwardDocument, EstimateDocument
+from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
 from blur2view.results.masks import MaskDocument
-from blur2view.results.rate import PER_SECOND
+from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.segmentation.mask import MotionMask
 
 FAR_PX = 1e5  # an epipole that is farther away is given as a direction

@@ -9,20 +9,11 @@ from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.options import TriageOptions
-from blur2view.cli.run import (
-    End,
-    begun,
-    colmap_names,
-    jobs_of,
-    manifest_beside,
-    refuse_shared,
-    run_over,
-    write_text,
-)
+from blur2view.cli.run import End, begun, colmap_names, jobs_of, manifest_beside, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, complain, plural, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import check_file, prepared
+from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail

@@ -23,8 +23,8 @@ from blur2view.colmap.database import inliers
 from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
+from blur2view.file_writing import write_together
 from blur2view.input_files import open_regular, read_regular
-from blur2view.output_files import write_together
 
 UNMATCHED = -1
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes

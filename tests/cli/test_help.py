@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.arguments.shared import keys
+from blur2view.cli.arguments.help_text import keys
 from blur2view.results import document, estimate, masks, to_colmap
 from blur2view.results.document import Document
 

@@ -16,7 +16,7 @@ import pytest
 from blur2view import pipeline
 from blur2view.cli import commands as cli
 from blur2view.errors import ImageError
-from blur2view.output_files import write_together
+from blur2view.file_writing import write_together
 from blur2view.photographs.image import read_image
 from blur2view.runs import job
 from tests.support.colour_code import colour_code, write_picture

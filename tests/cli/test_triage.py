@@ -14,7 +14,7 @@ from blur2view.cli import commands as cli
 from blur2view.cli import run as cli_run
 from blur2view.cli.triage import list_text, use_of
 from blur2view.errors import OutputError, RunError
-from blur2view.output_files import write_atomically
+from blur2view.file_writing import write_atomically
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest

@@ -1,6 +1,6 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import series, shared
+from blur2view.cli.arguments import help_text, series, shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
 ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
@@ -43,7 +43,7 @@ EXAMPLES = (
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -71,10 +71,10 @@ def describe(parser: shared.CommandParser) -> None:
     shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = shared.epilog(
-        shared.table("configurations, in COLMAP's names", CONFIGURATIONS),
-        shared.table("files of -o", FILES + shared.MANIFEST),
-        shared.table("JSON document of --json", shared.keys(EstimatesDocument)),
-        shared.table("JSON document of a photograph", shared.keys(EstimateDocument)),
+    parser.epilog = help_text.epilog(
+        help_text.table("configurations, in COLMAP's names", CONFIGURATIONS),
+        help_text.table("files of -o", FILES + help_text.MANIFEST),
+        help_text.table("JSON document of --json", help_text.keys(EstimatesDocument)),
+        help_text.table("JSON document of a photograph", help_text.keys(EstimateDocument)),
         examples=EXAMPLES,
     )

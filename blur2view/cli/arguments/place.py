@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, shared
 
 ABOUT = "put the views of a linked project into COLMAP's model of its frames"
 DESCRIPTION = """
@@ -23,7 +23,7 @@ EXAMPLES = (
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view place``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     given = parser.add_argument_group("input")
     add = given.add_argument
     add("database", type=Path, metavar="DB", help="the project with the views")
@@ -51,4 +51,4 @@ def describe(parser: shared.CommandParser) -> None:
         "-o", "--output", type=shared.output_path, required=True, metavar="DIR", help="where the model goes"
     )
     shared.add_verbosity(output)
-    parser.epilog = shared.epilog(shared.table("what is written", WRITTEN), examples=EXAMPLES)
+    parser.epilog = help_text.epilog(help_text.table("what is written", WRITTEN), examples=EXAMPLES)

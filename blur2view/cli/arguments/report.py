@@ -3,7 +3,7 @@
 from argparse import SUPPRESS
 from pathlib import Path
 
-from blur2view.cli.arguments import series, shared
+from blur2view.cli.arguments import help_text, series, shared
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -33,7 +33,7 @@ EXAMPLES = (
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -52,6 +52,8 @@ def describe(parser: shared.CommandParser) -> None:
     shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = shared.epilog(
-        shared.table("on the page", CONTROLS), shared.table("terms of the page", TERMS), examples=EXAMPLES
+    parser.epilog = help_text.epilog(
+        help_text.table("on the page", CONTROLS),
+        help_text.table("terms of the page", TERMS),
+        examples=EXAMPLES,
     )

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, shared
 from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
@@ -52,7 +52,7 @@ REFUSED = {
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     _add_target(output.add_argument)
@@ -60,11 +60,11 @@ def describe(parser: shared.CommandParser) -> None:
     shared.add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
     shared.add_estimating(parser, exposure=False)
-    parser.epilog = shared.epilog(
-        shared.table("what is written", WRITTEN),
-        shared.table("JSON document of --json", shared.keys(ToColmapDocument)),
-        shared.table("JSON object of a photograph", shared.keys(ViewsDocument)),
-        shared.table("not here", REFUSED.items()),
+    parser.epilog = help_text.epilog(
+        help_text.table("what is written", WRITTEN),
+        help_text.table("JSON document of --json", help_text.keys(ToColmapDocument)),
+        help_text.table("JSON object of a photograph", help_text.keys(ViewsDocument)),
+        help_text.table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
 

@@ -3,7 +3,7 @@
 from argparse import SUPPRESS
 from pathlib import Path
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, shared
 from blur2view.colmap import DIALECTS
 
 ABOUT = "write a COLMAP model with views as transforms.json, for radiance fields of blurred photographs"
@@ -33,7 +33,7 @@ EXAMPLES = (
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view to-transforms``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     given = parser.add_argument_group("input")
     given.add_argument("model", type=Path, metavar="MODEL", help="folder of a COLMAP model with views")
     given.add_argument(
@@ -66,4 +66,4 @@ def describe(parser: shared.CommandParser) -> None:
     )
     output.add_argument("--overwrite", action="store_true", help=SUPPRESS)
     shared.add_verbosity(output)
-    parser.epilog = shared.epilog(shared.table("what is written", KEYS), examples=EXAMPLES)
+    parser.epilog = help_text.epilog(help_text.table("what is written", KEYS), examples=EXAMPLES)

@@ -3,7 +3,7 @@
 import argparse
 import math
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, shared
 from blur2view.cli.options import Amount
 from blur2view.results.table import Row
 
@@ -71,7 +71,7 @@ def best(text: str) -> Amount:
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view triage``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -116,9 +116,9 @@ def describe(parser: shared.CommandParser) -> None:
     shared.add_timings(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = shared.epilog(
-        shared.table("uses", USES),
-        shared.table("columns of --csv", shared.keys(Row)),
-        shared.table("the list", LIST),
+    parser.epilog = help_text.epilog(
+        help_text.table("uses", USES),
+        help_text.table("columns of --csv", help_text.keys(Row)),
+        help_text.table("the list", LIST),
         examples=EXAMPLES,
     )
