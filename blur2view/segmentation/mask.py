@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.camera_motion import Cells, camera_field
 from blur2view.segmentation.classifier import shipped
@@ -87,10 +88,11 @@ def segment(
         shape = None if found.grid is None else found.grid.shape
         raise ValueError(f"expected the photograph of the estimate, {shape}, got {image.shape}")
     cells, grid = Cells.of(found.grid), found.grid
+    rng = np.random.default_rng(0) if rng is None else rng
     gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
     weight: Array = np.ones(cells.sigma_px.shape)
     for _ in range(ROUNDS):
-        looked = Looked.of(found, cells, gradients, weight, np.random.default_rng(0) if rng is None else rng)
+        looked = Looked.of(cells, found.geometry.F, found.camera, gradients, weight, rng)
         moving, read = shipped().log_odds(looked.evidence)
         moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
         weight = 1 - np.asarray(moves, float)
@@ -108,20 +110,21 @@ class Looked:
 
     @classmethod
     def of(
-        cls, found: Estimate, cells: Cells, gradients: Array, weight: Array, rng: np.random.Generator
+        cls,
+        cells: Cells,
+        F: Array | None,
+        camera: Camera | None,
+        gradients: Array,
+        weight: Array,
+        rng: np.random.Generator,
     ) -> Looked:
         """Fit the camera's motion to cells that count by their weights (h, w), and compare."""
-        camera = camera_field(cells, weight, rng)
-        F, ends = found.geometry.F, measured_ends(cells, found)
-        return cls(camera=camera, evidence=evidence(cells, camera, ends, F, gradients))
-
-
-def measured_ends(cells: Cells, found: Estimate) -> Array:
-    """Return the ends (h, w, 2, 2) as the camera's undistorted picture shows them, which F is of."""
-    ends = smear_ends(cells.points.reshape(-1, 2), cells.displacement.reshape(-1, 2))
-    if found.camera is not None and found.camera.distorted:
-        ends = found.camera.undistorted(ends)
-    return ends.reshape(*cells.sigma_px.shape, 2, 2)
+        motion = camera_field(cells, weight, rng)
+        ends = smear_ends(cells.points.reshape(-1, 2), cells.displacement.reshape(-1, 2))
+        if camera is not None and camera.distorted:
+            ends = camera.undistorted(ends)  # of which F is
+        ends = ends.reshape(*weight.shape, 2, 2)
+        return cls(camera=motion, evidence=evidence(cells, motion, ends, F, gradients))
 
 
 def _share(log_odds: Array) -> NDArray[np.float32]:

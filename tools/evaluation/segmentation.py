@@ -56,7 +56,6 @@ class SceneFigures:
     that move, by tenths of the probability.
     """
 
-    name: str
     share: float
     iou: float
     iou_everywhere: float
@@ -69,7 +68,7 @@ class SceneFigures:
     counts: AnyArray
 
 
-COLUMNS = [field.name for field in fields(SceneFigures)][2:-1]
+COLUMNS = [field.name for field in fields(SceneFigures)][1:-1]
 
 
 def average_precision(score: AnyArray, moving: Mask) -> float:
@@ -104,7 +103,6 @@ def judge(scene: TestScene, found: Estimate, mask: MotionMask) -> SceneFigures:
     clear = clear_movers(scene)
     tenth = np.minimum((10 * score[valid]).astype(int), 9)
     return SceneFigures(
-        name=scene.name,
         share=float(moving.mean()),
         iou=overlap(called[seen], moving[seen]) if moving[seen].any() else float("nan"),
         iou_everywhere=overlap(called, moving),
@@ -199,12 +197,8 @@ def calibration_lines(scenes: list[SceneFigures]) -> list[str]:
     shares = " | ".join("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
     tenths = " | ".join(f"{k / 10:.1f}-{(k + 1) / 10:.1f}" for k in range(10))
     pixels = " | ".join(f"{n / every.sum():.4f}" for n in every)
-    return [
-        f"| probability | {tenths} |",
-        "|---" * 11 + "|",
-        f"| share of the pixels | {pixels} |",
-        f"| of these, moving | {shares} |",
-    ]
+    rows = [f"| share of the pixels | {pixels} |", f"| of these, moving | {shares} |"]
+    return [f"| probability | {tenths} |", "|---" * 11 + "|", *rows]
 
 
 def real_lines(folder: Path, static: list[Path], network: SmearNetwork) -> list[str]:
@@ -233,7 +227,7 @@ def real_lines(folder: Path, static: list[Path], network: SmearNetwork) -> list[
 def moving_in(photo: Path, network: SmearNetwork) -> Mask:
     """Return what of a photograph is called moving."""
     image = read_image(photo)
-    return segment(estimate(image, network=network), image).labels == MotionLabel.MOVING
+    return np.asarray(segment(estimate(image, network=network), image).labels == MotionLabel.MOVING)
 
 
 def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
@@ -282,9 +276,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("scenes", type=existing, nargs="+", help="folders of rendered scenes")
     parser.add_argument("--real", type=Path, default=REAL, help="folder of the real photographs")
-    parser.add_argument(
-        "--static", type=Path, nargs="+", default=STATIC, help="folders of photographs in which nothing moves"
-    )
+    parser.add_argument("--static", type=Path, nargs="+", default=STATIC, help="folders of still photographs")
     parser.add_argument("--out", type=target, required=True, help="without suffix")
     arguments = parser.parse_args()
     network = SmearNetwork()
