@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Array
 from blur2view.smears.field import upsample_grid
 
 Mask = NDArray[np.bool_]
 # Probabilities: of every pixel of a part that moves, of its surest pixel; below the last one stands still.
-LEAST_MOVING, SURE, MOST_STILL = 0.35, 0.7, 0.15
-LEAST_AREA_PX = 900  # of a part: a window of the network reads 96 x 96 pixels
+LEAST_MOVING, SURE, MOST_STILL = 0.3, 0.6, 0.12
+LEAST_AREA_PX = 1600  # of a part: a window of the network reads 96 x 96 pixels
 REDUCED = 4  # pixels to one in which outlines are followed
 GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
 
@@ -71,6 +71,19 @@ def moving_parts(probability: NDArray[np.float32]) -> Mask:
     sure &= stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA_PX
     sure[0] = False
     return np.asarray(sure[part])
+
+
+def parts_above(moving: Mask, values: Array, least: float, stride: int) -> Mask:
+    """Keep the connected parts of a mask (H, W) over which values of cells (h, w) have so high a mean."""
+    count, part = cv2.connectedComponents(moving.astype(np.uint8), connectivity=4)
+    rows, columns = (np.arange(side) // stride for side in moving.shape)
+    size, total = np.zeros(count), np.zeros(count)
+    for row, line in zip(part, rows, strict=True):
+        size += np.bincount(row, minlength=count)
+        total += np.bincount(row, weights=values[line, columns], minlength=count)
+    above = total >= least * size
+    above[0] = False
+    return np.asarray(above[part])
 
 
 def moving_regions(moving: Mask, probability: NDArray[np.float32]) -> tuple[MovingRegion, ...]:

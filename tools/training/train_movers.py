@@ -28,7 +28,7 @@ from blur2view.pipeline import estimate
 from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.classifier import DILATIONS
 from blur2view.segmentation.evidence import FINER, gradients_of
-from blur2view.segmentation.mask import Looked
+from blur2view.segmentation.mask import Compared
 from blur2view.smears.grid import SmearGrid
 from tools.arguments import existing, parser_of, target
 from tools.rendering.exposure import GRID
@@ -96,7 +96,7 @@ def scene_of(path: Path, network: SmearNetwork, cache: Path | None) -> Scene:
     cells = Cells.of(grid)
     gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
     every = np.ones(cells.sigma_px.shape)
-    seen = Looked.of(cells, F, None, gradients, every, np.random.default_rng(0)).evidence
+    seen = Compared.of(cells, F, None, gradients, every, np.random.default_rng(0)).evidence
     height, width = (-(-side // GRID) for side in grid.shape)
     displacement, static = np.zeros((height, width, 2)), np.ones((height, width), bool)
     valid = static.copy()
