@@ -18,11 +18,11 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``found = estimate(read_image("a.jpg"))``: smears, matches and ``found.geometry``, with F or None, the
-  configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))`` E and
+- ``image = read_image("a.jpg")``, ``found = estimate(image)``: smears, matches and ``found.geometry``, with F
+  or None, the configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))`` E and
   the pose.
 - ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
-- ``segment(found, image)``: what moves by itself, as `blur2view segment` has it.
+- ``segment(found, image)``: what of this image moves by itself, as `blur2view segment` has it.
 - ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.
 - ``write_database(Path("new.db"), [views_of("a.jpg", found)])``: what `blur2view to-colmap` writes.
 - ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.

@@ -3,6 +3,14 @@
 ``python -m tools.training.train_movers SCENES... --out blur2view/segmentation/movers.npz``: folders of
 scenes with their truth (`tools.datasets.mover_scenes --training`), and of photographs alone (PNG, JPEG), in
 which nothing is blurred or moves. Everything follows from the folders and ``--seed``.
+
+The folders that ``movers.npz`` names, `tools.datasets.mover_scenes FOLDER --training PHOTOS --kind ... --scenes
+... --seed ...`:
+
+- ``dev_movers``, ``dev_movers2``, ``rendered2``, ``rendered3``: ``rendered``, 60, 64, 120 and 240 of the seeds
+  from 60, 62, 66 and 68 million on; ``dev_still``, ``still2``: ``still``, 32 and 40 from 61 and 67 million on
+- ``shaken``, ``shaken2``: ``shaken``, 360 and 300 of the seeds 72 and 75; ``standing``: 100 of the seed 71
+- ``sharp``: ``sharp``
 """
 
 from __future__ import annotations
@@ -36,7 +44,7 @@ from tools.rendering.exposure import GRID
 READ_PX, READ_SHARE = 2.0, 0.25  # error of a smear that is still read right: constant, and of its length
 READ_WEIGHT = 0.3  # of the second question, whether a smear is read, in the loss
 CHANNELS, DROPOUT = 16, 0.15
-EPOCHS, BATCH, RATE, DECAY = 40, 12, 6e-3, 1e-3
+EPOCHS, BATCH, RATE, DECAY = 60, 12, 6e-3, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
