@@ -19,8 +19,8 @@ Conventions, used everywhere
 First calls
 -----------
 - ``image = read_image("a.jpg")``, ``found = estimate(image)``: smears, matches and ``found.geometry``, with F
-  or None, the configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))`` E and
-  the pose.
+  or None, the configuration, its reason and ``parallax``; with
+  ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
 - ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
 - ``segment(found, image)``: what of this image moves by itself, as `blur2view segment` has it.
 - ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.

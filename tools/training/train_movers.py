@@ -4,11 +4,11 @@
 scenes with their truth (`tools.datasets.mover_scenes --training`), and of photographs alone (PNG, JPEG), in
 which nothing is blurred or moves. Everything follows from the folders and ``--seed``.
 
-The folders that ``movers.npz`` names, `tools.datasets.mover_scenes FOLDER --training PHOTOS --kind ... --scenes
-... --seed ...`:
+The folders that ``movers.npz`` names are of
+`tools.datasets.mover_scenes FOLDER --training PHOTOS --kind KIND --scenes N --seed S`:
 
-- ``dev_movers``, ``dev_movers2``, ``rendered2``, ``rendered3``: ``rendered``, 60, 64, 120 and 240 of the seeds
-  from 60, 62, 66 and 68 million on; ``dev_still``, ``still2``: ``still``, 32 and 40 from 61 and 67 million on
+- ``dev_movers``, ``dev_movers2``, ``rendered2``, ``rendered3``: ``rendered``, 60, 64, 120 and 240 of the
+  seeds 60, 62, 66 and 68 million; ``dev_still``, ``still2``: ``still``, 32 and 40 of 61 and 67 million
 - ``shaken``, ``shaken2``: ``shaken``, 360 and 300 of the seeds 72 and 75; ``standing``: 100 of the seed 71
 - ``sharp``: ``sharp``
 """
