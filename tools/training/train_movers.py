@@ -44,7 +44,7 @@ from tools.rendering.exposure import GRID
 READ_PX, READ_SHARE = 2.0, 0.25  # error of a smear that is still read right: constant, and of its length
 READ_WEIGHT = 0.3  # of the second question, whether a smear is read, in the loss
 CHANNELS, DROPOUT = 16, 0.15
-EPOCHS, BATCH, RATE, DECAY = 60, 12, 6e-3, 1e-3
+EPOCHS, BATCH, RATE, DECAY = 40, 12, 6e-3, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
