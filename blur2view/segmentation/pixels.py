@@ -12,8 +12,8 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.smears.field import upsample_grid
 
 Mask = NDArray[np.bool_]
-# Probabilities: of every pixel of a part that moves, of its sure ones; below the last one stands still.
-LEAST_MOVING, SURE, MOST_STILL = 0.3, 0.6, 0.12
+# Probabilities: of every pixel of a part that moves; below the second it stands still.
+LEAST_MOVING, MOST_STILL = 0.3, 0.12
 LEAST_AREA_PX = 1600  # of a part: a window of the network reads 96 x 96 pixels
 REDUCED = 4  # pixels to one in which outlines are followed
 GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
@@ -62,15 +62,15 @@ def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float
     return np.clip(pixels, 0, 1)
 
 
-def moving_parts(probability: NDArray[np.float32], sure_share: float) -> Mask:
+def moving_parts(probability: NDArray[np.float32], sure: float, sure_share: float) -> Mask:
     """Mark the connected parts (H, W) that may move everywhere and are large enough.
 
-    More than ``sure_share`` of each, 0 to 1, surely move.
+    More than ``sure_share`` of each, 0 to 1, has a probability of at least ``sure``.
     """
     likely = probability >= LEAST_MOVING
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
-    moves = np.bincount(part[probability >= SURE], minlength=len(stats)) > sure_share * area
+    moves = np.bincount(part[probability >= sure], minlength=len(stats)) > sure_share * area
     moves &= area >= LEAST_AREA_PX
     moves[0] = False
     return np.asarray(moves[part])

@@ -34,7 +34,7 @@ REAL = [
     ROOT.parent / "shared/data" / name
     for name in (
         "real/local_walker_0083.png",
-        "real/gopro_street_01.png",
+        "real/gopro_street_07.png",
         "real/gopro_forward_0950.png",
         "textures/kodak/03.png",
         "textures/kodak/12.png",
@@ -154,10 +154,10 @@ def test_parts_move_if_they_are_surely_seen_to_somewhere_and_large_enough() -> N
     assert 100 < LEAST_AREA_PX < 40 * 60
     expected = np.zeros((200, 200), bool)
     expected[100:140, :60] = True
-    np.testing.assert_array_equal(moving_parts(probability, 0), expected)
-    assert not moving_parts(probability, 0.2).any()
+    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0), expected)
+    assert not moving_parts(probability, 0.6, 0.2).any()
     probability[100:140, :20] = 0.9
-    np.testing.assert_array_equal(moving_parts(probability, 0.2), expected)
+    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0.2), expected)
 
 
 def test_parts_are_described_by_their_own_pixels() -> None:
