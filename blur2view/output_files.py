@@ -20,12 +20,17 @@ SIGNS = {
     ".npz": (b"smear_grid.npy", b"displacement.npy"),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
+    ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
-KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
+KINDS = {
+    "page": ".html",
+    "table": ".csv",
+    "file": ".json",
+    "point cloud": ".ply",
+}  # of one file, whatever it is called
 Write = Callable[[BinaryIO], object]
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
-GO_ON = "--resume to go on or --overwrite to replace it"
 
 
 def prepare_folder(folder: Path) -> list[Path]:
@@ -48,11 +53,9 @@ def check_file(
     what: str,
     inputs: Iterable[Path] = (),
     *,
-    overwrite: bool,
     option: str = "-o",
-    remedy: str = GO_ON,
 ) -> None:
-    """Refuse, before any work, to write one file where it would replace what it must not.
+    """Refuse, before any work, to write one file where it would replace what is not of an earlier call.
 
     Parameters
     ----------
@@ -62,24 +65,18 @@ def check_file(
         What it is, for the message; of `KINDS` if it may be one of an earlier call.
     inputs : iterable of Path
         The photographs of the call.
-    overwrite : bool
-        Whether a file of an earlier call may be replaced.
     option : str
         The option that names it.
-    remedy : str
-        What may be added to the call so that it is replaced.
 
     Raises
     ------
     OutputError
-        If it is an input, a folder, or there already and not to be replaced.
+        If it is an input, a folder, or a file of another kind.
     """
     if os.path.realpath(target) in {os.path.realpath(path) for path in inputs}:
         raise OutputError(f"{target}: the {what} would replace a photograph; name another with {option}")
     if target.is_dir():
         raise OutputError(f"{target}: is a folder; name the {what} with {option}")
-    if os.path.lexists(target) and not overwrite:
-        raise OutputError(f"{target}: exists; add {remedy}, or name another {what} with {option}")
     if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(
             f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
@@ -151,8 +148,7 @@ def plan_outputs(
     folder: Path,
     endings: Sequence[str],
     *,
-    overwrite: bool,
-    resume: bool = False,
+    overwrite: bool = False,
     names: Mapping[Path, Path] | None = None,
     beside: Callable[[Path], Path] | None = None,
     earlier: Earlier | None = None,
@@ -169,9 +165,7 @@ def plan_outputs(
     endings : sequence of str
         As of `ResultFiles`.
     overwrite : bool
-        Whether files of an earlier call may be replaced. Photographs and files of others never are.
-    resume : bool
-        Whether those may that are not of another photograph.
+        Whether results of another photograph may be replaced, too. Photographs and files of others never are.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
     beside : callable, optional
@@ -190,8 +184,8 @@ def plan_outputs(
         )
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(files.paths, inputs, overwrite=overwrite, resume=resume)
-        if refusal is None and resume and not overwrite:
+        refusal = _refusal(files.paths, inputs)
+        if refusal is None and not overwrite:
             refusal = _refusal_by_owner(files, image, earlier)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
@@ -199,15 +193,12 @@ def plan_outputs(
     return plan
 
 
-def _refusal(paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool) -> str | None:
+def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    taken = [path for path in paths if os.path.lexists(path)]
-    foreign = [path for path in taken if not is_ours(path)]
+    foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
         return f"a result would replace the photograph {hit[0]}; use another -o"
-    if taken and not (overwrite or resume):
-        return f"{taken[0]} exists; add {GO_ON}, or use another -o"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None

@@ -28,8 +28,9 @@ from blur2view.output_files import (
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, source_of
 from blur2view.runs.manifest import Manifest
+from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import Jobs, outcomes
 
@@ -96,10 +97,7 @@ def begun(
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
-        overwrite, remedy = options.replaces, options.remedy
-        check_file(
-            options.csv, "table", options.inputs.paths, overwrite=overwrite, option="--csv", remedy=remedy
-        )
+        check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
     with prepared(*folders):
         alone = len(options.inputs.paths) == 1 and not options.resume
@@ -157,7 +155,8 @@ def run_over(
                 row = Row() if outcome.made is None else outcome.made.row
                 row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
-                _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                if not outcome.skipped or options.verbosity > SHORT:
+                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
@@ -260,8 +259,12 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
 
 def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
     """Return the jobs of a command that writes no files of single photographs."""
-    paths = options.inputs.paths
-    return [(Job(index=index, path=path, target=None), None) for index, path in enumerate(paths)]
+    beside = neighbours_of(options.inputs.paths, options.sequence)
+    jobs = (
+        Job(index=index, path=path, target=None, neighbours=neighbours, source=source_of(neighbours))
+        for index, (path, neighbours) in enumerate(beside.items())
+    )
+    return [(job, None) for job in jobs]
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:

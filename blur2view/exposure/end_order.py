@@ -1,10 +1,12 @@
 """Which end of a smear is the open one, under an estimated motion.
 
-F alone leaves the order of most smears ambiguous where the camera hardly rotates (of all, if it only
-translates). Cheirality decides it, for which a roughly right focal length is enough:
+A rotation alone orders all: where RedKitchen's pose has no translation it gives 0.9998 of the smears of 30
+frames the right order among each other, the F beside it 0.977. F alone leaves the order of most smears
+ambiguous where the camera hardly rotates (of all, if it only translates). Cheirality decides it, for which a
+roughly right focal length is enough:
 on 8 scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from
 0.58 to 0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
-(tests/test_end_order.py).
+(tests/exposure/test_end_order.py).
 """
 
 from __future__ import annotations
@@ -16,8 +18,9 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import homogeneous
+from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.pose import RigidTransform, order_before_both, oriented_pose
+from blur2view.geometry.rotation import against_rotation
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
@@ -47,6 +50,8 @@ class MotionOrder:
 
         ``ends`` (N, 2, 2) are finite pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
         """
+        if self.pose is not None and not self.pose.translation.any():
+            return against_rotation(self.pose.rotation_vector, self.camera.rays(ends))
         forward = forward_share(self.geometry, self.camera.undistorted(ends), sampson_px)
         if self.pose is None or self.geometry.F is None:
             return forward < 0.5
@@ -56,14 +61,14 @@ class MotionOrder:
 def motion_order(
     geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
 ) -> MotionOrder:
-    """Return the motion to order smears by: that of F, where the pose has no translation or is not known.
+    """Return the motion to order smears by: that of F, where the pose is not known.
 
     F, or H, is kept as it is, so that orders agree with it and not its transpose. Without a camera the focal
     length is the one that COLMAP guesses; ``size`` is width and height of the photograph, pixels.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
     pose = geometry.cam2_from_cam1
-    if (pose is not None and pose.translation.any()) or geometry.F is None or len(matches) == 0:
+    if pose is not None or geometry.F is None or len(matches) == 0:
         return MotionOrder(geometry=geometry, camera=camera, pose=pose)
     E = camera.K.T @ geometry.F @ camera.K
     forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sampson_px)
@@ -81,16 +86,7 @@ def forward_share(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> 
     if geometry.F is not None:
         ahead, behind = (sampson(geometry.F, side[:, 0], side[:, 1]) for side in sides)
     elif geometry.H is not None:
-        ahead, behind = (_transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
+        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
     else:
         return np.full(len(ends), 0.5)
     return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
-
-
-def _transfer(H: Array, points1: Array, points2: Array) -> Array:
-    """Return the squared transfer error (N,) of points2 from H points1, halved as both ends share it."""
-    mapped = homogeneous(points1) @ H.T
-    depth = mapped[:, 2:]
-    mapped = mapped[:, :2] / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
-    squared: Array = 0.5 * ((mapped - points2) ** 2).sum(axis=1)
-    return squared

@@ -33,6 +33,15 @@ def homogeneous(points: Array) -> Array:
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
 
 
+def transfer(H: Array, points1: Array, points2: Array) -> Array:
+    """Return the squared transfer error (N,) of points2 from H points1, halved as both ends share it."""
+    mapped = homogeneous(points1) @ H.T
+    depth = mapped[:, 2:]
+    mapped = mapped[:, :2] / np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+    squared: Array = 0.5 * ((mapped - points2) ** 2).sum(axis=1)
+    return squared
+
+
 def unit_norm(F: Array) -> Array:
     """Return matrices (..., 3, 3) scaled to Frobenius norm 1; a zero matrix stays zero."""
     norm = np.linalg.norm(F, axis=(-2, -1), keepdims=True)

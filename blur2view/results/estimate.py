@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document, FailureDocument, Matrix
+from blur2view.results.rate import rate_of
 
 if TYPE_CHECKING:
     from blur2view.camera.camera import Camera
     from blur2view.geometry.pose import PoseCovariance, RigidTransform
-    from blur2view.geometry.two_view_geometry import TwoViewGeometry
     from blur2view.pipeline import FileEstimate
 
 
@@ -107,8 +107,8 @@ class BackwardDocument(Document):
         Rotation and translation.
     rotation_deg : float
         Angle of the rotation, degrees.
-    angular_velocity_rad_s : list of 3 float, or null
-        Its rotation vector over the exposure time.
+    wx, wy, wz : float
+        Its rotation vector over the exposure time, or where none is known alone.
     pose_covariance : object
         Covariance of the pose.
     """
@@ -116,7 +116,9 @@ class BackwardDocument(Document):
     config: str
     cam2_from_cam1: PoseDocument
     rotation_deg: float
-    angular_velocity_rad_s: list[float] | None
+    wx: float
+    wy: float
+    wz: float
     pose_covariance: CovarianceDocument
 
     @classmethod
@@ -125,11 +127,14 @@ class BackwardDocument(Document):
         geometry = one.estimate.geometry.backward
         if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
             return None
+        wx, wy, wz = (geometry.cam2_from_cam1.rotation_vector / (one.exposure_s or 1.0)).tolist()
         return cls(
             config=geometry.config.name,
             cam2_from_cam1=PoseDocument.of(geometry.cam2_from_cam1),
             rotation_deg=geometry.cam2_from_cam1.angle_deg,
-            angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
+            wx=wx,
+            wy=wy,
+            wz=wz,
             pose_covariance=CovarianceDocument.of(geometry.covariance),
         )
 
@@ -144,18 +149,24 @@ class EstimateDocument(Document):
         The photograph as it was named.
     width, height : int
         Its size in pixels, upright.
+    frame : int or null
+        Number of the frame in its video, from 0.
+    timestamp_s : float or null
+        Its time in the video, seconds.
     F : 3x3 or null
         Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: one photograph does not show the direction of time, so F and its
         transpose are one answer. With lens distortion F, H and E hold for undistorted pixels.
     H : 3x3 or null
         Homography of the same points, points2 ~ H points1, where one explains the smears; beside F parallax
-        is open.
+        is undecided.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    meaning : str
+        What it says of the camera, in words: the line that is printed.
     parallax : str
-        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
-        of errors only, or too little is seen) or absent (H alone, or nothing moved).
+        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F
+        may be of errors only, or too little is seen) or absent (H alone, or nothing moved).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
@@ -179,8 +190,20 @@ class EstimateDocument(Document):
         explains the smears alone, or the mean over all directions.
     rotation_deg : float or null
         Angle of that rotation, degrees.
-    angular_velocity_rad_s : list of 3 float, or null
-        Its rotation vector over the exposure time.
+    wx, wy, wz : float or null
+        Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure
+        time is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
+        (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The
+        sign of all three is that of time: see time_known.
+    sigma_wx, sigma_wy, sigma_wz : float or null
+        Their standard deviations.
+    rate_unit : str
+        rad/s or rad; empty without a pose.
+    time_known : bool
+        Whether neighbouring frames, of a video or with --sequence, decided which end of the exposure came
+        first: else F, H, E, the pose, wx, wy, wz and the order of every smear may all be of the reverse.
+    time_confidence : float
+        How sure that decision is, 0 to 1.
     pose_covariance : object or null
         Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
         tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown).
@@ -190,7 +213,7 @@ class EstimateDocument(Document):
         From --readout: all is then that of an exposure of all rows at once.
     backward : object or null
         With --readout the same of the other order in time, which is another motion than the inverse:
-        config, cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows
+        config, cam2_from_cam1, rotation_deg, wx, wy, wz, pose_covariance; null where the rows
         leave no such smears in that order, or it has no pose.
     num_matches : int
         Smears that were used.
@@ -209,9 +232,12 @@ class EstimateDocument(Document):
     image: str
     width: int
     height: int
+    frame: int | None
+    timestamp_s: float | None
     F: Matrix | None
     H: Matrix | None
     config: str
+    meaning: str
     parallax: str
     reason: str
     motion_model: str
@@ -222,7 +248,15 @@ class EstimateDocument(Document):
     E: Matrix | None
     cam2_from_cam1: PoseDocument | None
     rotation_deg: float | None
-    angular_velocity_rad_s: list[float] | None
+    wx: float | None
+    wy: float | None
+    wz: float | None
+    sigma_wx: float | None
+    sigma_wy: float | None
+    sigma_wz: float | None
+    rate_unit: str
+    time_known: bool
+    time_confidence: float
     pose_covariance: CovarianceDocument | None
     exposure_s: float | None
     readout_s: float | None
@@ -239,15 +273,20 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
+        from blur2view.results.verdicts import meaning
+
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         return cls(
             image=str(one.path),
             width=width,
             height=height,
+            frame=one.frame,
+            timestamp_s=one.timestamp_s,
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
+            meaning=meaning(one),
             parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),
@@ -258,7 +297,9 @@ class EstimateDocument(Document):
             E=None if pose is None or geometry.E is None else geometry.E.tolist(),
             cam2_from_cam1=None if pose is None else PoseDocument.of(pose),
             rotation_deg=None if pose is None else pose.angle_deg,
-            angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
+            **rate_of(geometry, one.exposure_s),
+            time_known=estimate.time.known,
+            time_confidence=estimate.time.confidence,
             pose_covariance=None if pose is None or covariance is None else CovarianceDocument.of(covariance),
             exposure_s=one.exposure_s,
             readout_s=one.run.readout_s,
@@ -272,15 +313,6 @@ class EstimateDocument(Document):
             model_id=estimate.model_id,
             timings_s=one.timings_s,
         )
-
-
-def angular_velocity(geometry: TwoViewGeometry, exposure_s: float | None) -> list[float] | None:
-    """Return the rotation vector over the exposure time, radians per second; None without pose or time."""
-    pose = geometry.cam2_from_cam1
-    if pose is None or exposure_s is None:
-        return None
-    velocity: list[float] = (pose.rotation_vector / exposure_s).tolist()
-    return velocity
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.camera_motion import Cells, camera_field
 from blur2view.segmentation.classifier import shipped
@@ -76,9 +77,7 @@ class MotionMask:
     reason: str
 
 
-def segment(
-    estimate: Estimate, image: NDArray[np.float32], rng: np.random.Generator | None = None
-) -> MotionMask:
+def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None = None) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
     The camera's motion is one smooth field through the smears and, where there is one, F. What departs from
@@ -91,8 +90,8 @@ def segment(
     ----------
     estimate : Estimate
         Of one photograph.
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1].
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
     rng : numpy.random.Generator, optional
         Draws starts of the fit; ``default_rng(0)`` by default.
 
@@ -101,6 +100,7 @@ def segment(
     ValueError
         If the image has another shape than the estimate.
     """
+    image = rgb_of(image)
     grid, geometry = estimate.grid, estimate.geometry
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")

@@ -56,15 +56,16 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     """
     options = options or SelectOptions()
     step = cells_apart(grid, options)
-    every = slice(step // 2, None, step)
-    points = grid.points()[every, every]
+    rows, columns = (slice(min(step, count) // 2, None, step) for count in grid.cells.shape[:2])
+    points = grid.points()[rows, columns]
     inside = (points < grid.size).all(axis=-1)
     points, smears = points[inside], grid.at(points[inside])
     length = smears.length_px.astype(np.float64)
     sigma = np.maximum(smears.sigma_px.astype(np.float64), LEAST_SIGMA_PX)
     long = length >= SHORTEST_PX
     order = np.argsort(sigma, kind="stable")
-    kept = np.sort(order[long[order]][: int(np.ceil(options.beta * len(length)))])
+    most = min(int(np.ceil(options.beta * len(length))), options.max_matches)
+    kept = np.sort(order[long[order]][:most])
     return SmearMatches(
         ends=smear_ends(points[kept], smears.displacement[kept]),
         sigma_px=sigma[kept],

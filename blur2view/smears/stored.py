@@ -20,6 +20,7 @@ from blur2view.errors import OutputError
 from blur2view.input_files import MAX_PIXELS, open_regular
 from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.noise import WINDOW_PX
 
 GRID, FIELD = "smear_grid", "displacement"  # the first array of either kind of file
 USED = ("ends", "match_sigma_px", "inlier_mask", "swapped")
@@ -77,6 +78,7 @@ class StoredSmears:
         if isinstance(self.smears, SmearGrid):
             grid = self.smears
             place = {"stride": np.array(grid.stride), "shape": np.array(grid.shape)}
+            place["window_px"] = np.array(grid.window_px or 0)
             return {GRID: grid.cells.astype(np.float16), **place, **used}
         field = self.smears
         return {FIELD: field.displacement, "sigma_px": field.sigma_px, "sigma_rad": field.sigma_rad, **used}
@@ -88,7 +90,7 @@ def load_smears(path: str | Path) -> StoredSmears:
     Parameters
     ----------
     path : path-like
-        The file, of either kind, with ``--full-field`` or without, of any version.
+        The file, of either kind, with ``--full-field`` or without.
 
     Returns
     -------
@@ -139,4 +141,7 @@ def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
     cells = arrays[GRID].astype(np.float32)
     if not np.isfinite(cells).all() or height * width > MAX_PIXELS:
         raise ValueError("a smear grid must be finite, and of a photograph")
-    return SmearGrid(cells=cells, stride=int(arrays["stride"]), shape=(height, width))
+    window_px = int(arrays.get("window_px", WINDOW_PX))
+    return SmearGrid(
+        cells=cells, stride=int(arrays["stride"]), shape=(height, width), window_px=window_px or None
+    )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
@@ -18,7 +19,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.model_selection import Fit, measured_sigma_px
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.pose import with_pose
+from blur2view.two_view.pose import in_order_of_rotation, with_pose
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
@@ -67,10 +68,10 @@ def estimate_two_view(
     -------
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
-        (rotation), PLANAR or, where it is open which, PLANAR_OR_PANORAMIC with H, and with F beside it where
-        parallax is open; MULTIPLE with the F
-        that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
-        constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
+        (rotation), PLANAR or, undecided which, PLANAR_OR_PANORAMIC with H, and with F beside it where
+        parallax is undecided; MULTIPLE with the F that most smears follow; DEGENERATE (too few, too short or
+        collinear smears, a still or constant image) or UNDEFINED (the best F explains hardly more smears than
+        chance) with neither.
 
     Raises
     ------
@@ -133,7 +134,23 @@ def as_recorded(
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
-    return with_pose(geometry, matches, problem, fits, options) if problem.intrinsics_known else geometry
+    if problem.intrinsics_known:
+        geometry = in_order_of_rotation(
+            with_pose(geometry, matches, problem, fits, options), matches, problem.ends
+        )
+    return in_one_order(geometry, matches)
+
+
+def in_one_order(geometry: TwoViewGeometry, matches: SmearMatches) -> TwoViewGeometry:
+    """Return a geometry whose H maps the open ends, as F or the pose orders them, to the closed ones."""
+    if geometry.H is None or not geometry.inlier_mask.any():
+        return geometry
+    ends = matches.ends[geometry.inlier_mask]
+    first = np.where(geometry.swapped[geometry.inlier_mask, None], ends[:, 1], ends[:, 0])
+    last = ends.sum(axis=1) - first
+    if (transfer(geometry.H, first, last) <= transfer(geometry.H, last, first)).mean() >= 0.5:
+        return geometry
+    return replace(geometry, H=unit_norm(np.asarray(np.linalg.inv(geometry.H), float)))
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:

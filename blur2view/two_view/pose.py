@@ -13,8 +13,8 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
-from blur2view.geometry.rotation import plane_basis, rotation_matrix
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
+from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import RotationH
 from blur2view.robust.parametrization import CameraF, CameraPrior
@@ -136,6 +136,7 @@ def with_pose(
     if geometry.F is not None:
         geometry = with_essential(geometry, matches, fit, covariance, options)
     region = likelihood.region(pose)
+    flip = 1.0 if (fit.oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
@@ -143,7 +144,9 @@ def with_pose(
     wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
-        cam2_from_cam1=RigidTransform(rotation=rotation_matrix(region.rotation), translation=np.zeros(3)),
+        cam2_from_cam1=RigidTransform(
+            rotation=rotation_matrix(flip * region.rotation), translation=np.zeros(3)
+        ),
         covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
         reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
     )
@@ -160,6 +163,7 @@ def with_essential(
     pose, problem = fit.oriented.pose, fit.problem
     F = problem.pixels(pose.essential)
     proven = geometry.parallax is Parallax.PROVEN
+    within_px = options.tolerance_px(measured_sigma_px(pose.essential, problem))
     return replace(
         geometry,
         F=F if geometry.F is not None else None,
@@ -169,10 +173,24 @@ def with_essential(
         reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
         model=MotionModel.CALIBRATED if geometry.F is not None else geometry.model,
-        inlier_mask=serrmin(F, matches.ends)
-        < options.tolerance_px(measured_sigma_px(pose.essential, problem)) ** 2,
+        inlier_mask=geometry.inlier_mask if geometry.F is None else serrmin(F, matches.ends) < within_px**2,
         swapped=fit.oriented.swapped,
     )
+
+
+def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays: Array) -> TwoViewGeometry:
+    """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
+
+    F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
+    ``rays`` (N, 2, 2) are those of the matches' ends. Other geometries stay as they are.
+    """
+    pose, F, E = geometry.cam2_from_cam1, geometry.F, geometry.E
+    if pose is None or pose.translation.any():
+        return geometry
+    swapped = against_rotation(pose.rotation_vector, rays)
+    if F is not None and (swapped_order(F, matches.ends) == swapped).mean() < 0.5:
+        F, E = F.T.copy(), None if E is None else E.T.copy()
+    return replace(geometry, F=F, E=E, swapped=swapped)
 
 
 def turned(
@@ -183,7 +201,8 @@ def turned(
     along, across = matches.bulk_px
     data = FlowData.of(problem, (scale * along, scale * across))
     fixed = CameraPrior(rotation=problem.prior.rotation, log_focal=0.0, principal=0.0)
-    assert geometry.H is not None
+    if geometry.H is None:
+        raise ValueError("a rotation is refined from its homography, which is missing")
     A = problem.T @ geometry.H @ np.linalg.inv(problem.T)
     A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
     fit = fit_flow(RotationH.from_generator(A, fixed), data.without_slow_errors())

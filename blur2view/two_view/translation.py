@@ -41,10 +41,13 @@ class DirectionLikelihood:
         Smears in coordinates of the camera (K = identity).
     across : ndarray of shape (N,)
         Standard deviations of the error across each smear over its length.
+    count : float
+        How many of the smears are independent.
     """
 
     problem: SmearProblem
     across: Array
+    count: float
 
     @classmethod
     def of(cls, problem: SmearProblem, across_px: Array) -> DirectionLikelihood:
@@ -54,10 +57,14 @@ class DirectionLikelihood:
         return cls(
             problem=part,
             across=np.hypot(across_px[every] / np.maximum(part.length_px, TINY), problem.shared.least),
+            count=problem.shared.all_correlation * len(problem.ends),
         )
 
-    def at(self, directions: Array) -> tuple[Array, Array]:
-        """Return rotation vectors (G, 3) and twice the negative log-posteriors (G,) of directions (G, 3)."""
+    def at(self, directions: Array) -> tuple[Array, Array, Array]:
+        """Return rotation vectors (G, 3) of directions (G, 3), their costs (G,), and orders of smears (G, N).
+
+        Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
+        """
         ends = self.problem.ends
         middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
         length = np.maximum(np.hypot(*displacement.T), TINY)
@@ -70,41 +77,40 @@ class DirectionLikelihood:
         rotations, missed = reweighted_motion(
             rows[:, :, None], wanted[:, None], steps=STEPS, scale=lambda _: self.across
         )
-        share = self.problem.shared.all_correlation * len(self.problem.ends)
         data = (FREEDOM + 1) * np.log1p((missed / self.across) ** 2 / FREEDOM).mean(axis=1)
         spread = ROTATION_SPREAD * float(np.median(length))
-        return rotations, share * data + ((rotations / spread) ** 2).sum(axis=1)
+        return rotations, self.count * data + ((rotations / spread) ** 2).sum(axis=1), outwards
 
     @cached_property
-    def grid(self) -> tuple[Array, Array, Array]:
-        """Directions (G, 3), their rotations (G, 3) and costs (G,)."""
+    def grid(self) -> tuple[Array, Array, Array, Array]:
+        """Directions (G, 3), their rotations (G, 3), costs (G,) and orders of smears (G, N)."""
         directions = half_sphere(DIRECTIONS)
         return (directions, *self.at(directions))
 
     @cached_property
     def best(self) -> tuple[Array, Array]:
         """Rotation vector and translation (3,) of the greatest likelihood."""
-        directions, _, costs = self.grid
+        directions, _, costs, _ = self.grid
         t = directions[int(np.argmin(costs))]
         for radius in np.tan(np.radians(RINGS_DEG)):
             ring = np.vstack([t, t + radius * RING @ plane_basis(t)])
             ring /= np.linalg.norm(ring, axis=1, keepdims=True)
-            rotations, costs = self.at(ring)
+            rotations, costs, _ = self.at(ring)
             t, rotation = ring[int(np.argmin(costs))], rotations[int(np.argmin(costs))]
         return rotation, t
 
     def region(self, pose: RigidTransform) -> TranslationRegion:
         """Return what is known of the motion, oriented as a pose of it."""
-        directions, rotations, costs = self.grid
+        directions, rotations, costs, orders = self.grid
         weight = np.exp(-0.5 * (costs - costs.min()))
-        axis = np.linalg.eigh((directions * weight[:, None]).T @ directions)[1][:, -1]
-        axis = axis if axis @ pose.translation >= 0 else -axis
-        directions = directions * np.where(directions @ axis < 0, -1.0, 1.0)[:, None]
-        vector = pose.rotation_vector
-        reference = vector if vector.any() else rotations[int(np.argmin(costs))]
-        rotations = rotations * np.where(rotations @ reference < 0, -1.0, 1.0)[:, None]
+        *_, (order,) = self.at(pose.translation[None])
+        sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
+        mean = weight @ (sign * directions)
         return TranslationRegion(
-            axis=axis, directions=directions, rotations=rotations, weight=weight / weight.sum()
+            axis=mean / max(float(np.linalg.norm(mean)), TINY),
+            directions=sign * directions,
+            rotations=sign * rotations,
+            weight=weight / weight.sum(),
         )
 
 
@@ -117,7 +123,7 @@ class TranslationRegion:
     axis : ndarray of shape (3,)
         Mean direction, unit.
     directions, rotations : ndarray of shape (G, 3)
-        Directions on the half sphere about it, and the rotation that goes with each.
+        Directions, and the rotation that goes with each, of one flip of time.
     weight : ndarray of shape (G,)
         Their probabilities.
     """

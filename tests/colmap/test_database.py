@@ -14,10 +14,10 @@ from blur2view.camera.colmap_geometry import fundamental_to_colmap
 from blur2view.colmap.database import write_database
 from blur2view.colmap.rows import camera_columns
 from blur2view.errors import DatabaseError
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 from tools.database_safety.colmap_check import check_database
 
 SIZE = (640, 480)

@@ -16,18 +16,18 @@ from blur2view.exposure.time_direction import (
     consecutive_runs,
     directed,
     neighbour_motion,
-    pairs_within,
     rotation_agreement,
     rotation_between,
     smears_at,
+    with_gaps,
     with_time_direction,
 )
 from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)
@@ -273,7 +273,7 @@ def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     found = with_time_direction(sequence, [[3, 0, 1]], matched)
     assert [open_first(frame, scene) for frame in found] == [1, 1, 0, 1]
     assert [frame.time.known for frame in found] == [True, True, False, True]
-    twice = with_time_direction(found, [[3, 0, 1]], matched, reach=2)
+    twice = with_time_direction(found, [[3, 0, 1]], matched)
     assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
 
 
@@ -288,11 +288,6 @@ def test_photographs_without_views_have_a_vote() -> None:
     found = with_time_direction([views(scene, -1)], [[1, 2, 0], [3, 4]], matched)
     assert len(found) == 1 and open_first(found[0], scene) == 1 and found[0].time.known
     assert asked == [(2, 0)]  # what has no views is not asked of others without
-
-
-def test_pairs_reach_as_far_as_asked() -> None:
-    expected = {(3, 1): [(0, 1), (1, 2)], (4, 2): [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)], (1, 1): []}
-    assert {asked: list(pairs_within(*asked)) for asked in expected} == expected
 
 
 @pytest.mark.parametrize(
@@ -325,5 +320,12 @@ def test_wrong_arguments_are_named() -> None:
         neighbour_motion(np.zeros((3, 2)), np.zeros((3, 2)), 0)
     with pytest.raises(ValueError, match=r"\(3, 2\), \(2, 2\)"):
         neighbour_motion(np.zeros((3, 2)), np.zeros((2, 2)), 1)
-    with pytest.raises(ValueError, match="reach"):
-        with_time_direction([], [], lambda i, j: (np.zeros((0, 2)), np.zeros((0, 2))), reach=0)
+
+
+def test_frames_that_are_left_out_leave_a_gap() -> None:
+    every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
+    found = with_gaps(every_tenth)
+    assert [name for name in found if name] == every_tenth
+    assert [k for k, name in enumerate(found) if not name] == [3, 6]  # after 20 and after 50
+    for names in (["a.jpg", "b.jpg", "c.jpg"], ["f_1.jpg"], [], ["l/1.jpg", "l/2.jpg", "r/1.jpg"]):
+        assert with_gaps(names) == names

@@ -125,3 +125,10 @@ def test_share_of_known_directions_and_errors_across_are_told() -> None:
 @pytest.mark.parametrize(("sigma_px", "still"), [(2.9, 1.0), (3.1, 0.0)])
 def test_short_smears_show_stillness_only_if_they_are_certain(sigma_px: float, still: float) -> None:
     assert select_matches(grid(length_px=1.0, sigma_px=sigma_px)).still_share == still
+
+
+@pytest.mark.parametrize("shape", [(98 * 32, 101 * 32), (3 * 32, 400 * 32), (32, 2000 * 32)])
+def test_large_photographs_give_no_more_matches_than_asked_for(shape: tuple[int, int]) -> None:
+    matches = select_matches(grid(shape=shape))
+    assert 150 < len(matches) <= 1000
+    assert np.ptp(matches.midpoint[:, 0]) > 0.85 * shape[1]

@@ -3,6 +3,7 @@
 import os
 import tracemalloc
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,13 @@ def test_grid_gives_every_pixel_back_to_half_precision(tmp_path: Path, shape: tu
     # in double angle, for a smear and its opposite are one; as precise as the longest that was averaged
     vectors = (to_double_angle(field.displacement) for field in (read, whole))
     assert np.abs(np.subtract(*vectors)).max() < 100 * 2.0**-11
+
+
+@pytest.mark.parametrize("window_px", [96, 48, None])
+def test_window_of_the_cells_is_kept(tmp_path: Path, window_px: int | None) -> None:
+    true = replace(grid((64, 96)), window_px=window_px)
+    found = load_smears(written(tmp_path / "a.smear.npz", stored(true))).smears
+    assert isinstance(found, SmearGrid) and found.window_px == window_px
 
 
 def test_what_was_used_is_read_exactly(tmp_path: Path) -> None:

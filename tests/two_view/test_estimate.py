@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
@@ -186,6 +186,22 @@ def test_matches_from_elsewhere_need_no_image_size() -> None:
     geometry = solve(SmearMatches.from_points(scene.ends[:, 0], scene.ends[:, 1], 0.4))
     assert geometry.model in ("general", "translation")
     assert median_rho(geometry.F, scene) < 0.01
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["F", "E"])
+def test_H_runs_the_way_of_the_orders(known: bool) -> None:
+    checked = 0
+    for seed in range(6):
+        scene, matches = network_like(seed, 3.0, rotation_share=2.0)
+        camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1]) if known else None
+        geometry = estimate_two_view(matches, camera=camera)
+        if geometry.H is None or (geometry.F is None and geometry.E is None):
+            continue
+        checked += 1
+        ends = np.where(geometry.swapped[:, None, None], matches.ends[:, ::-1], matches.ends)
+        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in (ends, ends[:, ::-1]))
+        assert (ahead < behind)[geometry.inlier_mask].mean() > 0.5
+    assert checked > 2
 
 
 def test_families_are_reported_with_their_costs() -> None:

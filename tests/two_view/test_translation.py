@@ -7,6 +7,7 @@ import pytest
 
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import Array
+from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.smears.noise import SharedErrors
@@ -43,16 +44,30 @@ def test_exact_smears_are_found_as_nearly_as_a_fit_needs(seed: int) -> None:
 def test_the_true_translation_gives_the_true_rotation_though_a_third_are_outliers() -> None:
     rng = np.random.default_rng(1)
     scene = with_outliers(make_scene(rng), rng, 0.33)
-    rotations, _ = likelihood_of(scene).at(scene.t[None] / np.linalg.norm(scene.t))
+    rotations, *_ = likelihood_of(scene).at(scene.t[None] / np.linalg.norm(scene.t))
     assert relative_error(rotations[0], rotation_vector(scene.R)) < 0.3
 
 
 def test_order_of_the_ends_and_sign_of_the_translation_do_not_matter() -> None:
     scene = make_scene(np.random.default_rng(2))
     t, likelihood = scene.t / np.linalg.norm(scene.t), likelihood_of(scene)
-    rotations, costs = likelihood.at(np.stack([t, -t]))
+    rotations, costs, orders = likelihood.at(np.stack([t, -t]))
     np.testing.assert_allclose(rotations[0], -rotations[1], atol=1e-12)
+    np.testing.assert_array_equal(orders[0], -orders[1])
     assert costs[0] == pytest.approx(costs[1])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_smears_are_ordered_and_the_region_is_of_one_flip_of_time(seed: int) -> None:
+    scene = make_scene(np.random.default_rng(seed), count=200)
+    true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
+    likelihood = likelihood_of(scene)
+    *_, (order,) = likelihood.at(true.translation[None])
+    assert ((order > 0) == ~scene.swapped).mean() > 0.9
+    region, other = likelihood.region(true), likelihood.region(true.inverse())
+    assert region.axis @ true.translation > 0.9
+    np.testing.assert_allclose(region.rotation, -other.rotation)
+    assert region.rotation @ true.rotation_vector > 0
 
 
 def test_flow_of_a_rotation_is_the_motion_of_its_points() -> None:
@@ -69,12 +84,12 @@ def test_points_before_the_camera_move_along_the_lines(t_z: float) -> None:
     rng = np.random.default_rng(5)
     points, t = rng.uniform(-0.5, 0.5, (20, 2)), np.array([0.1, -0.05, t_z])
     moved = np.column_stack([points, np.ones(20)]) * rng.uniform(2, 5, (20, 1)) + t
-    along, across = unit_lines(t[None], points)
+    (along,), (across,) = unit_lines(t[None], points)
     step = (moved[:, :2] / moved[:, 2:] - points).T
-    np.testing.assert_allclose((across[0] * step).sum(axis=0), 0, atol=1e-12)
-    assert ((along[0] * step).sum(axis=0) > 0).all()
+    np.testing.assert_allclose((across * step).sum(axis=0), 0, atol=1e-12)
+    assert ((along * step).sum(axis=0) > 0).all()
     to_epipole = (t[:2] / t_z - points).T
-    assert (np.sign((along[0] * to_epipole).sum(axis=0)) == np.sign(t_z)).all()
+    assert (np.sign((along * to_epipole).sum(axis=0)) == np.sign(t_z)).all()
 
 
 @pytest.mark.parametrize("sigma_px", [0.05, 0.1])

@@ -23,7 +23,7 @@ GOOD_RHO = 0.1
 
 
 def verdict(geometry: TwoViewGeometry) -> str:
-    """Return the configuration and whether parallax is proven, open or absent."""
+    """Return the configuration and whether parallax is proven, undecided or absent."""
     return f"{geometry.config.name}, parallax {geometry.parallax}"
 
 

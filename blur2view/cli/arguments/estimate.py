@@ -1,9 +1,9 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
-ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
+ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
 DESCRIPTION = """
 Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
 matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
@@ -14,17 +14,17 @@ CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 MULTIPLE: two motions share the picture: F is that of the one most smears follow; no pose
-PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is open
+PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, it is open which: the same
+PLANAR_OR_PANORAMIC: one of both does, undecided which: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """
 FILES = """
 <stem>.json: the JSON document of the photograph; written last
-<stem>.smear.npz: smear_grid (h, w, 3 or 4), float16: the network's own grid, stride pixels a cell, cell j's
+<stem>.smear.npz: smear_grid (h, w, 4), float16: the network's own grid, stride pixels a cell, cell j's
     centre at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d|
-    sin 2phi of its smear d in pixels, sigma_px and, where the network has it, sigma_rad, the standard
+    sin 2phi of its smear d in pixels, sigma_px and sigma_rad, the standard
     deviations of the whole (pixels) and of its direction (radians). blur2view.load_smears(FILE).at_pixels()
     has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so has the file with
     --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
@@ -36,6 +36,7 @@ EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
     "blur2view estimate photographs --recursive -o results --resume",
     "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
+    "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
     'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
 )
 
@@ -51,16 +52,21 @@ def describe(parser: shared.CommandParser) -> None:
         "--output",
         type=shared.output_path,
         metavar="DIR",
-        help="write DIR/<stem>.json, .smear.npz and .png, see below",
+        help="write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
     add(
         "--full-field",
         action="store_true",
         help="write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 "
         "bytes a pixel",
     )
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    series.add_json(add)
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)

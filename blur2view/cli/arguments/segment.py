@@ -1,6 +1,6 @@
 """``blur2view segment``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import series, shared
 from blur2view.results.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
@@ -56,8 +56,12 @@ def describe(parser: shared.CommandParser) -> None:
         default="keep",
         help="what --masks makes of unobservable pixels (default: keep)",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
+    series.add_json(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)

@@ -121,7 +121,7 @@ def test_verdicts_that_mislead_are_told_from_those_that_do_not() -> None:
     assert [failure_cases.correct(movers, g) for g in (sure, open_, several, nothing, right)] == [
         False, False, True, True, True,
     ]  # fmt: skip
-    assert failure_cases.verdict(open_) == "PLANAR_OR_PANORAMIC, parallax open"
+    assert failure_cases.verdict(open_) == "PLANAR_OR_PANORAMIC, parallax undecided"
     ends = failure_cases.static_ends(movers.rendering)
     assert movers.rendering.F is not None and np.sqrt(serrmin(movers.rendering.F, ends)).max() < 0.01
 
