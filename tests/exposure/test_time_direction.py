@@ -12,13 +12,11 @@ from blur2view.camera.camera import Camera
 from blur2view.exposure.time_direction import (
     NeighbourMotion,
     agreement_of,
-    confidence_of,
     consecutive_runs,
     directed,
     neighbour_motion,
     rotation_agreement,
     rotation_between,
-    smears_at,
     with_gaps,
     with_time_direction,
 )
@@ -220,12 +218,6 @@ def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> N
         np.testing.assert_array_equal(found.points_open, given.points_open)
 
 
-def test_far_smears_have_no_say() -> None:
-    given = views(clip(np.random.default_rng(7)))
-    displacement, near = smears_at(given, np.array([[-300.0, -300.0], *given.points_open[:2]]))
-    assert near.tolist() == [False, True, True] and displacement.shape == (2, 2)
-
-
 def test_rotation_between_frames_is_the_cameras() -> None:
     scene = clip(np.random.default_rng(8))
     found = rotation_between(CAMERA, scene.seen(0.0), scene.seen(2.0))
@@ -253,12 +245,6 @@ def test_turn_agreement_is_the_cosine_of_rotations() -> None:
     assert rotation_agreement(given, seen) == pytest.approx(1, abs=1e-3)
     assert rotation_agreement(given.reversed(), seen) == pytest.approx(-1, abs=1e-3)
     assert rotation_agreement(given, motions(scene, None)) == 0
-
-
-def test_confidence_grows_with_agreement_and_ignores_its_sign() -> None:
-    values = [confidence_of(a) for a in (0.0, 0.1, 0.3, 0.6, 1.0)]
-    assert values[0] == 0 and values == sorted(values) and values[-1] <= 1
-    assert confidence_of(-0.3) == confidence_of(0.3)
 
 
 def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
@@ -313,13 +299,6 @@ def test_runs_follow_the_numbers_in_names(names: list[str], runs: list[list[int]
 def test_a_given_order_is_one_run() -> None:
     assert consecutive_runs(["b", "a", "z9"], in_order=True) == [[0, 1, 2]]
     assert consecutive_runs(["b"], in_order=True) == []
-
-
-def test_wrong_arguments_are_named() -> None:
-    with pytest.raises(ValueError, match="steps"):
-        neighbour_motion(np.zeros((3, 2)), np.zeros((3, 2)), 0)
-    with pytest.raises(ValueError, match=r"\(3, 2\), \(2, 2\)"):
-        neighbour_motion(np.zeros((3, 2)), np.zeros((2, 2)), 1)
 
 
 def test_frames_that_are_left_out_leave_a_gap() -> None:

@@ -287,18 +287,6 @@ def test_pipe_is_refused_instead_of_waiting_for_its_end(tmp_path: Path) -> None:
             read_image(path)
 
 
-def test_what_does_not_fit_in_memory_after_decoding_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*arguments: object, **settings: object) -> None:
-        raise MemoryError
-
-    path = saved(tmp_path / "a.png", RGB8)
-    monkeypatch.setattr(np, "ascontiguousarray", full)
-    with pytest.raises(ImageError, match=r"a\.png: does not fit in memory"):
-        read_image(path)
-
-
 def test_what_a_decoder_has_to_say_is_not_printed(tmp_path: Path) -> None:
     path = tmp_path / "samples.tif"
     Image.fromarray(RGB8).save(path)

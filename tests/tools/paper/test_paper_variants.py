@@ -269,6 +269,6 @@ def test_every_kind_of_variant_is_trained_once(
     found = {name: json.loads((tmp_path / f"{name}_0.json").read_text()) for name in names}
     assert [document["steps"] for document in found.values()] == [2, 1]
     for document in found.values():
-        assert np.isfinite(document["epe_s_top50"]) and len(document["by_sigma"]) == 20
+        assert np.isfinite(document["epe_s_top50"])
     paper_variants.run_all(variants, [0], options, 1)
     assert capsys.readouterr().out == ""

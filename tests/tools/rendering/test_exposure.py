@@ -1,7 +1,6 @@
 """Projection along paths against pinhole geometry, and its inverse on the grid."""
 
 import numpy as np
-import pytest
 
 from tools.rendering.exposure import KNOTS, Exposure, grid_points, knot_weights, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
@@ -67,10 +66,6 @@ def test_inverse_fields_undo_the_motion() -> None:
     assert np.abs(fields[-1]).max() > 10
     for tau, field in zip(KNOTS, fields, strict=True):
         np.testing.assert_allclose(exposure.moved(target + field, layer, tau), target, atol=0.01)
-
-
-def test_knots_hold_both_ends_and_the_middle() -> None:
-    assert KNOTS[0] == -0.5 and KNOTS[-1] == 0.5 and KNOTS[3] == pytest.approx(0)
 
 
 def test_weights_interpolate_polynomials_in_time_exactly() -> None:
