@@ -30,6 +30,7 @@ KINDS = {
     "file": ".json",
     "point cloud": ".ply",
 }  # of one file, whatever it is called
+MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 
 
@@ -195,6 +196,8 @@ def plan_outputs(
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
+    if any(map(_is_too_long, paths)):
+        return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
@@ -202,6 +205,11 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
+
+
+def _is_too_long(path: Path) -> bool:
+    """Return whether file systems take no name as long as a part of a path, or of it half written."""
+    return any(len(part.encode(errors="replace")) > MAX_NAME for part in _beside(path).parts)
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:

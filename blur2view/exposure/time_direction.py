@@ -22,8 +22,6 @@ from itertools import chain, pairwise
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.special import ndtr
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -132,6 +130,8 @@ def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bo
     if not inliers.any() or not len(points):
         return np.zeros((0, 2)), np.zeros(len(points), bool)
     start, close = views.points_open[inliers], views.points_close[inliers]
+    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
+
     distance, index = cKDTree((start + close) / 2).query(points)
     near = distance < MAX_DISTANCE * max(views.size)
     displacement: Array = (close - start)[index[near]]
@@ -151,6 +151,8 @@ def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion])
 
 def confidence_of(agreement: float) -> float:
     """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
+    from scipy.special import ndtr
+
     return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
 
 

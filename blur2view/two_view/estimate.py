@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
@@ -106,6 +105,8 @@ def to_global_shutter(
 
     None where no motion leaves them in this order in time. Every smear is ordered as those around it.
     """
+    from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
+
     directed = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement
     around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
     backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
