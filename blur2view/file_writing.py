@@ -17,13 +17,13 @@ def is_there(path: str | Path) -> bool:
 
 def write_atomically(path: Path, write: Write) -> None:
     """Write beside the path and rename, so that a reader never sees half a file; a failure leaves nothing."""
-    beside = _beside(path)
+    half = half_written(path)
     try:
-        with beside.open("wb") as file:
+        with half.open("wb") as file:
             write(file)
-        beside.replace(path)
+        half.replace(path)
     finally:
-        beside.unlink(missing_ok=True)
+        half.unlink(missing_ok=True)
 
 
 def write_together(files: Mapping[Path, Write]) -> None:
@@ -34,14 +34,14 @@ def write_together(files: Mapping[Path, Write]) -> None:
     """
     try:
         for path, write in files.items():
-            with _beside(path).open("wb") as file:
+            with half_written(path).open("wb") as file:
                 write(file)
         list(files)[-1].unlink(missing_ok=True)
         for path in files:
-            _beside(path).replace(path)
+            half_written(path).replace(path)
     finally:
         for path in files:
-            _beside(path).unlink(missing_ok=True)
+            half_written(path).unlink(missing_ok=True)
 
 
 def remove_left_over(paths: Container[Path], folders: Iterable[Path]) -> None:
@@ -66,7 +66,7 @@ def _is_running(number: int) -> bool:
     return True
 
 
-def _beside(path: Path) -> Path:
+def half_written(path: Path) -> Path:
     """Return where a file is written before it is renamed."""
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import is_there, unwritable, write_atomically
+from blur2view.file_writing import half_written, is_there, unwritable, write_atomically
 from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
@@ -209,7 +209,7 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
 
 def _is_too_long(path: Path) -> bool:
     """Return whether file systems take no name as long as a part of a path, or of it half written."""
-    return any(len(part.encode(errors="replace")) > MAX_NAME for part in _beside(path).parts)
+    return any(len(part.encode(errors="replace")) > MAX_NAME for part in half_written(path).parts)
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:
