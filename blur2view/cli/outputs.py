@@ -23,7 +23,8 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
+from blur2view.file_writing import Write, remove_left_over
+from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument
 from blur2view.results.estimate import EstimateDocument
@@ -101,7 +102,6 @@ def _planned(
             options.output,
             endings,
             overwrite=options.overwrite,
-            resume=options.resume,
             names=inputs.names,
             beside=beside,
             earlier=manifest,
@@ -123,7 +123,7 @@ def result_contents(
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry)
+    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
     stored = StoredSmears(
         smears=grid.at_pixels() if full_field else grid,
         ends=matches.ends,

@@ -11,19 +11,18 @@ from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
-from blur2view.results.estimate import BackwardDocument, EstimateDocument
+from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
 from blur2view.results.masks import MaskDocument
-from blur2view.results.rate import PER_SECOND
-from blur2view.results.verdicts import sentence
+from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.segmentation.mask import MotionMask
 
 FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 
 
-def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
+def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
     """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
-    return f"{printable(name)}: {sentence(geometry).removesuffix('.')} [{geometry.config.name}]"
+    return f"{printable(name)}: {meaning} [{geometry.config.name}]"
 
 
 def estimate_summary(
@@ -41,7 +40,7 @@ def estimate_summary(
     verbosity : int
         `terminal.SHORT` or `terminal.VERBOSE`.
     """
-    title = verdict_line(document.image, estimate.geometry)
+    title = verdict_line(document.image, document.meaning, estimate.geometry)
     details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
     return _with_files([title, *details], files)
 

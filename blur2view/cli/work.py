@@ -27,6 +27,7 @@ from blur2view.photographs.image import read_image
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.results.stored import plain
 from blur2view.results.table import Row
+from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Kept, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
 
@@ -129,7 +130,7 @@ class EstimatingWork(Work[Target, Kept]):
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
         row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
-        return replace(row, frame=one.frame, timestamp_s=one.timestamp_s)
+        return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
 
 
 Content = tuple[Path, bytes]

@@ -17,13 +17,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.special import ndtr
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -132,6 +130,8 @@ def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bo
     if not inliers.any() or not len(points):
         return np.zeros((0, 2)), np.zeros(len(points), bool)
     start, close = views.points_open[inliers], views.points_close[inliers]
+    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
+
     distance, index = cKDTree((start + close) / 2).query(points)
     near = distance < MAX_DISTANCE * max(views.size)
     displacement: Array = (close - start)[index[near]]
@@ -151,6 +151,8 @@ def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion])
 
 def confidence_of(agreement: float) -> float:
     """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
+    from scipy.special import ndtr
+
     return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
 
 
@@ -234,6 +236,21 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
         runs[-1].append(index)
         last = (frame, number)
     return [run for run in runs if len(run) > 1]
+
+
+def with_gaps(names: Sequence[str]) -> list[str]:
+    """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
+
+    So frames of a video of which some were left out are not taken for neighbours. Names that differ in more
+    than their number stay as they are.
+    """
+    numbered = [_number(name) for name in names]
+    if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
+        return list(names)
+    steps = [second - first for (_, first), (_, second) in pairwise(numbered)]
+    usual = max(sorted(set(steps)), key=steps.count)
+    gaps = [[name] if step == usual else ["", name] for name, step in zip(names[1:], steps, strict=True)]
+    return [names[0], *chain.from_iterable(gaps)]
 
 
 def _number(name: str) -> tuple[str, int]:

@@ -33,7 +33,7 @@ class Parallax(StrEnum):
 
     PROVEN = "proven"
     """No homography explains the smears, errors alike over neighbours allowed for."""
-    OPEN = "open"
+    OPEN = "undecided"
     """Parallax and errors alike over neighbours look the same here, or too little is seen to tell."""
     ABSENT = "absent"
     """A homography leaves nothing to explain, or nothing moved."""
@@ -55,7 +55,7 @@ class MotionModel(StrEnum):
     PLANE = "plane"
     """Any H (8)."""
     ROTATION_OR_PLANE = "rotation or plane"
-    """H that is one of the two, which is open (8)."""
+    """H that is one of the two, undecided which (8)."""
     NONE = "none"
     """Neither F nor H."""
 
@@ -148,7 +148,7 @@ class TwoViewGeometry:
 
     @property
     def parallax(self) -> Parallax:
-        """Whether parallax is proven, which makes a geometry CALIBRATED or UNCALIBRATED, open or absent."""
+        """Whether parallax is proven (only CALIBRATED and UNCALIBRATED are), undecided or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
         if self.insufficient_data or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):

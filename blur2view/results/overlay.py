@@ -23,7 +23,11 @@ EPIPOLAR_LINES = 14
 
 
 def draw_overlay(
-    image: AnyArray, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry
+    image: AnyArray,
+    grid: SmearGrid,
+    matches: SmearMatches,
+    geometry: TwoViewGeometry,
+    exposure_s: float | None = None,
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
@@ -42,6 +46,8 @@ def draw_overlay(
         The smears that were used, N.
     geometry : TwoViewGeometry
         Its ``inlier_mask`` and ``swapped`` have N entries.
+    exposure_s : float, optional
+        Exposure time, with which a rotation is given as an angular velocity.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def draw_overlay(
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(rgb_of(image), matches, geometry)
-    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry)
+    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture

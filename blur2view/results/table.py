@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from blur2view.results.document import Document
-from blur2view.results.rate import rate_of
+from blur2view.results.pose import rate_of
 
 if TYPE_CHECKING:
     from blur2view.pipeline import Estimate
@@ -29,10 +30,12 @@ class Row(Document):
     verdict : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
+    smear_percent : float
+        That over the diagonal of the picture, per cent: the same whatever its size.
     direction_deg : float
         Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
     sharpness : float
@@ -64,12 +67,15 @@ class Row(Document):
         Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
     error : str
         Why a photograph failed.
+    meaning : str
+        What the configuration says of the camera, in words: the line that is printed.
     """
 
     name: str = ""
     verdict: str = ""
     parallax: str = ""
     smear_px: float | None = None
+    smear_percent: float | None = None
     direction_deg: float | None = None
     sharpness: float | None = None
     rotation_deg: float | None = None
@@ -87,10 +93,12 @@ class Row(Document):
     elapsed_s: float | None = None
     use: str = ""
     error: str = ""
+    meaning: str = ""
 
     @classmethod
     def of(cls, estimate: Estimate, exposure_s: float | None, elapsed_s: float | None) -> Row:
         """Return the row of an estimate, without a name."""
+        from blur2view.results.verdicts import sentence
         from blur2view.smears.sharpness import median_smear
 
         geometry, smear = estimate.geometry, median_smear(estimate.grid)
@@ -98,6 +106,7 @@ class Row(Document):
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
             smear_px=None if smear is None else smear.length_px,
+            smear_percent=None if smear is None else 100 * smear.length_px / math.hypot(*estimate.grid.size),
             direction_deg=None if smear is None else smear.direction_deg,
             sharpness=None if smear is None else smear.sharpness,
             rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,
@@ -105,6 +114,7 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=elapsed_s,
+            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1]),
         )
 
     @classmethod

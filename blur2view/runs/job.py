@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Generic, TypeVar
 
 from blur2view.errors import Blur2ViewError, RunError, within_memory
-from blur2view.output_files import Write, unwritable, write_together
+from blur2view.file_writing import Write, unwritable, write_together
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row

@@ -103,14 +103,14 @@ def test_what_exif_contradicts_is_believed_and_told_once(
         return capsys.readouterr().err.splitlines()
 
     millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"
-    assert told("--focal", 32) == [millimetres] and told("--focal", 32, "-q") == []
+    assert told("--focal", "32px") == [millimetres] and told("--focal", "32px", "-q") == []
     assert told("--focal", 330) == told("--camera", "exif") == told() == []
     camera = "PINHOLE 320 240 32 32 160 120"
     assert told("--camera", camera) == [millimetres.replace("focal", "camera")]
     if command == ("estimate",):
         assert told("--focal", 300, "--exposure", "1/45") == []
         seconds = "blur2view: a.png: --exposure says 25 s, EXIF 0.02 s"
-        assert told("--focal", 32, "--exposure", 25) == [seconds, millimetres]
+        assert told("--focal", "32px", "--exposure", "25s") == [seconds, millimetres]
 
 
 def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
@@ -222,7 +222,7 @@ def test_an_exposure_time_is_a_number_or_a_fraction(
     arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure"]
     assert cli.main([*arguments, "1/20", "-v"]) == 0
     assert "rad/s in 0.05 s" in capsys.readouterr().out
-    for wrong in ("1/0", "1/x", "/20", "0.05 s", "1/2/3"):
+    for wrong in ("1/0", "1/x", "/20", "0.05 h", "1/2/3"):
         with pytest.raises(SystemExit) as caught:
             cli.main([*arguments, wrong])
         assert caught.value.code == 2
@@ -261,7 +261,7 @@ def test_wrong_intrinsics_are_wrong_usage(
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimate", str(photo), *wrong])
     assert caught.value.code == 2
-    assert "usage: blur2view estimate" in capsys.readouterr().err
+    assert capsys.readouterr().err.startswith("blur2view estimate: ")
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from blur2view.exposure.time_direction import (
     neighbour_motion,
     rotation_agreement,
     rotation_between,
+    with_gaps,
     with_time_direction,
 )
 from blur2view.exposure.translation_sign import other_translation, share_in_front
@@ -298,3 +299,12 @@ def test_runs_follow_the_numbers_in_names(names: list[str], runs: list[list[int]
 def test_a_given_order_is_one_run() -> None:
     assert consecutive_runs(["b", "a", "z9"], in_order=True) == [[0, 1, 2]]
     assert consecutive_runs(["b"], in_order=True) == []
+
+
+def test_frames_that_are_left_out_leave_a_gap() -> None:
+    every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
+    found = with_gaps(every_tenth)
+    assert [name for name in found if name] == every_tenth
+    assert [k for k, name in enumerate(found) if not name] == [3, 6]  # after 20 and after 50
+    for names in (["a.jpg", "b.jpg", "c.jpg"], ["f_1.jpg"], [], ["l/1.jpg", "l/2.jpg", "r/1.jpg"]):
+        assert with_gaps(names) == names
