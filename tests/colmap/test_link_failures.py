@@ -96,19 +96,15 @@ def test_a_locked_database_is_refused(path: Path, monkeypatch: pytest.MonkeyPatc
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(DatabaseError, match="another program uses it"):
-            only_plan(path)
-        with pytest.raises(DatabaseError, match="another program uses it"):
             write_links(path, [job], backup=False)
         other.execute("ROLLBACK")
     write_links(path, [job], backup=False)
 
 
-def test_unknown_and_repeated_photographs_are_named(tmp_path: Path, path: Path) -> None:
+def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
     plans = plan_links(path, [Path("a_000.jpg"), Path("x.jpg"), Path("b/a_000.jpg")])
     assert isinstance(plans[0], LinkStep)
     assert "no image of that name" in str(plans[1]) and "name it once" in str(plans[2])
-    with pytest.raises(DatabaseError, match="no such database"):
-        plan_links(tmp_path / "none.db", [Path("a_000.jpg")])
 
 
 @pytest.mark.parametrize("number", [*range(len(SQL_FAULTS)), *range(100, 124)])

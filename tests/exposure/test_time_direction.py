@@ -20,7 +20,7 @@ from blur2view.exposure.time_direction import (
     with_gaps,
     with_time_direction,
 )
-from blur2view.exposure.translation_sign import other_translation, share_in_front
+from blur2view.exposure.translation_sign import other_translation
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
@@ -151,32 +151,6 @@ def test_rotation_that_neighbours_show_decides_the_translations_sign() -> None:
         assert pose is not None
         assert pose.rotation_vector @ scene.turn > 0 and pose.translation @ scene.move > 0
         assert open_first(found, scene) == 1
-
-
-def test_other_translation_twice_is_where_it_began() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    once = other_translation(given)
-    assert once is not None
-    twice = other_translation(once)
-    assert twice is not None and twice.geometry.E is not None and given.geometry.E is not None
-    before, after = given.geometry.cam2_from_cam1, once.geometry.cam2_from_cam1
-    assert before is not None and after is not None
-    np.testing.assert_allclose(after.translation, -before.translation)
-    np.testing.assert_array_equal(twice.points_open, given.points_open)
-    np.testing.assert_array_equal(twice.geometry.swapped, given.geometry.swapped)
-    np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
-    moved = (once.points_open != given.points_open).any(axis=1)
-    np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
-    assert other_translation(replace(given, geometry=replace(given.geometry, F=None, E=None))) is None
-
-
-def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    pose = given.geometry.cam2_from_cam1
-    assert pose is not None and share_in_front(given) == 1
-    behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
 
 
 def test_longer_motion_outweighs_the_shorter_and_photographs_too_far_apart_have_no_vote() -> None:
