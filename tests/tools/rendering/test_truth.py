@@ -112,15 +112,6 @@ def test_moving_card_alone_is_not_static() -> None:
     assert not found.displacement[found.static].any()
 
 
-def test_bend_is_the_middle_of_the_ends_off_the_point() -> None:
-    camera = Trajectory(translation=np.array([0.1, 0, 0]), translation_bend=np.array([0, 0.08, 0]))
-    found = compute(wall_and_card()[:1], Exposure(camera=camera, K=K, size=SIZE))
-    np.testing.assert_allclose(
-        found.displacement, np.broadcast_to([-16, 0], found.displacement.shape), atol=1e-4
-    )
-    np.testing.assert_allclose(found.middle_offset[..., 1], -0.08 / 4 * 160, atol=1e-4)
-
-
 def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:
     camera = replace(path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1)), rotation_bend=np.array([0.8, 0.5, 0]))
     point = np.array([0.4, -0.3, 2.0])
