@@ -206,11 +206,6 @@ def test_identical_smears_are_degenerate() -> None:
     refused(SmearMatches(ends=ends, sigma_px=np.ones(200)), "constant field")
 
 
-def test_smears_of_no_length_are_no_motion() -> None:
-    points = np.random.default_rng(0).uniform(0, 400, (200, 2))
-    refused(SmearMatches.from_points(points, points, image_size=IMAGE_SIZE), "no motion")
-
-
 def test_some_smears_of_no_length_break_nothing() -> None:
     scene = draw_scene("general", 1)
     ends = scene.matches.ends.copy()
