@@ -156,6 +156,13 @@ def test_import_of_the_package_is_light() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_an_estimate_starts_without_scipy() -> None:
+    program = "import sys, blur2view.cli.estimate; print({'scipy', 'skimage', 'pycolmap'} & set(sys.modules))"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "set()"
+
+
 def test_public_names_are_where_the_package_says() -> None:
     assert all(getattr(blur2view, name) is not None for name in blur2view.__all__)
     assert len(blur2view.__all__) > 40
