@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from blur2view import output_files
 from blur2view.cli import commands as cli
-from blur2view.cli import run as cli_run
 from blur2view.cli.triage import list_text, use_of
 from blur2view.errors import OutputError, RunError
 from blur2view.file_writing import write_atomically
@@ -367,7 +367,7 @@ def test_table_that_cannot_be_written_costs_no_other_result(
             raise OSError(28, "No space left on device")
         write_atomically(path, write)
 
-    monkeypatch.setattr(cli_run, "write_atomically", full)
+    monkeypatch.setattr(output_files, "write_atomically", full)
     words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
     assert call(command, tiny_model, frames, *words, "--csv", tmp_path / "t.csv") == 1
     printed = capsys.readouterr()

@@ -256,7 +256,9 @@ def _load_libraries() -> None:
     ):  # fmt: skip
         importlib.import_module(module)
     from blur2view.cli.work import CommandNetwork
+    from blur2view.photographs import video
 
+    video._reader.cache_clear()  # a video that is open here has threads that forks do not have
     CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
     gc.freeze()
 
