@@ -7,9 +7,10 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Protocol
 
 from blur2view.errors import OutputError
+from blur2view.file_writing import half_written, is_there, unwritable, write_atomically
 from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
@@ -20,12 +21,17 @@ SIGNS = {
     ".npz": (b"smear_grid.npy", b"displacement.npy"),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
+    ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
-KINDS = {"page": ".html", "table": ".csv", "file": ".json"}  # of one file, whatever it is called
-Write = Callable[[BinaryIO], object]
+KINDS = {
+    "page": ".html",
+    "table": ".csv",
+    "file": ".json",
+    "point cloud": ".ply",
+}  # of one file, whatever it is called
+MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
-GO_ON = "--resume to go on or --overwrite to replace it"
 
 
 def prepare_folder(folder: Path) -> list[Path]:
@@ -48,11 +54,9 @@ def check_file(
     what: str,
     inputs: Iterable[Path] = (),
     *,
-    overwrite: bool,
     option: str = "-o",
-    remedy: str = GO_ON,
 ) -> None:
-    """Refuse, before any work, to write one file where it would replace what it must not.
+    """Refuse, before any work, to write one file where it would replace what is not of an earlier call.
 
     Parameters
     ----------
@@ -62,24 +66,18 @@ def check_file(
         What it is, for the message; of `KINDS` if it may be one of an earlier call.
     inputs : iterable of Path
         The photographs of the call.
-    overwrite : bool
-        Whether a file of an earlier call may be replaced.
     option : str
         The option that names it.
-    remedy : str
-        What may be added to the call so that it is replaced.
 
     Raises
     ------
     OutputError
-        If it is an input, a folder, or there already and not to be replaced.
+        If it is an input, a folder, or a file of another kind.
     """
     if os.path.realpath(target) in {os.path.realpath(path) for path in inputs}:
         raise OutputError(f"{target}: the {what} would replace a photograph; name another with {option}")
     if target.is_dir():
         raise OutputError(f"{target}: is a folder; name the {what} with {option}")
-    if os.path.lexists(target) and not overwrite:
-        raise OutputError(f"{target}: exists; add {remedy}, or name another {what} with {option}")
     if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(
             f"{target}: is no {what} of an earlier call; name another with {option} or remove it"
@@ -151,8 +149,7 @@ def plan_outputs(
     folder: Path,
     endings: Sequence[str],
     *,
-    overwrite: bool,
-    resume: bool = False,
+    overwrite: bool = False,
     names: Mapping[Path, Path] | None = None,
     beside: Callable[[Path], Path] | None = None,
     earlier: Earlier | None = None,
@@ -169,9 +166,7 @@ def plan_outputs(
     endings : sequence of str
         As of `ResultFiles`.
     overwrite : bool
-        Whether files of an earlier call may be replaced. Photographs and files of others never are.
-    resume : bool
-        Whether those may that are not of another photograph.
+        Whether results of another photograph may be replaced, too. Photographs and files of others never are.
     names : mapping of Path to Path, optional
         What results are called where that is known, see `result_names`.
     beside : callable, optional
@@ -190,8 +185,8 @@ def plan_outputs(
         )
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(files.paths, inputs, overwrite=overwrite, resume=resume)
-        if refusal is None and resume and not overwrite:
+        refusal = _refusal(files.paths, inputs)
+        if refusal is None and not overwrite:
             refusal = _refusal_by_owner(files, image, earlier)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
@@ -199,18 +194,22 @@ def plan_outputs(
     return plan
 
 
-def _refusal(paths: Sequence[Path], inputs: Container[str], *, overwrite: bool, resume: bool) -> str | None:
+def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    taken = [path for path in paths if os.path.lexists(path)]
-    foreign = [path for path in taken if not is_ours(path)]
+    if any(map(_is_too_long, paths)):
+        return "the names of its results would be too long; rename it or the folder that it is in"
+    foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
         return f"a result would replace the photograph {hit[0]}; use another -o"
-    if taken and not (overwrite or resume):
-        return f"{taken[0]} exists; add {GO_ON}, or use another -o"
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
+
+
+def _is_too_long(path: Path) -> bool:
+    """Return whether file systems take no name as long as a part of a path, or of it half written."""
+    return any(len(part.encode(errors="replace")) > MAX_NAME for part in half_written(path).parts)
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:
@@ -269,68 +268,10 @@ def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
     return [Path(os.path.relpath(path, folder)) for path in absolute]
 
 
-def is_there(path: str | Path) -> bool:
-    """Return whether there is a file or, below it, a frame of a video."""
-    return os.path.isfile(path) or os.path.isfile(os.path.dirname(path))
-
-
-def write_atomically(path: Path, write: Write) -> None:
-    """Write beside the path and rename, so that a reader never sees half a file; a failure leaves nothing."""
-    beside = _beside(path)
-    try:
-        with beside.open("wb") as file:
-            write(file)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def write_together(files: Mapping[Path, Write]) -> None:
-    """Write files of which the last marks that all are complete: beside their paths first, then rename.
-
-    An old last file is removed before the first rename, so that it never stands beside new ones. If a file
-    cannot be written the old files stay as they were.
-    """
-    try:
-        for path, write in files.items():
-            with _beside(path).open("wb") as file:
-                write(file)
-        list(files)[-1].unlink(missing_ok=True)
-        for path in files:
-            _beside(path).replace(path)
-    finally:
-        for path in files:
-            _beside(path).unlink(missing_ok=True)
-
-
-def remove_left_over(paths: Container[Path], folders: Iterable[Path]) -> None:
-    """Remove what processes that were killed left beside these files, half written."""
-    for folder in folders:
-        for beside in folder.glob(".*.*.tmp"):
-            name, _, number = beside.name.removeprefix(".").removesuffix(".tmp").rpartition(".")
-            if beside.with_name(name) in paths and number.isdecimal() and not _is_running(int(number)):
-                beside.unlink(missing_ok=True)
-
-
-def _is_running(number: int) -> bool:
-    """Return whether there is a process of this number; where that cannot be asked, as if there were."""
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # another user's
-        pass
-    return True
-
-
-def _beside(path: Path) -> Path:
-    """Return where a file is written before it is renamed."""
-    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
-
-
-def unwritable(folder: Path, error: OSError) -> OutputError:
-    """Return the one line about a folder that takes no files."""
-    reason = error.strerror or type(error).__name__
-    return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")
+def write_text(target: Path, text: str) -> None:
+    """Write a table or a list, whole or not at all."""
+    with prepared(target.parent):
+        try:
+            write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+        except OSError as error:
+            raise unwritable(target.parent, error) from None

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifFacts, disagreement, read_exif
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.errors import CameraError
+from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
@@ -77,6 +79,8 @@ class Estimate:
         The intrinsics that were used.
     shutter : RollingShutter or None
         For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
+    time : TimeDirection
+        Whether neighbouring frames decided which end of the exposure came first.
     """
 
     grid: SmearGrid
@@ -86,10 +90,36 @@ class Estimate:
     timings: Timings
     camera: Camera | None = None
     shutter: RollingShutter | None = None
+    time: TimeDirection = field(default_factory=TimeDirection)
+
+    def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
+        """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
+
+        Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
+        rotation itself, in radians.
+
+        Raises
+        ------
+        ValueError
+            If the exposure time is not positive and finite.
+        """
+        if not 0 < exposure_s < np.inf:
+            raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")
+        return angular_velocity(self.geometry, exposure_s)
+
+
+def angular_velocity(geometry: TwoViewGeometry, exposure_s: float) -> AngularVelocity | None:
+    """Return the angular velocity of a geometry's pose; None without a pose."""
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    if pose is None or covariance is None:
+        return None
+    return AngularVelocity(
+        mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
+    )
 
 
 def estimate(
-    image: NDArray[np.float32],
+    image: AnyArray,
     *,
     network: SmearNetwork | None = None,
     select: SelectOptions | None = None,
@@ -102,8 +132,9 @@ def estimate(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
+        :func:`blur2view.read_image`.
     network : SmearNetwork, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
@@ -124,9 +155,9 @@ def estimate(
     Raises
     ------
     ValueError, ModelError
-        If the image is not float32 of shape (H, W, 3) in [0, 1] or a shutter comes without a camera; if the
-        network cannot be used.
+        If image or camera is none, or a shutter comes without a camera; if the network cannot be used.
     """
+    _refuse_other_than_camera(camera)
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
@@ -148,6 +179,15 @@ def estimate(
     )
 
 
+def _refuse_other_than_camera(camera: object) -> None:
+    """Raise ValueError for what is neither None nor a Camera, such as a matrix K or a focal length."""
+    if not isinstance(camera, Camera | None):
+        raise ValueError(
+            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
+            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileEstimate:
     """The estimate of one photograph's file.
@@ -166,6 +206,10 @@ class FileEstimate:
         Seconds spent on decoding.
     exposure_s : float or None
         Exposure time in seconds, of the options or else of EXIF.
+    frame : int or None
+        Its number in a video.
+    timestamp_s : float or None
+        Its time in the video, seconds.
     warnings : tuple of str
         Options that EXIF contradicts.
     """
@@ -176,6 +220,8 @@ class FileEstimate:
     run: Run
     read_s: float
     exposure_s: float | None = None
+    frame: int | None = None
+    timestamp_s: float | None = None
     warnings: tuple[str, ...] = ()
 
     @property

@@ -20,6 +20,7 @@ PACKAGE = ROOT / "blur2view"
 ROWS = [
     "arrays errors",
     "input_files",
+    "file_writing",
     "output_files",
     "camera smears",
     "geometry networks photographs",
@@ -35,7 +36,7 @@ ROWS = [
     "__main__",
 ]
 RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
-MOST_FILES, MOST_MODULES, MOST_LINES = 12, 15, 350
+MOST_FILES, MOST_MODULES, MOST_LINES = 12, 15, {"blur2view": 300, "tools": 350}
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})
@@ -50,7 +51,7 @@ EXTRAS = {
     "rawpy": "raw",
     "distributed": "dask",
 }  # what one door alone needs, and the extra that brings it
-PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "tqdm"} | set(EXTRAS)
+PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "shtab", "skimage", "tqdm"} | set(EXTRAS)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
 
@@ -105,7 +106,7 @@ def test_room_is_small(folder: Path) -> None:
     modules = [path for path in (ROOT / folder).glob("*.py") if path.name != "__init__.py"]
     assert len(modules) <= MOST_MODULES
     for path in modules:
-        assert len(path.read_text().splitlines()) <= MOST_LINES, path
+        assert len(path.read_text().splitlines()) <= MOST_LINES[folder.parts[0]], path
 
 
 def test_the_package_has_few_files_beside_its_rooms() -> None:
@@ -153,6 +154,13 @@ def test_import_of_the_package_is_light() -> None:
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_an_estimate_starts_without_scipy() -> None:
+    program = "import sys, blur2view.cli.estimate; print({'scipy', 'skimage', 'pycolmap'} & set(sys.modules))"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 def test_public_names_are_where_the_package_says() -> None:

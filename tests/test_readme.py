@@ -140,7 +140,7 @@ def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) ->
 
 def test_every_kind_of_block_is_run_or_known() -> None:
     languages = {language for section in CODE for language, _ in section.blocks}
-    assert languages == {"sh", "python", "text", "bibtex"}
+    assert languages == {"sh", "python", "text"}
     assert README.count("```") == 2 * sum(len(section.blocks) for section in CODE)
     assert len(RUNNABLE) >= 9
 

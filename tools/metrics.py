@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import epipoles
@@ -143,10 +143,3 @@ def translation_direction_error_deg(t: Array, t_true: Array) -> float:
     if not np.linalg.norm(t) > 0:
         return 90.0
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
-
-
-def cumulative_curve(values: ArrayLike, bounds: ArrayLike) -> NDArray[np.float64]:
-    """Share of values (N,) at or below each bound (K,): the cumulative error curve."""
-    ordered = np.sort(np.asarray(values, float))
-    curve: NDArray[np.float64] = np.searchsorted(ordered, bounds, side="right") / max(len(ordered), 1)
-    return curve

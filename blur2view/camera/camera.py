@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.camera.colmap_camera import (
     FOCAL_RANGE,
     calibration_matrix,
@@ -23,6 +23,8 @@ from blur2view.camera.colmap_camera import (
 from blur2view.errors import CameraError
 
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
+OPENCV_ORDERS = (0, 4, 5, 8, 12, 14)
+OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +43,7 @@ class Camera:
     params : tuple of float
         COLMAP's parameters of the model, in COLMAP's pixels.
     source : str
-        "focal", "camera string", "database" or "exif", and what was done since.
+        "focal", "opencv", "camera string", "database" or "exif", and what was done since.
     log_focal_sigma : float
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
@@ -84,6 +86,40 @@ class Camera:
         K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])
         params = (float(focal_px), *to_colmap(centre).tolist())
         return cls(K=K, width=width, height=height, model="SIMPLE_PINHOLE", params=params, source=source)
+
+    @classmethod
+    def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
+        """Return the camera of ``cv2.calibrateCamera`` and its like.
+
+        Parameters
+        ----------
+        K : ndarray of shape (3, 3)
+            Camera matrix, (0, 0) at the centre of the top-left pixel, as OpenCV's and ours are.
+        dist : ndarray of 0, 4, 5 or 8 elements, or None
+            Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
+            (thin prisms, a tilted sensor) only if they are zero.
+        size : (int, int)
+            Width and height of the pictures, pixels.
+
+        Raises
+        ------
+        ValueError, CameraError
+            If the values are not as above; if no such camera can be.
+        """
+        K = np.asarray(K, float)
+        given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()
+        if len(given) not in OPENCV_ORDERS or given[8:].any():
+            raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given.tolist()}")
+        pinhole = cls(K=K, width=size[0], height=size[1], source="opencv")  # which checks K
+        coefficients = np.zeros(8)
+        coefficients[: len(given[:8])] = given[:8]
+        count = 8 if coefficients[4:].any() else 4 if coefficients.any() else 0
+        params = (
+            *np.diag(pinhole.K)[:2].tolist(),
+            *to_colmap(K[:2, 2]).tolist(),
+            *coefficients[:count].tolist(),
+        )
+        return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], *size, params), "opencv")
 
     @classmethod
     def from_string(cls, text: str) -> Camera:

@@ -8,11 +8,14 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, report, segment, to_colmap, to_transforms, triage
-from blur2view.cli.arguments.shared import EXIT_CODES, CommandParser, paragraph, table
+from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
+from blur2view.cli.arguments.help_text import EXIT_CODES, paragraph, table
+from blur2view.cli.arguments.parser import CommandParser, Completion
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
@@ -21,13 +24,27 @@ COMMANDS = {
     "estimate": estimate,
     "segment": segment,
     "to-colmap": to_colmap,
+    "place": place,
     "to-transforms": to_transforms,
     "report": report,
     "triage": triage,
 }
+COMPLETION = "--completion"
+MEANT = {
+    **dict.fromkeys(("--threads", "--workers", "--processes", "-j"), "--jobs"),
+    **dict.fromkeys(("--out", "--outdir", "--out-dir", "--output-dir", "--dir"), "--output"),
+    **dict.fromkeys(("--force", "--replace", "-f", "-y"), "--overwrite"),
+    **dict.fromkeys(("--database", "--database_path", "--database-path"), "--db"),
+    **dict.fromkeys(("--fps", "--step", "--stride", "--skip"), "--every"),
+    **dict.fromkeys(("--shutter", "--shutter-speed", "--time"), "--exposure"),
+    **dict.fromkeys(("--threshold", "--max-blur"), "--max-smear"),
+    **dict.fromkeys(("--intrinsics", "--calibration", "-K"), "--camera"),
+    "-r": "--recursive",
+}
+"""What other programs call our options."""
 DESCRIPTION = """
 One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
-blur2view COMMAND --help explains the options, files and JSON keys of a command.
+blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys.
 """
 
 
@@ -69,26 +86,63 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Return the options; wrong usage ends the program, an option of another command with a word about it."""
+    """Return the options; wrong usage ends the program with one line, which names what may be meant."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
+    check_command(parser, words)
     options: argparse.Namespace
-    options, unknown = parser.parse_known_args(arguments)
-    for name in (word.partition("=")[0] for word in unknown if word.startswith("-")):
-        if name in option_names(options.command):
-            parser.error(f"{name} goes after {options.command}")
-        if why := getattr(COMMANDS[options.command], "REFUSED", {}).get(name):
-            parser.error(f"{name} is not for {options.command}: {why}")
-        if owners := [f"blur2view {command}" for command in COMMANDS if name in option_names(command)]:
-            parser.error(f"{name} is an option of {', '.join(owners)}, not of {options.command}")
-    if unknown:
-        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+    options, unknown = parser.parse_known_args(words)
+    for word in (word for word in [*unknown, *words] if word.startswith("-")):
+        check_option(options, word.partition("=")[0], known=word not in unknown)
+    if "images" in options:
+        options.images += unknown  # argparse takes those on one side of an option alone
+    elif unknown:
+        options.usage_error(f"{' '.join(unknown)} is too much; name one")
     return options
 
 
+def check_command(parser: CommandParser, words: Sequence[str]) -> None:
+    """End the program where no command is named, with the nearest one."""
+    named = [word for word in words if not word.startswith("-")]
+    if not words:
+        parser.error(f"name a command: {', '.join(COMMANDS)}")
+    command = next((word for word in words if word in COMMANDS), None)
+    first = words[0].partition("=")[0]
+    if command and first.startswith("-") and first in option_names(command):
+        parser.error(f"{first} goes after {command}")
+    if not named or named[0] in COMMANDS or first == COMPLETION:
+        return
+    near = get_close_matches(named[0], COMMANDS, 1)
+    if near:
+        parser.error(f"{named[0]} is no command; did you mean {near[0]}?")
+    if os.path.lexists(named[0]):
+        parser.error(f"{named[0]} is no command; did you mean blur2view estimate {named[0]}?")
+    parser.error(f"{named[0]} is no command; there are {', '.join(COMMANDS)}")
+
+
+def check_option(options: argparse.Namespace, word: str, *, known: bool) -> None:
+    """End the program where a word is no option of the command, with what may be meant.
+
+    ``known`` says that argparse took it, as it takes -output for -o utput.
+    """
+    error, command = options.usage_error, options.command
+    names = option_names(command)
+    if f"-{word}" in names:
+        error(f"{word} has one dash; did you mean -{word}?")
+    if known:
+        return
+    if why := getattr(COMMANDS[command], "REFUSED", {}).get(word):
+        error(f"{word} is not for {command}: {why}")
+    if owners := [f"blur2view {other}" for other in COMMANDS if word in option_names(other)]:
+        error(f"{word} is an option of {', '.join(owners)}, not of {command}")
+    near = {MEANT.get(word)} & names or get_close_matches(word, sorted(names), 1)
+    error(f"{word} is no option of {command}" + "".join(f"; did you mean {name}?" for name in near))
+
+
+@cache
 def option_names(command: str) -> set[str]:
     """Return the names of a command's options."""
-    parser = CommandParser()
-    COMMANDS[command].describe(parser)
+    parser = CommandParser(describe=COMMANDS[command].describe).described()
     return {name for action in parser._actions for name in action.option_strings}
 
 
@@ -106,6 +160,13 @@ def build_parser() -> CommandParser:
         prog="blur2view",
         description=paragraph(DESCRIPTION),
         epilog=table("exit codes", EXIT_CODES),
+    )
+    parser.add_argument(
+        COMPLETION,
+        metavar="SHELL",
+        action=Completion,
+        help="print what completes commands and options in bash, zsh or tcsh; in ~/.bashrc: "
+        'eval "$(blur2view --completion bash)"',
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(

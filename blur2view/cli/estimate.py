@@ -43,7 +43,7 @@ class EstimateWork(EstimatingWork[ResultFiles | None, EstimateDocument | None]):
 def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
     shared = EstimateWork.shared(options)
-    work = EstimateWork(**shared, full_field=options.full_field, json=options.json)
+    work = EstimateWork(**shared, full_field=options.full_field, json=options.json or options.jsonl)
     return run_with_files(
         options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
     )

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
+from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
-from blur2view.output_files import GO_ON
 from blur2view.results.to_colmap import DATABASE, HLOC
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share: the options of ``--help`` by their names.
+    """What the commands over photographs share: the options of ``--help-all`` by their names.
 
     ``inputs`` are the photographs, ``run`` is how each is estimated.
     """
@@ -42,10 +42,9 @@ class PhotographOptions:
     max_failures: int | None
     verbosity: int
     json: bool = False
+    jsonl: bool = False
+    sequence: bool | None = False
     timings: bool = True
-
-    remedy: ClassVar[str] = GO_ON
-    """What may be added to the call so that a table is replaced."""
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -55,14 +54,9 @@ class PhotographOptions:
             )
 
     @property
-    def replaces(self) -> bool:
-        """Whether files of an earlier call may be replaced."""
-        return self.overwrite or self.resume
-
-    @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.json and self.verbosity > QUIET
+        return not (self.json or self.jsonl) and self.verbosity > QUIET
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +67,8 @@ class FolderOptions(PhotographOptions):
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
+        if self.json and self.jsonl:
+            raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:
             raise ValueError("--resume goes on with results in a folder; name it with -o")
         super().__post_init__()
@@ -108,20 +104,40 @@ class ReportOptions(PhotographOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Amount:
+    """A number, or a percentage of what is known later."""
+
+    number: float
+    percent: bool = False
+
+    def __str__(self) -> str:
+        """Return it as it is written."""
+        return f"{self.number:g}{'%' if self.percent else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class TriageOptions(PhotographOptions):
     """Those of ``blur2view triage``."""
 
     keep: Path | None
-    max_smear: float
+    extract: Path | None
+    max_smear: Amount
     blurred: bool
+    best: Amount | None
+    every_best: int | None
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if self.csv is None and self.keep is None:
-            raise ValueError("name the table with --csv, the list with --keep, or both")
-        if not 0 <= self.max_smear < math.inf:
-            raise ValueError(f"--max-smear must not be negative, got {self.max_smear}")
+        if self.resume and self.csv is None and self.keep is None and self.extract is None:
+            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
+        if self.selects and self.keep is None and self.extract is None:
+            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
         super().__post_init__()
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +153,6 @@ class ToColmapOptions(PhotographOptions):
     dry_run: bool
     skip_degenerate: bool
     corrected: bool
-    sequence: bool | None
-
-    remedy: ClassVar[str] = "--resume to go on"
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -176,41 +189,19 @@ class ToColmapOptions(PhotographOptions):
         return target
 
     @property
-    def is_new(self) -> bool:
-        """Whether a database of our own is written, which a manifest tells from one that was changed."""
-        return self.db is not None and not self.link
-
-    @property
     def hloc(self) -> bool:
         """Whether hloc's files are written."""
         return self.format == HLOC
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions:
-    """Those of ``blur2view to-transforms``."""
-
-    model: Path
-    photographs: Path | None
-    exposure: float
-    output: Path
-    dialect: str
-    overwrite: bool
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        """Refuse an exposure time that is none."""
-        if not 0 < self.exposure < math.inf:
-            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
-
-
-Options = PhotographOptions | ToTransformsOptions
+Options = PhotographOptions | PlaceOptions | ToTransformsOptions
 OF_COMMAND: dict[str, type[Options]] = {
     "estimate": EstimateOptions,
     "segment": SegmentCommandOptions,
     "report": ReportOptions,
     "triage": TriageOptions,
     "to-colmap": ToColmapOptions,
+    "place": PlaceOptions,
     "to-transforms": ToTransformsOptions,
 }
 

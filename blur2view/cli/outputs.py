@@ -12,16 +12,26 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.cli.options import FolderOptions
-from blur2view.cli.run import Finished, Taken, begun, kept_of, manifest_beside, refuse_shared, run_over
+from blur2view.cli.run import (
+    Finished,
+    Taken,
+    begun,
+    jobs_of,
+    kept_of,
+    manifest_beside,
+    refuse_shared,
+    run_over,
+)
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import SIGNED_BY, ResultFiles, Write, plan_outputs, prepared, remove_left_over
+from blur2view.file_writing import Write, remove_left_over
+from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
-from blur2view.runs.job import Job, Work
+from blur2view.runs.job import Job, Outcome, Target, Work
 from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY, MaskFormat
 from blur2view.segmentation.mask import MotionMask
@@ -47,7 +57,8 @@ def run_with_files(
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
 
-    With ``--json`` the one document of ``collect`` is printed at the end. ``beside`` is as of `plan_outputs`.
+    With ``--json`` the one document of ``collect`` is printed at the end, with ``--jsonl`` that of each
+    photograph. ``beside`` is as of `plan_outputs`.
     """
     folder = options.output
     path = None if options.csv is None else manifest_beside(options.csv)
@@ -58,12 +69,21 @@ def run_with_files(
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with prepared(*folders):
-            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=kept_of)
+            take = printed if options.jsonl else kept_of
+            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=take)
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
         print(collect([one for one in finished.taken if one is not None], list(finished.failures)).to_json())
     return finished.exit_code
+
+
+def printed(job: Job[Target], outcome: Outcome[Taken | None]) -> None:
+    """Print the document of a photograph, or of its failure, on one line, at once."""
+    made = outcome.made
+    document = FailureDocument(image=str(job.path), error=outcome.error) if made is None else made.kept
+    if isinstance(document, Document):
+        print(document.to_json(indent=None), flush=True)
 
 
 def _planned(
@@ -82,14 +102,16 @@ def _planned(
             options.output,
             endings,
             overwrite=options.overwrite,
-            resume=options.resume,
             names=inputs.names,
             beside=beside,
             earlier=manifest,
         )
-    for index, (path, files) in enumerate(zip(inputs.paths, plan, strict=True)):
-        job = Job(index=index, path=path, target=files if isinstance(files, ResultFiles) else None)
-        jobs.append((job, files if isinstance(files, OutputError) else None))
+    for (job, _), files in zip(jobs_of(options), plan, strict=True):
+        target = files if isinstance(files, ResultFiles) else None
+        planned = Job(
+            index=job.index, path=job.path, target=target, neighbours=job.neighbours, source=job.source
+        )
+        jobs.append((planned, files if isinstance(files, OutputError) else None))
     return jobs
 
 
@@ -101,7 +123,7 @@ def result_contents(
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry)
+    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
     stored = StoredSmears(
         smears=grid.at_pixels() if full_field else grid,
         ends=matches.ends,

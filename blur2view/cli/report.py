@@ -16,10 +16,11 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import OutputError
-from blur2view.output_files import below_shared_folder, check_file, prepared, unwritable, write_atomically
+from blur2view.file_writing import unwritable, write_atomically
+from blur2view.output_files import below_shared_folder, check_file, prepared
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
-from blur2view.results.verdicts import VERDICT_ORDER
+from blur2view.results.verdicts import VERDICT_ORDER, meaning
 from blur2view.runs.job import Job, Made, Outcome
 from blur2view.segmentation.mask import segment
 
@@ -41,7 +42,7 @@ class ReportWork(EstimatingWork[None, Entry]):
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
-        line = verdict_line(str(job.path), geometry)
+        line = verdict_line(str(job.path), meaning(one), geometry)
         return Made(
             kept=Entry.of(one, mask, mask_s, timings=self.timings),
             summary=line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}",
@@ -78,7 +79,7 @@ def run(options: ReportOptions) -> int:
         is_folder = options.inputs.is_folder(job.path)
         return None if is_folder else _failed(job.path, shown[job.path], outcome.error)
 
-    check_file(page, "page", images, overwrite=options.replaces)
+    check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
         finished = run_over(options, work, jobs_of(options), manifest, take=entry_of)
         entries = [entry for entry in finished.taken if entry is not None]

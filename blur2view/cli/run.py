@@ -16,20 +16,15 @@ from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
+from blur2view.file_writing import is_there
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import (
-    below_shared_folder,
-    check_file,
-    is_there,
-    prepared,
-    unwritable,
-    write_atomically,
-)
+from blur2view.output_files import below_shared_folder, check_file, prepared, write_text
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, source_of
 from blur2view.runs.manifest import Manifest
+from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import Jobs, outcomes
 
@@ -96,10 +91,7 @@ def begun(
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
-        overwrite, remedy = options.replaces, options.remedy
-        check_file(
-            options.csv, "table", options.inputs.paths, overwrite=overwrite, option="--csv", remedy=remedy
-        )
+        check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
     with prepared(*folders):
         alone = len(options.inputs.paths) == 1 and not options.resume
@@ -157,7 +149,8 @@ def run_over(
                 row = Row() if outcome.made is None else outcome.made.row
                 row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
-                _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                if not outcome.skipped or options.verbosity > SHORT:
+                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
@@ -260,8 +253,12 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
 
 def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
     """Return the jobs of a command that writes no files of single photographs."""
-    paths = options.inputs.paths
-    return [(Job(index=index, path=path, target=None), None) for index, path in enumerate(paths)]
+    beside = neighbours_of(options.inputs.paths, options.sequence)
+    jobs = (
+        Job(index=index, path=path, target=None, neighbours=neighbours, source=source_of(neighbours))
+        for index, (path, neighbours) in enumerate(beside.items())
+    )
+    return [(job, None) for job in jobs]
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:
@@ -290,15 +287,6 @@ def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths
         raise OutputError(f"{target}: two results would be one file; name another with {option}")
     if real in {os.path.realpath(path) for path in options.inputs.lists}:
         raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
-
-
-def write_text(target: Path, text: str) -> None:
-    """Write a table or a list, whole or not at all."""
-    with prepared(target.parent):
-        try:
-            write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
-        except OSError as error:
-            raise unwritable(target.parent, error) from None
 
 
 def manifest_beside(target: Path) -> Path:

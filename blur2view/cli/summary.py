@@ -14,15 +14,15 @@ from blur2view.pipeline import Estimate
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
 from blur2view.results.masks import MaskDocument
-from blur2view.results.verdicts import sentence
+from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.segmentation.mask import MotionMask
 
 FAR_PX = 1e5  # an epipole that is farther away is given as a direction
 
 
-def verdict_line(name: str, geometry: TwoViewGeometry) -> str:
+def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
     """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
-    return f"{printable(name)}: {sentence(geometry).removesuffix('.')} [{geometry.config.name}]"
+    return f"{printable(name)}: {meaning} [{geometry.config.name}]"
 
 
 def estimate_summary(
@@ -40,7 +40,7 @@ def estimate_summary(
     verbosity : int
         `terminal.SHORT` or `terminal.VERBOSE`.
     """
-    title = verdict_line(document.image, estimate.geometry)
+    title = verdict_line(document.image, document.meaning, estimate.geometry)
     details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
     return _with_files([title, *details], files)
 
@@ -82,7 +82,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     ]
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _missing_translation(document))
-        if document.angular_velocity_rad_s is not None:
+        if document.rate_unit == PER_SECOND:
             parts.append(rate(document) + _backward(document))
     elif geometry.F is not None and geometry.H is None:
         parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
@@ -147,18 +147,23 @@ def _angle_sigma(document: EstimateDocument) -> float:
 
 def rate(document: EstimateDocument) -> str:
     """Return the angular velocity with its standard deviation, or that it is not told from none."""
-    known = float(np.linalg.norm(document.angular_velocity_rad_s or 0.0))
+    known = float(np.linalg.norm(_vector(document)))
     if document.pose_covariance is None or not document.exposure_s:
         return f"{known:.3g} rad/s"
     sigma = _angle_sigma(document) / document.exposure_s
     return f"{known:.3g} rad/s (sigma {sigma:.2g}{', not told from none' if known < sigma else ''})"
 
 
+def _vector(document: EstimateDocument | BackwardDocument) -> list[float]:
+    """Return the rate about x, y and z; zero without a pose."""
+    return [document.wx or 0.0, document.wy or 0.0, document.wz or 0.0]
+
+
 def _backward(document: EstimateDocument) -> str:
     """Return the rate of the other order in time, where a rolling shutter makes it another one."""
-    if document.backward is None or document.backward.angular_velocity_rad_s is None:
+    if document.backward is None or document.rate_unit != PER_SECOND or document.time_known:
         return ""
-    other = float(np.linalg.norm(document.backward.angular_velocity_rad_s))
+    other = float(np.linalg.norm(_vector(document.backward)))
     return f" or, in the other order in time, {other:.3g} rad/s"
 
 
@@ -176,8 +181,8 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     if pose is None:
         return []
     rotation = _rotation(document)
-    if document.angular_velocity_rad_s is not None:
-        rates = ", ".join(f"{rate:z.3f}" for rate in document.angular_velocity_rad_s)
+    if document.rate_unit == PER_SECOND:
+        rates = ", ".join(f"{rate:z.3f}" for rate in _vector(document))
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
         rotation += _backward(document)
     if not any(pose.translation):

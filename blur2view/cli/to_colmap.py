@@ -2,11 +2,17 @@
 
 from dataclasses import replace
 
+from blur2view.cli.linking.targets import (
+    manifest_path,
+    refuse_others,
+    write_views,
+    written_before,
+    written_files,
+)
+from blur2view.cli.linking.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import End, begun
-from blur2view.cli.targets import manifest_path, refuse_others, write_views, written_before, written_files
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
 from blur2view.errors import OutputError
 from blur2view.output_files import prepared
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
@@ -24,7 +30,7 @@ def run(options: ToColmapOptions) -> int:
     folders = [] if options.dry_run or options.output is None else [options.output]
     path, files = manifest_path(options), written_files(options)
     with prepared(*folders), begun(options, work, path, files) as manifest:
-        replaces = refuse_others(options, manifest)
+        replaces = refuse_others(options)
         before = written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
         finished = make_views(options, work, [one for one in photographs if not one.kept], manifest)
@@ -39,8 +45,6 @@ def run(options: ToColmapOptions) -> int:
             made = [replace(one, views=one.views.corrected()) for one in made]
         written = [one for one in made if not _skips(options, one)]
         backup = None if options.dry_run else write_views(options, written, replace=replaces)
-        if manifest is not None and written and options.is_new:
-            manifest.append_target(options.target)
     document = ToColmapDocument(
         format=options.format,
         target=str(options.target),
@@ -78,15 +82,22 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity) for one in document.photographs]
     lines += [f"{printable(one.name)}: {one.config}, skipped: {one.reason}" for one in document.skipped]
-    there = "has its views already; --replace makes them anew"
-    lines += [f"{printable(one.name)}: {there}" for one in document.kept]
+    if document.kept:
+        some = ", ".join(printable(one.name) for one in document.kept[:3])
+        some += ", ..." if len(document.kept) > 3 else ""
+        there = plural(len(document.kept), "photograph")
+        lines.append(f"{there} ({some}): the views are there already; --replace makes them anew")
     target, count = printable(document.target), len(document.photographs)
     if not count:
         return "\n".join([*lines, f"{target}: nothing to write"])
     verb = "would write" if document.dry_run else "wrote"
     pairs = plural(count * (3 if linked else 1), "pair")
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
-    return "\n".join([*lines, total + (f"; backup {printable(document.backup)}" if document.backup else "")])
+    total += f"; backup {printable(document.backup)}" if document.backup else ""
+    undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
+    if undecided and not linked:
+        total += f"; the translation of {undecided} is undecided, COLMAP makes no points of those"
+    return "\n".join([*lines, total])
 
 
 def _line(one: ViewsDocument, verbosity: int) -> str:
@@ -96,5 +107,6 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
         return f"{name}: {one.action} {one.config}, no matches: {one.reason}"
     time = f"open first (confidence {one.time_confidence:.0%})" if one.time_known else "open or close first"
     counts = f"{one.num_inliers} inliers of {one.num_matches} matches"
-    line = f"{name}: {one.action} {one.config}, parallax {one.parallax}, {counts}, {time}"
+    known = "translation known" if one.translation_known else "translation undecided"
+    line = f"{name}: {one.action} {one.config}, {known}, {counts}, {time}"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

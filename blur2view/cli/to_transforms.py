@@ -2,34 +2,43 @@
 
 import json
 import os
+from collections.abc import Mapping
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.options import ToTransformsOptions
+from blur2view.cli.model_options import ToTransformsOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap.transforms import transforms
+from blur2view.colmap.models import pictures_of
+from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, prepared, unwritable, write_atomically
+from blur2view.file_writing import unwritable, write_together
+from blur2view.output_files import check_file, prepared
 
 DONE = 0
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 
 
 def run(options: ToTransformsOptions) -> int:
-    """Return the exit code, after writing the file."""
+    """Return the exit code, after writing the file, and the points beside it where it names them."""
     target = options.output
-    check_file(target, "file", overwrite=options.overwrite, remedy="--overwrite")
-    images = options.photographs or target.parent / "images"
+    check_file(target, "file")
+    images = options.photographs or pictures_of(options.model) or target.parent / "images"
     content = transforms(
         options.model,
         dialect=options.dialect,
         images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
     )
-    if options.photographs is not None:
-        _check_photographs(target, content)
-    _write(target, content)
+    _check_photographs(target, content)
+    signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
+    files = {target: (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()}
+    if PLY_KEY in content:
+        cloud = target.parent / content[PLY_KEY]
+        check_file(cloud, "point cloud")
+        files = {cloud: point_cloud(options.model), **files}
+    _write(target.parent, files)
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
     return DONE
@@ -46,15 +55,13 @@ def _check_photographs(target: Path, content: dict[str, Any]) -> None:
         )
 
 
-def _write(target: Path, content: dict[str, Any]) -> None:
-    """Write the file whole or not at all."""
-    signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
-    text = json.dumps(signed, indent=2, allow_nan=False) + "\n"
-    with prepared(target.parent):
+def _write(folder: Path, files: Mapping[Path, bytes]) -> None:
+    """Write all files or none."""
+    with prepared(folder):
         try:
-            write_atomically(target, lambda file: file.write(text.encode()))
+            write_together({path: methodcaller("write", content) for path, content in files.items()})
         except OSError as error:
-            raise unwritable(target.parent, error) from None
+            raise unwritable(folder, error) from None
 
 
 def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> str:
@@ -62,6 +69,7 @@ def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> st
     frames = content["frames"]
     still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
     line = f"{printable(str(target))}: wrote {plural(len(frames), 'frame')}"
+    line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
         line += f", {len(still)} of them without views, as if the camera had stood still"
     if verbosity > SHORT and still:

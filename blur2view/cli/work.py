@@ -5,21 +5,29 @@ The network is loaded once in each process and run in one thread, so that bytes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypedDict
 
 from blur2view import __version__
+from blur2view.arrays import Array
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import TileProgress
 from blur2view.colmap.cameras import StoredCamera
-from blur2view.errors import RunError
+from blur2view.errors import Blur2ViewError, RunError
+from blur2view.exposure.neighbours import Features, features_of, match_features
+from blur2view.exposure.sequence import in_time
+from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
 from blur2view.pipeline import FileEstimate, Run, estimate_file
 from blur2view.results.stored import plain
 from blur2view.results.table import Row
+from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Kept, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
 
@@ -105,12 +113,40 @@ class EstimatingWork(Work[Target, Kept]):
         }
 
     def estimated(self, job: Job[Target]) -> FileEstimate:
-        """Return the estimate of a photograph."""
-        return estimate_file(job.path, self.network.loaded, self.run, job.content)
+        """Return the estimate of a photograph, in the order in time that its neighbours decide."""
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+        one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
+        if not job.neighbours:
+            return one
+        motions, camera, here = [], one.estimate.camera, (job.path, job.encoded)
+        for neighbour in job.neighbours:
+            with suppress(Blur2ViewError):  # of one that cannot be read, which has a line of its own
+                there = neighbour.path, neighbour.encoded
+                pair = (there, here) if neighbour.steps < 0 else (here, there)
+                own, other = _matched(*pair)[:: neighbour.steps]
+                motions.append(neighbour_motion(own, other, neighbour.steps, camera))
+        return replace(one, estimate=in_time(one.estimate, motions))
 
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
-        return Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
+
+
+Content = tuple[Path, bytes]
+"""A photograph's file."""
+
+
+@lru_cache(maxsize=2)
+def _matched(earlier: Content, later: Content) -> tuple[Array, Array]:
+    """Return matched pixels of two photographs, which each of them asks for."""
+    return match_features(_features(*earlier), _features(*later))
+
+
+@lru_cache(maxsize=3)
+def _features(path: Path, content: bytes) -> Features:
+    """Return the features of a photograph."""
+    return features_of(read_image(path, content=content))
 
 
 NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}

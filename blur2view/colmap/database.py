@@ -21,9 +21,10 @@ from blur2view.colmap.rows import (
     put_keypoints,
     put_pair,
 )
-from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE
+from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 
 
 def write_database(
@@ -70,10 +71,23 @@ def refuse_existing(path: Path) -> None:
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
-def refuse_changed(path: Path) -> None:
-    """Raise a DatabaseError where a database of an earlier call lies that is not as that left it."""
-    if os.path.lexists(path):
-        raise DatabaseError(f"{path}: has changed since an earlier call wrote it; choose another --db")
+def holds_views_alone(path: Path) -> bool:
+    """Return whether a database of ours holds nothing but views, each matched with the other of its pair."""
+    queries = "SELECT image_id FROM images", "SELECT pair_id FROM {}", "SELECT count(*) FROM descriptors"
+    try:
+        with open_read_only(path) as database:
+            own = database.execute("SELECT photograph, image_id FROM blur2view_views").fetchall()
+            images = {image_id for (image_id,) in database.execute(queries[0])}
+            tables = "matches", "two_view_geometries"
+            pairs = {key for table in tables for (key,) in database.execute(queries[1].format(table))}
+            described = database.execute(queries[2]).fetchone() != (0,)
+    except (DatabaseError, sqlite3.Error):
+        return False
+    views: dict[str, list[int]] = {}
+    for photograph, image_id in own:
+        views.setdefault(photograph, []).append(image_id)
+    ours = {pair_id(min(ids), max(ids)) for ids in views.values() if len(ids) == 2}
+    return images <= {image_id for _, image_id in own} and pairs <= ours and not described
 
 
 def stored_photographs(path: Path) -> set[str]:
@@ -123,8 +137,19 @@ def matched(views: ExposureViews) -> NDArray[np.int_]:
 
 
 def inliers(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of the matches that fit the geometry."""
-    return np.flatnonzero(views.geometry.inlier_mask) if len(matched(views)) else matched(views)
+    """Return the indices of the matches from which COLMAP may build points: none without a translation.
+
+    A mapper takes the inliers and looks at no configuration: those of a pure turn become points at the
+    reprojection error of noise, at a depth that nothing shows.
+    """
+    known = len(matched(views)) and translation_known(views.geometry)
+    return np.flatnonzero(views.geometry.inlier_mask if known else [])
+
+
+def translation_known(geometry: TwoViewGeometry) -> bool:
+    """Return whether the camera is known to have moved: parallax is proven, or the pose has a direction."""
+    pose = geometry.cam2_from_cam1
+    return geometry.parallax is Parallax.PROVEN or (pose is not None and bool(pose.translation.any()))
 
 
 def mark_views(

@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.colmap.database import inliers
 from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
+from blur2view.file_writing import write_together
 from blur2view.input_files import open_regular, read_regular
-from blur2view.output_files import write_together
 
 UNMATCHED = -1
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes
@@ -37,8 +38,9 @@ def pair_name(name1: str, name2: str) -> str:
 
 def matches0(views: ExposureViews) -> NDArray[np.int32]:
     """Return for every keypoint of the open view, (N,), its keypoint of the close view, -1 for an outlier."""
-    index = np.arange(len(views.sigma_px), dtype=np.int32)
-    return np.where(views.geometry.inlier_mask, index, np.int32(UNMATCHED))
+    index = np.full(len(views.sigma_px), UNMATCHED, np.int32)
+    index[inliers(views)] = inliers(views)
+    return index
 
 
 def certainty(views: ExposureViews) -> NDArray[np.float16]:

@@ -12,14 +12,16 @@ poses say most of what the camera did while the shutter was open: `place_views` 
 
 Ways to map
 -----------
-The exposures of a fresh database, each by itself, which makes a model of two images of each::
+The exposures of a fresh database, each by itself, which makes a model of two images of each whose translation
+is known::
 
     import pycolmap
     import blur2view
 
     pycolmap.incremental_mapping("new.db", ".", "exposures", blur2view.mapper_options())
 
-One exposure with the pose that was estimated, only its points triangulated, where parallax is proven::
+One exposure with the pose that was estimated, only its points triangulated. Where the translation is
+undecided there are none, nor does the mapper above make any: the database holds no inliers of such a pair::
 
     from pathlib import Path
     import blur2view
@@ -226,7 +228,7 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
         if geometry.cam2_from_cam1 is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
         if not geometry.cam2_from_cam1.translation.any():
-            raise DatabaseError(f"{database}: parallax of {name} is not proven: nothing to triangulate")
+            raise DatabaseError(f"{database}: the translation of {name} is undecided: nothing to triangulate")
         model = pycolmap.Reconstruction()
         model.add_camera_with_trivial_rig(camera)
         for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):

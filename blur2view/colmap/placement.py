@@ -21,6 +21,7 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.colmap.database_matches import image_id_of, read_keypoints, read_matches
+from blur2view.colmap.models import read_model
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
@@ -124,18 +125,6 @@ def place_views(
         placed=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is not None),
         left=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is None),
     )
-
-
-def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none."""
-    import pycolmap
-
-    try:
-        return pycolmap.Reconstruction(folder)
-    except (ValueError, RuntimeError):
-        reason = "is no model that can be read" if folder.is_dir() else "no such folder"
-        remedy = "name the one with cameras.bin, images.bin and points3D.bin"
-        raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
 
 
 def _fraction_and_scale(frames: list[ExposedFrame], known: float | None) -> tuple[float, float]:

@@ -17,14 +17,13 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.database import inliers
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.file_writing import write_atomically
 from blur2view.input_files import read_regular
-from blur2view.output_files import write_atomically
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of
 
@@ -40,8 +39,7 @@ def keypoints_text(points: Array) -> str:
 
 def matches_text(views: ExposureViews) -> str:
     """Return the block of one photograph: both names, a line for each inlier, a blank line."""
-    inliers = np.flatnonzero(views.geometry.inlier_mask)
-    return " ".join(views.names) + "\n" + "".join(f"{index} {index}\n" for index in inliers) + "\n"
+    return " ".join(views.names) + "\n" + "".join(f"{k} {k}\n" for k in inliers(views)) + "\n"
 
 
 def write_matches_text(

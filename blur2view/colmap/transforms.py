@@ -26,7 +26,8 @@ nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; Spe
 centre at the open) / ``exposure_time``, in the model's unit per second, ``camera_angular_velocity`` the
 rotation vector from the open to the close camera over ``exposure_time``, radians per second, both rotated
 into the camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure
-time shows in a photograph, so that 1 s will do where the time is unknown.
+time shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names the model's
+points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_dataparser.py``).
 
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
 """
@@ -43,10 +44,11 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.placement import read_model
+from blur2view.colmap.models import read_model
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.output_files import SIGNED_BY
 from blur2view.smears.sharpness import sharpness
 
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
@@ -54,6 +56,7 @@ PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
+PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 
 
@@ -138,7 +141,7 @@ def transforms(
     if all(one.ends is None for one in photographs):
         raise DatabaseError(
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
-            "blur2view.place_views"
+            "blur2view place"
         )
     cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
     kinds = sorted({one["camera_model"] for one in cameras.values()})
@@ -152,8 +155,27 @@ def transforms(
         motion = _start_and_end(one) if dialect == INSTANT_NGP else _velocities(one, exposure_s)
         frames.append({"file_path": path, **own, "transform_matrix": one.middle.tolist(), **motion})
     times = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
-    whole = _box(model, photographs) if dialect == INSTANT_NGP else times
+    points = {PLY_KEY: PLY} if model.points3D else {}
+    whole = _box(model, photographs) if dialect == INSTANT_NGP else times | points
     return {**shared, **whole, "frames": frames}
+
+
+def point_cloud(folder: Path) -> bytes:
+    """Return the points of a model with their colours as binary PLY, as `pycolmap` writes it, signed."""
+    points = read_model(folder).points3D.values()
+    kinds = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
+    table = np.zeros(len(points), kinds)
+    for row, point in zip(table, points, strict=True):
+        row["xyz"], row["rgb"] = point.xyz, point.color
+    properties = [f"property float {axis}" for axis in "xyz"]
+    properties += [f"property uchar {colour}" for colour in ("red", "green", "blue")]
+    start = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {SIGNED_BY}",
+        f"element vertex {len(points)}",
+    ]
+    return "\n".join([*start, *properties, "end_header\n"]).encode() + table.tobytes()
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """Which end of a smear is the open one, under an estimated motion.
 
-F alone leaves the order of most smears ambiguous where the camera hardly rotates (of all, if it only
-translates). Cheirality decides it, for which a roughly right focal length is enough:
+A rotation alone orders all: where RedKitchen's pose has no translation it gives 0.9998 of the smears of 30
+frames the right order among each other, the F beside it 0.977. F alone leaves the order of most smears
+ambiguous where the camera hardly rotates (of all, if it only translates). Cheirality decides it, for which a
+roughly right focal length is enough:
 on 8 scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from
 0.58 to 0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
 (tests/exposure/test_end_order.py).
@@ -18,6 +20,7 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.pose import RigidTransform, order_before_both, oriented_pose
+from blur2view.geometry.rotation import against_rotation
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
@@ -47,6 +50,8 @@ class MotionOrder:
 
         ``ends`` (N, 2, 2) are finite pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
         """
+        if self.pose is not None and not self.pose.translation.any():
+            return against_rotation(self.pose.rotation_vector, self.camera.rays(ends))
         forward = forward_share(self.geometry, self.camera.undistorted(ends), sampson_px)
         if self.pose is None or self.geometry.F is None:
             return forward < 0.5
@@ -56,14 +61,14 @@ class MotionOrder:
 def motion_order(
     geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
 ) -> MotionOrder:
-    """Return the motion to order smears by: that of F, where the pose has no translation or is not known.
+    """Return the motion to order smears by: that of F, where the pose is not known.
 
     F, or H, is kept as it is, so that orders agree with it and not its transpose. Without a camera the focal
     length is the one that COLMAP guesses; ``size`` is width and height of the photograph, pixels.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
     pose = geometry.cam2_from_cam1
-    if (pose is not None and pose.translation.any()) or geometry.F is None or len(matches) == 0:
+    if pose is not None or geometry.F is None or len(matches) == 0:
         return MotionOrder(geometry=geometry, camera=camera, pose=pose)
     E = camera.K.T @ geometry.F @ camera.K
     forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sampson_px)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import sqrtm
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -67,6 +66,8 @@ def half_homography(H: Array) -> Array | None:
     determinant = float(np.linalg.det(H))
     if abs(determinant) < 1e-300:
         return None
+    from scipy.linalg import sqrtm  # 0.05 s, so only where it is used
+
     root = np.asarray(sqrtm(H / np.cbrt(determinant)))
     if not np.isfinite(root).all() or np.abs(root.imag).max() > 1e-6 * np.abs(root.real).max():
         return None

@@ -26,21 +26,24 @@ NO_POINTS = np.zeros((0, 2))
 class PhotographMatcher:
     """Matches photographs by SIFT, mutual nearest neighbours and an epipolar check.
 
-    Each is read when it is first needed; the features of a few are kept.
+    Each is read when it is first needed, not rotated by EXIF, as COLMAP reads it; the features of a few are
+    kept.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        self._features = lru_cache(maxsize=8)(lambda index: detect(grey_photograph(paths[index])))
+        self._features = lru_cache(maxsize=8)(
+            lambda index: features_of(read_image(paths[index], as_stored=True))
+        )
 
     def __call__(self, first: int, second: int) -> tuple[Array, Array]:
         """Return matched pixels (M, 2) of two photographs by their indices, none where there are too few."""
         return match_features(self._features(first), self._features(second))
 
 
-def grey_photograph(path: Path) -> NDArray[np.uint8]:
-    """Return a photograph as (H, W) uint8, not rotated by EXIF, as COLMAP reads it."""
-    grey = cv2.cvtColor(read_image(path, as_stored=True), cv2.COLOR_RGB2GRAY)
-    return np.asarray(np.rint(255 * grey), np.uint8)
+def features_of(image: NDArray[np.float32]) -> Features:
+    """Return the features of a photograph (H, W, 3), RGB in [0, 1]."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return detect(np.asarray(np.rint(255 * grey), np.uint8))
 
 
 def detect(grey: NDArray[np.uint8]) -> Features:

@@ -15,20 +15,20 @@ with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.special import ndtr
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import decompose_essential
+from blur2view.geometry.two_view_geometry import TimeDirection
 
 Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photographs -> points (M, 2) in both
 MAX_DISTANCE = 0.04  # of the longer side: a match is compared with the nearest used smear within it
@@ -130,6 +130,8 @@ def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bo
     if not inliers.any() or not len(points):
         return np.zeros((0, 2)), np.zeros(len(points), bool)
     start, close = views.points_open[inliers], views.points_close[inliers]
+    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
+
     distance, index = cKDTree((start + close) / 2).query(points)
     near = distance < MAX_DISTANCE * max(views.size)
     displacement: Array = (close - start)[index[near]]
@@ -149,19 +151,27 @@ def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion])
 
 def confidence_of(agreement: float) -> float:
     """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
+    from scipy.special import ndtr
+
     return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
 
 
-def directed(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> ExposureViews:
+def directed(
+    views: ExposureViews,
+    motions: Sequence[NeighbourMotion],
+    candidates: Sequence[ExposureViews] | None = None,
+) -> ExposureViews:
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
     Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
-    neighbours the views are returned as they are.
+    neighbours the views are returned as they are. Candidates are by default both signs of time and of the
+    translation.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
-    twins = [views, other_translation(views)]
-    candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
+    if candidates is None:
+        twins = [views, other_translation(views)]
+        candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
         """Return how well a candidate agrees with the neighbours, and with cheirality."""
@@ -178,7 +188,6 @@ def with_time_direction(
     sequence: Sequence[ExposureViews],
     runs: Sequence[Sequence[int]],
     matched: Matched,
-    reach: int = 1,
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
@@ -192,34 +201,20 @@ def with_time_direction(
         perhaps, that vote and are not voted on.
     matched : callable
         Returns matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
-    reach : int
-        How many frames before and after vote.
     """
-    if reach < 1:
-        raise ValueError(f"reach must be positive, got {reach}")
     decided = list(sequence)
     for run in runs:
         motions: dict[int, list[NeighbourMotion]] = {index: [] for index in run if index < len(sequence)}
-        for first, second in pairs_within(len(run), reach):
-            pair = run[first], run[second]
-            if not motions.keys() & set(pair):
+        for first, second in pairwise(run):
+            if not motions.keys() & {first, second}:
                 continue
-            points = matched(*pair)
-            for index, steps, (here, there) in (
-                (pair[0], second - first, points),
-                (pair[1], first - second, points[::-1]),
-            ):
+            here, there = matched(first, second)
+            for index, steps, points in ((first, 1, (here, there)), (second, -1, (there, here))):
                 if index in motions:
-                    motions[index].append(neighbour_motion(here, there, steps, sequence[index].camera))
+                    motions[index].append(neighbour_motion(*points, steps, sequence[index].camera))
         for index, seen in motions.items():
             decided[index] = directed(sequence[index], seen)
     return decided
-
-
-def pairs_within(count: int, reach: int) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of positions that are at most `reach` apart, the earlier first."""
-    for first in range(count):
-        yield from ((first, second) for second in range(first + 1, min(first + reach, count - 1) + 1))
 
 
 def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[int]]:
@@ -241,6 +236,21 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
         runs[-1].append(index)
         last = (frame, number)
     return [run for run in runs if len(run) > 1]
+
+
+def with_gaps(names: Sequence[str]) -> list[str]:
+    """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
+
+    So frames of a video of which some were left out are not taken for neighbours. Names that differ in more
+    than their number stay as they are.
+    """
+    numbered = [_number(name) for name in names]
+    if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
+        return list(names)
+    steps = [second - first for (_, first), (_, second) in pairwise(numbered)]
+    usual = max(sorted(set(steps)), key=steps.count)
+    gaps = [[name] if step == usual else ["", name] for name, step in zip(names[1:], steps, strict=True)]
+    return [names[0], *chain.from_iterable(gaps)]
 
 
 def _number(name: str) -> tuple[str, int]:

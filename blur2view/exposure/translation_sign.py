@@ -24,7 +24,8 @@ def share_in_front(views: ExposureViews) -> float:
 def other_translation(views: ExposureViews) -> ExposureViews | None:
     """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
 
-    None without F. Both have the same F and E, which fix the translation but for its sign.
+    None without F, and where the pose is a rotation alone. Both have the same F and E, which fix the
+    translation but for its sign.
     """
     geometry = views.geometry
     if geometry.F is None:
@@ -32,7 +33,7 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     ends = np.stack([views.points_open, views.points_close], axis=1)
     matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
     order = motion_order(geometry, matches, views.camera, views.size)
-    if order.pose is None:
+    if order.pose is None or not order.pose.translation.any():
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
     swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sampson_px)

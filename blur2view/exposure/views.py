@@ -6,40 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.end_order import motion_order
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimeDirection:
-    """Which of both views came first, as far as it is known.
-
-    Parameters
-    ----------
-    known : bool
-        False: open and close may be exchanged; one order was chosen arbitrarily.
-    confidence : float
-        In [0, 1]; 0 where the direction is not known.
-
-    Raises
-    ------
-    ValueError
-        If the confidence is out of range.
-    """
-
-    known: bool = False
-    confidence: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the confidence."""
-        if not 0 <= self.confidence <= 1:
-            raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,9 +129,13 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
-    ends = estimate.matches.ends
     order = motion_order(estimate.geometry, estimate.matches, estimate.camera, estimate.grid.size)
-    swapped = order.swapped(ends, estimate.matches.sampson_px)
+    return views_in_order(name, estimate, order.swapped(estimate.matches.ends, estimate.matches.sampson_px))
+
+
+def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) -> ExposureViews:
+    """Return both virtual images of an estimate whose ends[:, 1] are open where ``swapped`` (N,)."""
+    ends = estimate.matches.ends
     index = np.arange(len(ends))
     return ExposureViews(
         name=name,
@@ -166,4 +145,5 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
         sigma_px=estimate.matches.sigma_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
+        time=estimate.time,
     )

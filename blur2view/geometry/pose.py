@@ -74,6 +74,29 @@ class RigidTransform:
         return cross_matrix(self.translation) @ self.rotation
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AngularVelocity:
+    """How fast a camera turned during an exposure.
+
+    Parameters
+    ----------
+    mean : ndarray of shape (3,)
+        Rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
+        axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
+        shows its negative.
+    covariance : ndarray of shape (3, 3)
+        Of the mean, squared radians per squared second.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations (3,), radians per second."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+
 def decompose_essential(E: Array) -> list[RigidTransform]:
     """Return the four poses of an essential matrix (3, 3), those of the smaller rotation first.
 

@@ -33,7 +33,7 @@ class Parallax(StrEnum):
 
     PROVEN = "proven"
     """No homography explains the smears, errors alike over neighbours allowed for."""
-    OPEN = "open"
+    OPEN = "undecided"
     """Parallax and errors alike over neighbours look the same here, or too little is seen to tell."""
     ABSENT = "absent"
     """A homography leaves nothing to explain, or nothing moved."""
@@ -55,9 +55,35 @@ class MotionModel(StrEnum):
     PLANE = "plane"
     """Any H (8)."""
     ROTATION_OR_PLANE = "rotation or plane"
-    """H that is one of the two, which is open (8)."""
+    """H that is one of the two, undecided which (8)."""
     NONE = "none"
     """Neither F nor H."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeDirection:
+    """Which end of the exposure came first, as far as it is known.
+
+    Parameters
+    ----------
+    known : bool
+        False: open and close may be exchanged; one order was chosen arbitrarily.
+    confidence : float
+        In [0, 1]; 0 where the direction is not known.
+
+    Raises
+    ------
+    ValueError
+        If the confidence is out of range.
+    """
+
+    known: bool = False
+    confidence: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the confidence."""
+        if not 0 <= self.confidence <= 1:
+            raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +100,7 @@ class TwoViewGeometry:
         One sentence with the figures that decided.
     inlier_mask : ndarray of bool, shape (N,)
     swapped : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` is the open end under F.
+        Where ``ends[:, 1]`` is the open end, under the pose or, without one, under F or H.
     iterations : int
         Samples drawn.
     model : MotionModel
@@ -122,7 +148,7 @@ class TwoViewGeometry:
 
     @property
     def parallax(self) -> Parallax:
-        """Whether parallax is proven, which makes a geometry CALIBRATED or UNCALIBRATED, open or absent."""
+        """Whether parallax is proven (only CALIBRATED and UNCALIBRATED are), undecided or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
         if self.insufficient_data or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):

@@ -33,8 +33,7 @@ from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 Floats = NDArray[np.float32]
 
 SHORTEST_PX, LONGEST_PX = 14.0, 28.0
-"""Lengths, in an octave's pixels, that are read there: longer ones in the next octave, but for the smallest.
-Of shorter ones the network knows as much (tools/results/training_log.md, seventh)."""
+"""Lengths, in an octave's pixels, that are read there; longer ones are read in the next octave."""
 UNSURE = 0.6
 """Deviation over length up to which the network's smear is taken for the peak's neighbourhood."""
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
@@ -47,8 +46,7 @@ and with 1 rho of F is 1.06 and 1.11 times as large)."""
 TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 PEAK_PX = 0.25
-"""Standard deviation of the highest peaks about the truth, along and across, in an octave's pixels (24
-development scenes, peaks above six deviations)."""
+"""Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
@@ -50,7 +51,7 @@ class SmearNetwork:
 
     def predict(
         self,
-        image: NDArray[np.float32],
+        image: AnyArray,
         options: TileOptions | None = None,
         pyramid: PyramidOptions | None = None,
     ) -> SmearGrid:
@@ -58,8 +59,8 @@ class SmearNetwork:
 
         Parameters
         ----------
-        image : ndarray of shape (H, W, 3), float32
-            sRGB-coded RGB in [0, 1], as from :func:`blur2view.read_image`.
+        image : ndarray of shape (H, W, 3) or (H, W)
+            A photograph as :func:`rgb_of` takes it.
         options : TileOptions, optional
             Tiling.
         pyramid : PyramidOptions, optional
@@ -74,11 +75,11 @@ class SmearNetwork:
         Raises
         ------
         ValueError
-            If the image has another shape or type, or values that are not in [0, 1].
+            If the image is none of these.
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        check_image(image)
+        image = rgb_of(image)
         grid = self._cells(image, options or TileOptions(), pyramid or PyramidOptions())
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
@@ -119,7 +120,7 @@ class SmearNetwork:
 
 
 def predict(
-    image: NDArray[np.float32],
+    image: AnyArray,
     model: SmearNetwork | str | os.PathLike[str] | None = None,
     options: TileOptions | None = None,
 ) -> SmearGrid:
@@ -127,8 +128,8 @@ def predict(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        sRGB-coded RGB in [0, 1].
+    image : ndarray of shape (H, W, 3) or (H, W)
+        A photograph as :func:`rgb_of` takes it.
     model : SmearNetwork or path-like, optional
         The shipped network by default. For many photographs load a :class:`SmearNetwork` once.
     options : TileOptions, optional
@@ -148,17 +149,36 @@ def predict(
     return network.predict(image, options)
 
 
-def check_image(image: NDArray[np.float32]) -> None:
-    """Raise ValueError unless the image is float32 of shape (H, W, 3) in [0, 1]."""
+def rgb_of(image: AnyArray) -> NDArray[np.float32]:
+    """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3) or (H, W)
+        RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey, sRGB-coded: uint8, uint16, or floats in [0, 1];
+        contiguous or not. It is not changed.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
+    """
     if not isinstance(image, np.ndarray):
-        raise ValueError(
-            f"expected a float32 image of shape (H, W, 3), as from read_image(path), got {image!r:.99}"
-        )
-    if image.ndim != 3 or image.shape[2] != 3 or image.size == 0 or image.dtype != np.float32:
-        raise ValueError(f"expected a float32 image of shape (H, W, 3), got {image.dtype} {image.shape}")
-    low, high = image.min(), image.max()  # NaN if any value is
-    if not (low >= 0 and high <= 1):
-        raise ValueError(f"expected finite values in [0, 1], got {low:.4g} to {high:.4g}")
+        raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
+    integer = image.dtype in (np.uint8, np.uint16)
+    if image.shape[2:] not in ((), (3,)) or image.ndim < 2 or not image.size:
+        raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
+    if not (integer or np.issubdtype(image.dtype, np.floating)):
+        raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
+    values = np.ascontiguousarray(image, np.float32)
+    if integer:
+        values = values / np.float32(np.iinfo(image.dtype).max)
+    elif not (values.min() >= 0 and values.max() <= 1):  # NaN if any value is
+        raise ValueError(f"expected finite values in [0, 1], got {values.min():.4g} to {values.max():.4g}")
+    return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
+
+
+_EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
 def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:

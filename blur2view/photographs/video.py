@@ -17,6 +17,7 @@ from blur2view.errors import ImageError
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
+KEPT = 3  # frames: one and both beside it
 TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
@@ -89,15 +90,38 @@ def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     return _reader(video).read(number)
 
 
+def frame_time(video: Path, number: int) -> float | None:
+    """Return the time of a frame in its video, seconds; None where that does not say. ImageError as above."""
+    _reader(video).read(number)
+    return _reader(video).recent[number][1]
+
+
+def beside_frame(video: Path, number: int) -> NDArray[np.uint8]:
+    """Return a frame that another one is compared with, as `read_frame`.
+
+    That a video is cut off is said once: not here, but where the frame itself is asked for.
+    """
+    reader = _reader(video)
+    broken = reader.broken
+    try:
+        return reader.read(number)
+    except ImageError:
+        reader.broken = broken
+        raise
+
+
 class _Reader:
-    """A video, read forwards: to seek is not exact with every codec."""
+    """A video, read forwards: to seek is not exact with every codec. The last frames are kept."""
 
     def __init__(self, video: Path) -> None:
         self.video, self.broken = video, False
         self.capture, self.position = _opened(video), 0
+        self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
+        if number in self.recent:
+            return self.recent[number][0]
         if number < self.position:
             self.capture, self.position = _opened(self.video), 0
         while self.position <= number:
@@ -107,7 +131,17 @@ class _Reader:
         read, pixels = self.capture.retrieve()
         if not read:
             raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
-        return np.asarray(pixels, np.uint8)
+        self.recent[number] = np.asarray(pixels, np.uint8), self._time_s(number)
+        for oldest in list(self.recent)[:-KEPT]:
+            del self.recent[oldest]
+        return self.recent[number][0]
+
+    def _time_s(self, number: int) -> float | None:
+        """Return the time of the frame at hand, by its stamp or else by the frames a second."""
+        stamp_s, rate = self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, self.capture.get(cv2.CAP_PROP_FPS)
+        if number == 0 or stamp_s > 0:
+            return float(max(stamp_s, 0.0))
+        return number / rate if 0 < rate < math.inf else None
 
     def _end(self, number: int) -> None:
         """Raise why there is no next frame, where one of this number is asked for."""

@@ -12,10 +12,13 @@ Matrix = list[list[float]]
 class Document:
     """Base of the documents, which are frozen dataclasses of plain JSON types and of each other."""
 
-    def to_json(self) -> str:
-        """Return the document as JSON text; NaN and infinity are errors of the program."""
+    def to_json(self, indent: int | None = 2) -> str:
+        """Return the document as JSON text, without ``indent`` on one line.
+
+        NaN and infinity are errors of the program.
+        """
         fields: Any = self
-        return json.dumps(asdict(fields), indent=2, allow_nan=False)
+        return json.dumps(asdict(fields), indent=indent, allow_nan=False)
 
 
 @dataclass(frozen=True, kw_only=True)

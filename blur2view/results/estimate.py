@@ -6,132 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document, FailureDocument, Matrix
+from blur2view.results.pose import BackwardDocument, CameraDocument, CovarianceDocument, PoseDocument, rate_of
 
 if TYPE_CHECKING:
-    from blur2view.camera.camera import Camera
-    from blur2view.geometry.pose import PoseCovariance, RigidTransform
-    from blur2view.geometry.two_view_geometry import TwoViewGeometry
     from blur2view.pipeline import FileEstimate
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraDocument(Document):
-    """The intrinsics that were used.
-
-    Parameters
-    ----------
-    model : str
-        COLMAP's name of the camera model.
-    params : list of float
-        COLMAP's parameters of the model, in COLMAP's pixels: its principal point is half a pixel more than
-        that of K.
-    source : str
-        Where they are from (focal, camera string, database or exif) and what was done since.
-    known : bool
-        Whether they are taken for true; otherwise they are a hint, and nothing is called calibrated.
-    """
-
-    model: str
-    params: list[float]
-    source: str
-    known: bool
-
-    @classmethod
-    def of(cls, camera: Camera) -> CameraDocument:
-        """Return the document of a camera."""
-        return cls(model=camera.model, params=list(camera.params), source=camera.source, known=camera.known)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoseDocument(Document):
-    """The pose of the close camera from the open one, X2 = R X1 + t, or its inverse: time is not observed.
-
-    Parameters
-    ----------
-    rotation : 3x3
-        The rotation matrix R.
-    translation : list of 3 float
-        The vector t, of unit length; zero where its direction is not known to 30 degrees.
-    """
-
-    rotation: Matrix
-    translation: list[float]
-
-    @classmethod
-    def of(cls, pose: RigidTransform) -> PoseDocument:
-        """Return the document of a pose."""
-        return cls(rotation=pose.rotation.tolist(), translation=pose.translation.tolist())
-
-
-@dataclass(frozen=True, kw_only=True)
-class CovarianceDocument(Document):
-    """The covariance of the pose.
-
-    Parameters
-    ----------
-    matrix : 5x5
-        Of the rotation vector in radians, then of the translation's direction along both tangents.
-    tangents : list of 2 rows
-        Two unit vectors at right angles to the translation.
-    rotation_sigma_deg : list of 3 float
-        Standard deviations of the rotation vector, degrees.
-    translation_sigma_deg : float
-        Standard deviation of the translation's direction, degrees.
-    """
-
-    matrix: Matrix
-    tangents: Matrix
-    rotation_sigma_deg: list[float]
-    translation_sigma_deg: float
-
-    @classmethod
-    def of(cls, covariance: PoseCovariance) -> CovarianceDocument:
-        """Return the document of a covariance."""
-        return cls(
-            matrix=covariance.matrix.tolist(),
-            tangents=covariance.tangents.tolist(),
-            rotation_sigma_deg=covariance.rotation_sigma_deg.tolist(),
-            translation_sigma_deg=covariance.translation_sigma_deg,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class BackwardDocument(Document):
-    """The pose of the other order in time, as that of the first.
-
-    Parameters
-    ----------
-    config : str
-        The configuration.
-    cam2_from_cam1 : object
-        Rotation and translation.
-    rotation_deg : float
-        Angle of the rotation, degrees.
-    angular_velocity_rad_s : list of 3 float, or null
-        Its rotation vector over the exposure time.
-    pose_covariance : object
-        Covariance of the pose.
-    """
-
-    config: str
-    cam2_from_cam1: PoseDocument
-    rotation_deg: float
-    angular_velocity_rad_s: list[float] | None
-    pose_covariance: CovarianceDocument
-
-    @classmethod
-    def of(cls, one: FileEstimate) -> BackwardDocument | None:
-        """Return the document of a photograph, None where the other order has the inverse pose or none."""
-        geometry = one.estimate.geometry.backward
-        if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
-            return None
-        return cls(
-            config=geometry.config.name,
-            cam2_from_cam1=PoseDocument.of(geometry.cam2_from_cam1),
-            rotation_deg=geometry.cam2_from_cam1.angle_deg,
-            angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
-            pose_covariance=CovarianceDocument.of(geometry.covariance),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,18 +22,24 @@ class EstimateDocument(Document):
         The photograph as it was named.
     width, height : int
         Its size in pixels, upright.
+    frame : int or null
+        Number of the frame in its video, from 0.
+    timestamp_s : float or null
+        Its time in the video, seconds.
     F : 3x3 or null
         Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: one photograph does not show the direction of time, so F and its
         transpose are one answer. With lens distortion F, H and E hold for undistorted pixels.
     H : 3x3 or null
         Homography of the same points, points2 ~ H points1, where one explains the smears; beside F parallax
-        is open.
+        is undecided.
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
+    meaning : str
+        What it says of the camera, in words: the line that is printed.
     parallax : str
-        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), open (F may be
-        of errors only, or too little is seen) or absent (H alone, or nothing moved).
+        Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F
+        may be of errors only, or too little is seen) or absent (H alone, or nothing moved).
     reason : str
         One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
         their length, or within a standard deviation, of their epipolar lines.
@@ -179,8 +63,20 @@ class EstimateDocument(Document):
         explains the smears alone, or the mean over all directions.
     rotation_deg : float or null
         Angle of that rotation, degrees.
-    angular_velocity_rad_s : list of 3 float, or null
-        Its rotation vector over the exposure time.
+    wx, wy, wz : float or null
+        Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure
+        time is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
+        (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The
+        sign of all three is that of time: see time_known.
+    sigma_wx, sigma_wy, sigma_wz : float or null
+        Their standard deviations.
+    rate_unit : str
+        rad/s or rad; empty without a pose.
+    time_known : bool
+        Whether neighbouring frames, of a video or with --sequence, decided which end of the exposure came
+        first: else F, H, E, the pose, wx, wy, wz and the order of every smear may all be of the reverse.
+    time_confidence : float
+        How sure that decision is, 0 to 1.
     pose_covariance : object or null
         Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
         tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown).
@@ -190,7 +86,7 @@ class EstimateDocument(Document):
         From --readout: all is then that of an exposure of all rows at once.
     backward : object or null
         With --readout the same of the other order in time, which is another motion than the inverse:
-        config, cam2_from_cam1, rotation_deg, angular_velocity_rad_s, pose_covariance; null where the rows
+        config, cam2_from_cam1, rotation_deg, wx, wy, wz, pose_covariance; null where the rows
         leave no such smears in that order, or it has no pose.
     num_matches : int
         Smears that were used.
@@ -209,9 +105,12 @@ class EstimateDocument(Document):
     image: str
     width: int
     height: int
+    frame: int | None
+    timestamp_s: float | None
     F: Matrix | None
     H: Matrix | None
     config: str
+    meaning: str
     parallax: str
     reason: str
     motion_model: str
@@ -222,7 +121,15 @@ class EstimateDocument(Document):
     E: Matrix | None
     cam2_from_cam1: PoseDocument | None
     rotation_deg: float | None
-    angular_velocity_rad_s: list[float] | None
+    wx: float | None
+    wy: float | None
+    wz: float | None
+    sigma_wx: float | None
+    sigma_wy: float | None
+    sigma_wz: float | None
+    rate_unit: str
+    time_known: bool
+    time_confidence: float
     pose_covariance: CovarianceDocument | None
     exposure_s: float | None
     readout_s: float | None
@@ -239,15 +146,20 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
+        from blur2view.results.verdicts import meaning
+
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         return cls(
             image=str(one.path),
             width=width,
             height=height,
+            frame=one.frame,
+            timestamp_s=one.timestamp_s,
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
+            meaning=meaning(one),
             parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),
@@ -258,7 +170,9 @@ class EstimateDocument(Document):
             E=None if pose is None or geometry.E is None else geometry.E.tolist(),
             cam2_from_cam1=None if pose is None else PoseDocument.of(pose),
             rotation_deg=None if pose is None else pose.angle_deg,
-            angular_velocity_rad_s=angular_velocity(geometry, one.exposure_s),
+            **rate_of(geometry, one.exposure_s),
+            time_known=estimate.time.known,
+            time_confidence=estimate.time.confidence,
             pose_covariance=None if pose is None or covariance is None else CovarianceDocument.of(covariance),
             exposure_s=one.exposure_s,
             readout_s=one.run.readout_s,
@@ -272,15 +186,6 @@ class EstimateDocument(Document):
             model_id=estimate.model_id,
             timings_s=one.timings_s,
         )
-
-
-def angular_velocity(geometry: TwoViewGeometry, exposure_s: float | None) -> list[float] | None:
-    """Return the rotation vector over the exposure time, radians per second; None without pose or time."""
-    pose = geometry.cam2_from_cam1
-    if pose is None or exposure_s is None:
-        return None
-    velocity: list[float] = (pose.rotation_vector / exposure_s).tolist()
-    return velocity
 
 
 @dataclass(frozen=True, kw_only=True)

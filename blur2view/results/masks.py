@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document, FailureDocument, Matrix
-from blur2view.results.estimate import CovarianceDocument, EstimateDocument, PoseDocument
+from blur2view.results.estimate import EstimateDocument
+from blur2view.results.pose import CovarianceDocument, PoseDocument
 
 if TYPE_CHECKING:
     from blur2view.segmentation.mask import MotionMask

@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import rgb_of
 from blur2view.results.drawing import FAINT, PAPER, Picture, draw_line, orientation_colours
 from blur2view.results.panel import draw_panel
 from blur2view.smears.grid import SmearGrid
@@ -21,7 +23,11 @@ EPIPOLAR_LINES = 14
 
 
 def draw_overlay(
-    image: NDArray[np.float32], grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry
+    image: AnyArray,
+    grid: SmearGrid,
+    matches: SmearMatches,
+    geometry: TwoViewGeometry,
+    exposure_s: float | None = None,
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
@@ -32,14 +38,16 @@ def draw_overlay(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, sRGB-coded RGB in [0, 1].
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
     grid : SmearGrid
         Of the same height and width; its sigma is mapped.
     matches : SmearMatches
         The smears that were used, N.
     geometry : TwoViewGeometry
         Its ``inlier_mask`` and ``swapped`` have N entries.
+    exposure_s : float, optional
+        Exposure time, with which a rotation is given as an angular velocity.
 
     Returns
     -------
@@ -55,8 +63,8 @@ def draw_overlay(
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    canvas = draw_smears(image, matches, geometry)
-    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry)
+    canvas = draw_smears(rgb_of(image), matches, geometry)
+    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture

@@ -5,7 +5,6 @@ import numpy as np
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.results.drawing import (
     FAINT,
-    INK,
     LEADING_PX,
     PAPER,
     TEXT_SIZE,
@@ -16,27 +15,34 @@ from blur2view.results.drawing import (
     wrap,
     write,
 )
-from blur2view.results.verdicts import headline, sentence
+from blur2view.results.verdicts import sentence
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 
 _AIDS_HEIGHT_PX = 132
+HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
 
 
-def draw_panel(width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry) -> Picture:
+def draw_panel(
+    width: int,
+    grid: SmearGrid,
+    matches: SmearMatches,
+    geometry: TwoViewGeometry,
+    exposure_s: float | None = None,
+) -> Picture:
     """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
-    plain = wrap(sentence(geometry), room, TEXT_SIZE)
-    small = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
-    counts = wrap(small, room, TEXT_SIZE)
-    height = max(aids.shape[0], 38 + LEADING_PX * (len(plain) + len(counts)))
+    said = wrap(sentence(geometry, matches, grid.shape[1], exposure_s), room, HEAD_SIZE)
+    small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
+    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(said) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    write(panel, headline(geometry), (10, 24), size=0.6, thickness=2)
-    for index, line in enumerate(plain + counts):
-        colour = INK if index < len(plain) else FAINT
-        write(panel, line, (10, 46 + LEADING_PX * index), colour=colour)
+    for index, line in enumerate(said):
+        write(panel, line, (10, 24 + HEAD_LEADING_PX * index), size=HEAD_SIZE)
+    top = 24 + HEAD_LEADING_PX * len(said)
+    for index, line in enumerate(small):
+        write(panel, line, (10, top + LEADING_PX * index), colour=FAINT)
     return panel
 
 

@@ -18,7 +18,7 @@ from blur2view.pipeline import FileEstimate
 from blur2view.results.overlay import draw_smears
 from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
 from blur2view.results.report_photograph import photograph
-from blur2view.results.verdicts import VERDICT_ORDER, VERDICTS, sentence
+from blur2view.results.verdicts import KINDS, VERDICT_ORDER
 from blur2view.segmentation.mask import MotionMask
 
 SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
@@ -36,7 +36,7 @@ class Entry:
     name : str
         Its path without the folders that say where the user keeps it.
     kind, verdict : str
-        Kind of verdict, see `verdicts.VERDICTS`, or "failed"; the configuration, or "FAILED".
+        Kind of verdict, see `verdicts.KINDS`, or "failed"; the configuration, or "FAILED".
     text : str
         One sentence on what the verdict means, or the error.
     median_px : float or None
@@ -62,7 +62,7 @@ class Entry:
 
     def __post_init__(self) -> None:
         """Check what is not escaped."""
-        known = {(kind, config.name) for config, (kind, _) in VERDICTS.items()}
+        known = {(kind, config.name) for config, kind in KINDS.items()}
         known |= {("open", verdict) for kind, verdict in known if kind == "flat"} | {("failed", "FAILED")}
         if (self.kind, self.verdict) not in known or (self.kind == "failed") == bool(self.content):
             raise ValueError(f"{self.kind!r}, {self.verdict!r} is no verdict of a photograph")
@@ -86,7 +86,7 @@ class Entry:
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
-            text=sentence(geometry),
+            text=shown["meaning"],
             median_px=shown["median_px"],
             thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
@@ -157,9 +157,9 @@ def _card(index: int, entry: Entry) -> str:
     body = (
         f'<span class="card-picture">{picture_html}</span>'
         f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
+        f'<span class="card-text">{escape(entry.text)}</span>'
         f'<span class="card-verdict"><span class="chip chip-{kind}">{escape(entry.verdict)}</span>'
         f'<span class="card-length">{facts if entry.content else ""}</span></span>'
-        f'<span class="card-text">{escape(entry.text)}</span>'
     )
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
     return (

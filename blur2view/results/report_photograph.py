@@ -11,7 +11,7 @@ from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
 from blur2view.results.report_pack import Packed, packed, picture
-from blur2view.results.verdicts import verdict
+from blur2view.results.verdicts import kind, meaning
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -67,7 +67,7 @@ class Motion(TypedDict):
 class PhotographRecord(TypedDict):
     """What the page shows of one photograph.
 
-    ``picture`` is a data URI, ``kind`` and ``meaning`` are those of `verdicts.verdict`, ``median_px`` is the
+    ``picture`` is a data URI, ``kind`` and ``meaning`` are of `verdicts`, ``median_px`` is the
     median length of the smears that were used, ``document`` the text of the JSON document of ``blur2view
     estimate``, ``seconds`` the time of every step.
     """
@@ -98,7 +98,6 @@ def photograph(
     estimate, geometry = one.estimate, one.estimate.geometry
     document = EstimateDocument.of(one)
     seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
-    kind, meaning = verdict(geometry)
     height, width = estimate.grid.shape
     spacing_px = estimate.grid.stride * cells_apart(estimate.grid, one.run.select)
     return {
@@ -106,8 +105,8 @@ def photograph(
         "width": width,
         "height": height,
         "picture": picture(one.image),
-        "kind": kind,
-        "meaning": meaning,
+        "kind": kind(geometry),
+        "meaning": meaning(one),
         "median_px": median_length(estimate.matches),
         "document": (document if timings else replace(document, timings_s=None)).to_json(),
         "grid": nodes(estimate.grid),

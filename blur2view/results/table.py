@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from blur2view.results.document import Document
+from blur2view.results.pose import rate_of
 
 if TYPE_CHECKING:
     from blur2view.pipeline import Estimate
@@ -29,10 +30,12 @@ class Row(Document):
     verdict : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
+    smear_percent : float
+        That over the diagonal of the picture, per cent: the same whatever its size.
     direction_deg : float
         Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
     sharpness : float
@@ -40,50 +43,93 @@ class Row(Document):
     rotation_deg : float
         Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
         of both orders in time.
-    angular_velocity_rad_s : float
-        That over the exposure time, radians per second.
+    frame : int
+        Number of the frame in its video, from 0.
+    timestamp_s : float
+        Its time in the video, seconds.
+    wx, wy, wz : float
+        Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure
+        time is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
+        (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The
+        sign of all three is that of time: see time_confidence.
+    sigma_wx, sigma_wy, sigma_wz : float
+        Their standard deviations.
+    rate_unit : str
+        rad/s or rad; empty without a pose.
+    time_confidence : float
+        How sure neighbouring frames (blur2view estimate and report, of videos or with --sequence) are of the
+        order in time, 0 to 1; 0: the sign is arbitrary.
     inliers : int
         Smears that fit the geometry.
-    time_s : float
+    elapsed_s : float
         Seconds that the estimate took, without --no-timings.
     use : str
         Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
     error : str
         Why a photograph failed.
+    meaning : str
+        What the configuration says of the camera, in words: the line that is printed.
     """
 
     name: str = ""
     verdict: str = ""
     parallax: str = ""
     smear_px: float | None = None
+    smear_percent: float | None = None
     direction_deg: float | None = None
     sharpness: float | None = None
     rotation_deg: float | None = None
-    angular_velocity_rad_s: float | None = None
+    frame: int | None = None
+    timestamp_s: float | None = None
+    wx: float | None = None
+    wy: float | None = None
+    wz: float | None = None
+    sigma_wx: float | None = None
+    sigma_wy: float | None = None
+    sigma_wz: float | None = None
+    rate_unit: str = ""
+    time_confidence: float | None = None
     inliers: int | None = None
-    time_s: float | None = None
+    elapsed_s: float | None = None
     use: str = ""
     error: str = ""
+    meaning: str = ""
 
     @classmethod
-    def of(cls, estimate: Estimate, exposure_s: float | None, time_s: float | None) -> Row:
+    def of(cls, estimate: Estimate, exposure_s: float | None, elapsed_s: float | None) -> Row:
         """Return the row of an estimate, without a name."""
+        from blur2view.results.verdicts import sentence
         from blur2view.smears.sharpness import median_smear
 
         geometry, smear = estimate.geometry, median_smear(estimate.grid)
-        angle = None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg
-        speed = None if angle is None or exposure_s is None else math.radians(angle) / exposure_s
         return cls(
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
             smear_px=None if smear is None else smear.length_px,
+            smear_percent=None if smear is None else 100 * smear.length_px / math.hypot(*estimate.grid.size),
             direction_deg=None if smear is None else smear.direction_deg,
             sharpness=None if smear is None else smear.sharpness,
-            rotation_deg=angle,
-            angular_velocity_rad_s=speed,
+            rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,
+            **rate_of(geometry, exposure_s),
+            time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
-            time_s=time_s,
+            elapsed_s=elapsed_s,
+            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1]),
         )
+
+    @classmethod
+    def restored(cls, stored: Any) -> Row:
+        """Return the row that a manifest holds, also one of before ``elapsed_s`` had its name.
+
+        One of `stored.DAMAGE` if it holds none.
+        """
+        from blur2view.results.stored import plain, restore
+
+        if isinstance(stored, dict) and "time_s" in stored:
+            older = {name: value for name, value in stored.items() if name != "angular_velocity_rad_s"}
+            stored = plain(cls()) | {"elapsed_s": older.pop("time_s")} | older
+        row: Row = restore(cls, stored)
+        return row
 
 
 def table_text(rows: Sequence[Row]) -> str:

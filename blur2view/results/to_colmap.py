@@ -26,7 +26,7 @@ class ViewsDocument(Document):
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     reason : str
         One sentence with the figures that decided.
     num_keypoints : int
@@ -35,6 +35,9 @@ class ViewsDocument(Document):
         Keypoints that are matched between the views.
     num_inliers : int
         Matches that fit the two-view geometry.
+    translation_known : bool
+        Whether the camera is known to have moved: parallax is proven, or the direction known to 30 degrees.
+        Without --link COLMAP gets no inliers of the others, so that it makes no points of a turn.
     time_known : bool
         Whether neighbouring photographs decided which view came first; else open and close may be exchanged.
     time_confidence : float
@@ -51,6 +54,7 @@ class ViewsDocument(Document):
     num_keypoints: int
     num_matches: int
     num_inliers: int
+    translation_known: bool
     time_known: bool
     time_confidence: float
 

@@ -1,58 +1,178 @@
-"""The configurations in plain words, as the report and the summaries have them."""
+"""What a geometry means, in the same words in the terminal, in pictures, in the report and in tables."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from blur2view.arrays import TINY, Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.acceptance import MAX_STILL, MIN_DIRECTED, MIN_LENGTH_PX, constant_field
 
-# Configuration -> kind of verdict (its colour and place in the order) and what it means, in plain words.
-VERDICTS = {
-    Configuration.CALIBRATED: (
-        "found",
-        "The camera moved past things at different depths: F, E and the pose are given.",
-    ),
-    Configuration.UNCALIBRATED: ("found", "The camera moved past things at different depths: F is given."),
-    Configuration.MULTIPLE: (
-        "open",
-        "Two motions share the picture: F is that of the one most smears follow.",
-    ),
-    Configuration.PLANAR_OR_PANORAMIC: (
-        "flat",
-        "A plane or a rotation explains the smears: no F, but a homography.",
-    ),
-    Configuration.PLANAR: ("flat", "One plane explains the smears: no F, but a homography."),
-    Configuration.PANORAMIC: ("flat", "The camera only turned: no F, but a homography."),
-    Configuration.DEGENERATE: ("none", ""),  # the reason says what is missing
-    Configuration.UNDEFINED: ("none", ""),
+if TYPE_CHECKING:
+    from blur2view.pipeline import FileEstimate
+
+# Configuration -> kind of verdict: its colour, and its place in the order.
+KINDS = {
+    Configuration.CALIBRATED: "found",
+    Configuration.UNCALIBRATED: "found",
+    Configuration.MULTIPLE: "open",
+    Configuration.PLANAR_OR_PANORAMIC: "flat",
+    Configuration.PLANAR: "flat",
+    Configuration.PANORAMIC: "flat",
+    Configuration.DEGENERATE: "none",
+    Configuration.UNDEFINED: "none",
 }
-UNDECIDED = {
-    Configuration.PANORAMIC: "The camera turned; whether it also moved is undecided (F is given, and H).",
-    Configuration.PLANAR: "The camera moved, past something flat or too little to tell (F is given, and H).",
-    Configuration.PLANAR_OR_PANORAMIC: "The camera turned, or moved past something flat (F is given, and H).",
-}
-HEADLINES = {
-    Configuration.CALIBRATED: "The camera moved",
-    Configuration.UNCALIBRATED: "The camera moved",
-    Configuration.MULTIPLE: "Several motions",
-    Configuration.PLANAR_OR_PANORAMIC: "Turned, or moved before something flat",
-    Configuration.PLANAR: "Moved before something flat, or a little",
-    Configuration.PANORAMIC: "The camera turned",
-    Configuration.DEGENERATE: "No motion",
-    Configuration.UNDEFINED: "Cannot tell",
-}
-VERDICT_ORDER = [config.name for config in VERDICTS]
+VERDICT_ORDER = [config.name for config in KINDS]
+ALIKE = 0.5  # share of the smears' length that their mean, of double angles, has where they run alike
+DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 
-def headline(geometry: TwoViewGeometry) -> str:
-    """Return what a configuration means, in a few words."""
-    return "Cannot tell" if geometry.insufficient_data else HEADLINES[geometry.config]
+def kind(geometry: TwoViewGeometry) -> str:
+    """Return the kind of a verdict: found, open, flat or none."""
+    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.OPEN
+    return "open" if beside_H else KINDS[geometry.config]
 
 
-def sentence(geometry: TwoViewGeometry) -> str:
-    """Return the one sentence that matters: what the configuration means, or why there is nothing."""
-    return verdict(geometry)[1]
+def meaning(one: FileEstimate) -> str:
+    """Return the `sentence` of a photograph; how fast it turned, if --exposure says how long."""
+    estimate = one.estimate
+    return sentence(estimate.geometry, estimate.matches, estimate.grid.shape[1], one.run.exposure_s)
 
 
-def verdict(geometry: TwoViewGeometry) -> tuple[str, str]:
-    """Return the kind of a geometry's verdict, and `sentence`."""
-    kind, meaning = VERDICTS[geometry.config]
-    beside_H = kind == "flat" and geometry.parallax is Parallax.OPEN
-    reason = geometry.reason[:1].upper() + geometry.reason[1:]
-    return ("open", UNDECIDED[geometry.config]) if beside_H else (kind, meaning or reason)
+def sentence(
+    geometry: TwoViewGeometry, matches: SmearMatches, width_px: int, exposure_s: float | None = None
+) -> str:
+    """Return the one sentence that matters: what the camera did, or why that cannot be told.
+
+    Parameters
+    ----------
+    geometry : TwoViewGeometry
+    matches : SmearMatches
+        The smears it is of.
+    width_px : int
+        Width of the photograph: without intrinsics a turn is given as a share of it.
+    exposure_s : float, optional
+        Exposure time, with which a rotation is given as an angular velocity.
+    """
+    config, open_ = geometry.config, geometry.parallax is not Parallax.ABSENT
+    blur, posed = Blur.of(geometry, matches, width_px), geometry.cam2_from_cam1 is not None
+    match config:
+        case Configuration.DEGENERATE | Configuration.UNDEFINED:
+            return _nothing(geometry, matches)
+        case Configuration.MULTIPLE:
+            return "Several motions: parts of the picture move differently"
+        case Configuration.PANORAMIC:
+            turned = _turned(geometry, exposure_s) if posed else blur.as_turn
+            return f"Camera {turned}{', may have moved, too' if open_ else ''}"
+        case Configuration.PLANAR_OR_PANORAMIC:
+            by = _amount(geometry, exposure_s) if posed else f"by {blur.length}"
+            return f"Turned {by} or moved past something flat: cannot tell"
+    if posed:
+        return f"Camera moved {_direction(geometry)}, turned {_amount(geometry, exposure_s)}"
+    if config is Configuration.PLANAR:
+        return f"Camera moved{', perhaps' if open_ else ''} past something flat; {blur}"
+    return f"Camera moved past near and far things; {blur}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blur:
+    """The smears that fit, as a share of the picture's width, and which way they run; empty if many."""
+
+    length: str
+    way: str
+    roll_deg: float
+
+    @classmethod
+    def of(cls, geometry: TwoViewGeometry, matches: SmearMatches, width_px: int) -> Blur:
+        """Return the blur of a photograph of this width."""
+        d = matches.displacement[geometry.inlier_mask] if geometry.inlier_mask.any() else np.zeros((1, 2))
+        lengths = np.hypot(*d.T)
+        doubled = ((d[:, 0] + 1j * d[:, 1]) ** 2 / np.maximum(lengths, TINY)).mean()  # d and -d are one
+        way = _way(*(np.sqrt(doubled).real, np.sqrt(doubled).imag))
+        alike = abs(doubled) > ALIKE * lengths.mean()
+        roll = 0.0 if geometry.H is None else _roll_deg(geometry.H, matches)
+        share = f"{100 * np.median(lengths) / width_px:.2g} % of the width"
+        return cls(length=share, way=way if alike else "", roll_deg=roll)
+
+    @property
+    def as_turn(self) -> str:
+        """What a camera that turned did."""
+        return f"turned {self.way} by {self.length}" if self.way else f"rolled by {self.roll_deg:.2g} degrees"
+
+    def __str__(self) -> str:
+        """Return how long the blur is, and which way it runs."""
+        return f"blur {self.length}" + f", {self.way}" * bool(self.way)
+
+
+def _nothing(geometry: TwoViewGeometry, matches: SmearMatches) -> str:
+    """Return why there is neither F nor H."""
+    if geometry.config is Configuration.UNDEFINED:
+        return "Blur that no one motion explains: cannot tell"
+    if geometry.insufficient_data:
+        smooth = matches.directed_share < MIN_DIRECTED
+        return f"{'Out of focus or smooth' if smooth else 'Too few places show blur'}: cannot tell"
+    if matches.still_share > MAX_STILL:
+        return "Sharp: the camera stood still"
+    if len(matches) and np.median(matches.length_px) >= MIN_LENGTH_PX and constant_field(matches):
+        return "Turned or moved, the same blur everywhere: cannot tell"
+    return "Sharp, or too little blur to tell"
+
+
+def _turned(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
+    """Return which way a pose turns, and how much or how fast."""
+    x, y, z = (0.0, 0.0, 0.0) if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.rotation_vector
+    way = "rolled" if abs(z) > np.hypot(x, y) else f"turned {_way(y, x)}"
+    return f"{way} {_amount(geometry, exposure_s)}"
+
+
+def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
+    """Return by how much, or how fast, a pose turns, with its standard deviation."""
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    vector = np.zeros(3) if pose is None else pose.rotation_vector
+    angle = float(np.linalg.norm(vector))
+    axis = vector / max(angle, TINY)
+    sigma = 0.0 if covariance is None else float(np.sqrt(axis @ covariance.matrix[:3, :3] @ axis))
+    if exposure_s is None:
+        return f"by {_with_deviation(np.degrees(angle), np.degrees(sigma))} degrees"
+    return f"at {_with_deviation(angle / exposure_s, sigma / exposure_s)} rad/s"
+
+
+def _direction(geometry: TwoViewGeometry) -> str:
+    """Return which way a pose moves, with its standard deviation."""
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    if pose is None or not pose.translation.any():
+        return "(direction unknown)"
+    sigma = "" if covariance is None else f" (+/- {covariance.translation_sigma_deg:.0f} degrees)"
+    return f"{_way_of(pose.translation)}{sigma}"
+
+
+def _way_of(t: Array) -> str:
+    """Return in which direction a translation (3,) leads; time has no arrow, so no more is known."""
+    return "forward or back" if abs(t[2]) > np.hypot(*t[:2]) else _way(t[0], t[1])
+
+
+def _way(x: float, y: float) -> str:
+    """Return in which direction of the picture a vector points."""
+    short, long = sorted((abs(x), abs(y)))
+    if short > DIAGONAL * long:
+        return "diagonally"
+    return "sideways" if abs(x) > abs(y) else "up or down"
+
+
+def _roll_deg(H: Array, matches: SmearMatches) -> float:
+    """Return by how much a homography turns the picture about the middle of its smears."""
+    to_middle = np.eye(3)
+    to_middle[:2, 2] = -matches.midpoint.mean(axis=0)
+    centred = to_middle @ H @ np.linalg.inv(to_middle)
+    (a, b), (c, d) = centred[:2, :2] / centred[2, 2]
+    return abs(float(np.degrees(np.arctan2(c - b, a + d))))
+
+
+def _with_deviation(value: float, sigma: float) -> str:
+    """Return a value with its standard deviation, both with the decimals that the latter admits."""
+    digits = int(np.clip(-np.floor(np.log10(max(sigma, 1e-3))), 1, 3))
+    return f"{value:.{digits}f} +/- {sigma:.{digits}f}"

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.file_writing import unwritable
 from blur2view.input_files import MAX_BYTES, parse_json
-from blur2view.output_files import ResultFiles, unwritable
+from blur2view.output_files import ResultFiles
 from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Kept, Made, Outcome, Target, Work, file_digest
@@ -160,17 +161,13 @@ class Manifest:
             return None  # its results have other names since then, or another content
         try:
             kept = work.restored(job, line.get("kept"))
-            return Made(kept=kept, summary=restore(str, line["summary"]), row=restore(Row, line["row"]))
+            return Made(kept=kept, summary=restore(str, line["summary"]), row=Row.restored(line["row"]))
         except (OSError, Blur2ViewError, *DAMAGE):
             return None
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
         return _is_whole(target, self._targets.get(target.name, ""))
-
-    def has_target(self, target: Path) -> bool:
-        """Return whether an earlier call wrote a file of this name."""
-        return target.name in self._targets
 
     def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
         """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""

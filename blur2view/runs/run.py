@@ -10,9 +10,19 @@ from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.image import read_content
-from blur2view.photographs.video import EndOfVideo, frame_of
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, write_contents
+from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
+from blur2view.runs.job import (
+    Job,
+    Kept,
+    Outcome,
+    Target,
+    Work,
+    failed,
+    file_digest,
+    write_contents,
+)
 from blur2view.runs.manifest import Manifest
+from blur2view.runs.neighbours import with_contents
 from blur2view.runs.processes import Engine
 
 Jobs = Iterable[tuple[Job[Target], Blur2ViewError | None]]
@@ -60,7 +70,7 @@ def outcomes(
                     outcome = write_contents(outcome)
                 if manifest is not None and not outcome.stop:
                     manifest.append(job, outcome, work)
-                waiting[job.index] = replace(job, content=None), outcome
+                waiting[job.index] = replace(job, content=None, neighbours=()), outcome
                 while turn in waiting:
                     pair = waiting.pop(turn)
                     turn += 1
@@ -87,14 +97,25 @@ def _left(
                 raise refusal
             if (outcome := _found(work, job, manifest)) is not None:
                 waiting[job.index] = job, outcome
-            elif frame_of(job.path) is not None:  # a video is read once, in order
-                yield replace(job, content=read_content(job.path), digest=_digest(job.path))
+            elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
+                yield _read_frame(job, *frame)
+            elif sends:
+                yield replace(job, content=read_content(job.path), neighbours=with_contents(job.neighbours))
             else:
-                yield replace(job, content=read_content(job.path)) if sends else job
+                yield job
         except EndOfVideo:
             waiting[job.index] = None
         except Blur2ViewError as error:
             waiting[job.index] = job, failed(error)
+
+
+def _read_frame(job: Job[Target], video: Path, number: int) -> Job[Target]:
+    """Return the job of a frame with what is read of its video, in order: before it, itself, after it."""
+    before = with_contents(one for one in job.neighbours if one.steps < 0)
+    read = replace(job, content=read_content(job.path), digest=_digest(job.path))
+    after = with_contents(one for one in job.neighbours if one.steps > 0)
+    time_s = frame_time(video, number)
+    return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
 
 
 def _found(work: Work[Target, Kept], job: Job[Target], manifest: Manifest | None) -> Outcome[Kept] | None:

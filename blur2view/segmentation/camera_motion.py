@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.smears.field import from_double_angle
 from blur2view.smears.grid import SmearGrid
 
 LEAST_PX = 0.1  # stated deviation
@@ -48,17 +47,13 @@ class Cells:
 
     @classmethod
     def of(cls, grid: SmearGrid) -> Cells:
-        """Return the cells of a grid; where it states no deviation of the direction, that of its length's."""
-        height, width = grid.cells.shape[:2]
-        cells = grid.cells.astype(float)
-        x, y = (grid.stride * np.arange(n) + (grid.stride - 1) / 2 for n in (width, height))
-        length = np.hypot(cells[..., 0], cells[..., 1])
-        stated = cells[..., 3] if cells.shape[2] == 4 else cells[..., 2] / np.maximum(length, 1)
+        """Return the cells of a grid."""
+        smears = grid.smears()
         return cls(
-            points=np.stack(np.meshgrid(x, y), axis=-1),
-            displacement=np.asarray(from_double_angle(cells[..., :2])),
-            sigma_px=np.maximum(cells[..., 2], LEAST_PX),
-            sigma_rad=np.clip(stated, 0, np.pi / 2),
+            points=grid.points(),
+            displacement=smears.displacement.astype(float),
+            sigma_px=np.maximum(smears.sigma_px.astype(float), LEAST_PX),
+            sigma_rad=np.minimum(smears.sigma_rad.astype(float), np.pi / 2),
             shape=grid.shape,
         )
 

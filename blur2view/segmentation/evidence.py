@@ -21,6 +21,7 @@ FINER = 2  # places of evidence on a cell's side
 OCTAVES = 3  # the photograph, and halves of it, in which gradients are measured
 STRIP = 8  # cells' rows at a time: bounds the memory
 LEAST_GRADIENT = 1e-5  # mean square, of levels in [0, 1] a pixel
+LINE_FLOOR_PX = 0.4  # error of smears across the epipolar lines that no cell states
 SMOOTH = 1.5e-6  # mean square gradient below which a window shows nothing: a third of a level of 255 a pixel
 
 
@@ -55,15 +56,13 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    across = np.zeros_like(length)
-    if F is not None:
-        across = np.sqrt(np.nan_to_num(serrmin(F, ends.reshape(-1, 2, 2)))).reshape(length.shape)
+    across = np.zeros_like(length) if F is None else off_lines_px(ends, F)
     evidence = [
         np.log1p(apart / (scale * error)),
         np.log1p(apart),
         readable * np.log1p(angle / np.hypot(cells.sigma_rad, 0.03)),
         np.log((length + 1) / (expected + 1)),
-        np.log1p(across / np.hypot(length * cells.sigma_rad, 0.4)),
+        np.log1p(across / off_lines_error_px(cells)),
         np.log1p(across),
         np.log1p(length),
         np.log1p(expected),
@@ -72,6 +71,17 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
         np.full(length.shape, float(F is not None)),
     ]
     return np.stack([*evidence, *np.moveaxis(_turned_difference(seen, camera), -1, 0)], axis=-1)
+
+
+def off_lines_px(ends: Array, F: Array) -> Array:
+    """Return how far ends (h, w, 2, 2) are off the epipolar lines, (h, w); 0 where a camera has no ray."""
+    squared = np.nan_to_num(serrmin(F, ends.reshape(-1, 2, 2)))
+    return np.asarray(np.sqrt(squared).reshape(ends.shape[:2]))
+
+
+def off_lines_error_px(cells: Cells) -> Array:
+    """Return the standard deviations (h, w) of the same."""
+    return np.hypot(cells.length_px * cells.sigma_rad, LINE_FLOOR_PX)
 
 
 def _turned_difference(seen: Array, camera: Array) -> Array:

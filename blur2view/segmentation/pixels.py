@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Array
 from blur2view.smears.field import upsample_grid
 
 Mask = NDArray[np.bool_]
-# Probabilities: of every pixel of a part that moves, of its surest pixel; below the last one stands still.
-LEAST_MOVING, SURE, MOST_STILL = 0.35, 0.7, 0.15
-LEAST_AREA_PX = 900  # of a part: a window of the network reads 96 x 96 pixels
+# Probabilities: of every pixel of a part that moves; below the second it stands still.
+LEAST_MOVING, MOST_STILL = 0.3, 0.12
+LEAST_AREA_PX = 1600  # of a part: a window of the network reads 96 x 96 pixels
 REDUCED = 4  # pixels to one in which outlines are followed
 GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
 
@@ -62,15 +62,31 @@ def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float
     return np.clip(pixels, 0, 1)
 
 
-def moving_parts(probability: NDArray[np.float32]) -> Mask:
-    """Mark the connected parts (H, W) that may move everywhere, surely do somewhere, and are large enough."""
+def moving_parts(probability: NDArray[np.float32], sure: float, sure_share: float) -> Mask:
+    """Mark the connected parts (H, W) that may move everywhere and are large enough.
+
+    More than ``sure_share`` of each, 0 to 1, has a probability of at least ``sure``.
+    """
     likely = probability >= LEAST_MOVING
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
-    sure = np.zeros(len(stats), bool)
-    sure[np.unique(part[likely & (probability >= SURE)])] = True
-    sure &= stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA_PX
-    sure[0] = False
-    return np.asarray(sure[part])
+    area = stats[:, cv2.CC_STAT_AREA]
+    moves = np.bincount(part[probability >= sure], minlength=len(stats)) > sure_share * area
+    moves &= area >= LEAST_AREA_PX
+    moves[0] = False
+    return np.asarray(moves[part])
+
+
+def parts_above(moving: Mask, values: Array, least: float, stride: int) -> Mask:
+    """Keep the connected parts of a mask (H, W) over which values of cells (h, w) have so high a mean."""
+    count, part = cv2.connectedComponents(moving.astype(np.uint8), connectivity=4)
+    rows, columns = (np.arange(side) // stride for side in moving.shape)
+    size, total = np.zeros(count), np.zeros(count)
+    for row, line in zip(part, rows, strict=True):
+        size += np.bincount(row, minlength=count)
+        total += np.bincount(row, weights=values[line, columns], minlength=count)
+    above = total >= least * size
+    above[0] = False
+    return np.asarray(above[part])
 
 
 def moving_regions(moving: Mask, probability: NDArray[np.float32]) -> tuple[MovingRegion, ...]:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
@@ -19,7 +18,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.model_selection import Fit, measured_sigma_px
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.pose import with_pose
+from blur2view.two_view.pose import in_order_of_rotation, with_pose
 from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
@@ -68,10 +67,10 @@ def estimate_two_view(
     -------
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
-        (rotation), PLANAR or, where it is open which, PLANAR_OR_PANORAMIC with H, and with F beside it where
-        parallax is open; MULTIPLE with the F
-        that most smears follow; DEGENERATE (too few, too short or collinear smears, a still or
-        constant image) or UNDEFINED (the best F explains hardly more smears than chance) with neither.
+        (rotation), PLANAR or, undecided which, PLANAR_OR_PANORAMIC with H, and with F beside it where
+        parallax is undecided; MULTIPLE with the F that most smears follow; DEGENERATE (too few, too short or
+        collinear smears, a still or constant image) or UNDEFINED (the best F explains hardly more smears than
+        chance) with neither.
 
     Raises
     ------
@@ -106,6 +105,8 @@ def to_global_shutter(
 
     None where no motion leaves them in this order in time. Every smear is ordered as those around it.
     """
+    from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
+
     directed = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement
     around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
     backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
@@ -135,7 +136,9 @@ def as_recorded(
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
     geometry = judge(matches, problem, fits, iterations, options, rng)
     if problem.intrinsics_known:
-        geometry = with_pose(geometry, matches, problem, fits, options)
+        geometry = in_order_of_rotation(
+            with_pose(geometry, matches, problem, fits, options), matches, problem.ends
+        )
     return in_one_order(geometry, matches)
 
 

@@ -21,11 +21,9 @@ from blur2view.robust.homography import transfer_residuals
 from blur2view.robust.residuals import WeightedEnds
 
 SCALES = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)  # of the standard deviations, which may be misjudged
-FEW_SCALES = (0.5, 1.0, 2.0)  # where the errors' shape is free too
 LARGEST = 1.4  # scale at which a smear off the homography may still count as on its epipolar line
 WIDTHS = (1.5, 4.0, 12.0, 40.0)  # of parallax, in standard deviations
 REACHES = (0.25, 0.5, 1.0, 1.5)  # chance spreads displacements over discs of these times the longest
-LENGTH_ERRORS = (0.0, 0.1, 0.2)  # a network's lengths err by more than its directions
 ROUNDS = 25  # of expectation-maximisation
 
 
@@ -34,18 +32,13 @@ class Deviations:
     """Deviations of N smears from a homography and from an F, in both orders; pixels of a Sampson distance.
 
     ``along`` and ``across`` (2, N) are the components of the deviation from the homography in the directions
-    of F's epipolar lines, ``off_line`` (2, N) the distance from the lines themselves; ``cosine`` and
-    ``sine`` (N,) give the direction of the predicted displacement against the line, ``predicted`` (N,) its
-    length; ``measured`` (N,) the length of the smear and ``sigma`` (N,) the standard deviation of its
-    Sampson distance.
+    of F's epipolar lines, ``off_line`` (2, N) the distance from the lines themselves; ``measured`` (N,) is
+    the length of the smear and ``sigma`` (N,) the standard deviation of its Sampson distance.
     """
 
     along: Array
     across: Array
     off_line: Array
-    cosine: Array
-    sine: Array
-    predicted: Array
     measured: Array
     sigma: Array
 
@@ -67,27 +60,22 @@ def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Dev
 def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
     middle = homogeneous(matches.ends.mean(axis=1))
     one, other = matches.ends[:, 0], matches.ends[:, 1]
-    normal, _ = _unit((middle @ F.T)[:, :2])
+    normal = _unit((middle @ F.T)[:, :2])
     line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    moved = middle @ A.T
-    heading, speed = _unit(moved[:, :2] - middle[:, :2] * moved[:, 2:])
     deviation = np.moveaxis(transfer_residuals(A, matches), 1, 2) * unit_px  # (2, N, 2)
     return Deviations(
         along=(deviation * line).sum(-1),
         across=(deviation * normal).sum(-1),
         off_line=np.stack([signed_sampson(F, one, other), signed_sampson(F, other, one)]) * unit_px,
-        cosine=(heading * line).sum(-1),
-        sine=(heading * normal).sum(-1),
-        predicted=speed * unit_px * np.sqrt(0.5),
         measured=np.linalg.norm(other - one, axis=1) * unit_px * np.sqrt(0.5),
         sigma=matches.sigma * unit_px,
     )
 
 
-def _unit(vectors: Array) -> tuple[Array, Array]:
-    """Return unit vectors (N, 2) and lengths (N,)."""
-    length = np.linalg.norm(vectors, axis=1)
-    return vectors / np.maximum(length, TINY)[:, None], length
+def _unit(vectors: Array) -> Array:
+    """Return unit vectors (N, 2)."""
+    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1), TINY)[:, None]
+    return unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,29 +91,14 @@ class Evidence:
     parallax: float
 
 
-def parallax_evidence(d: Deviations, length_error_px: Array | None = None) -> Evidence:
-    """Return how the homography with parallax compares with the homography alone.
-
-    Parameters
-    ----------
-    d : Deviations
-    length_error_px : ndarray of shape (N,), optional
-        The greatest error of the smears' lengths that their source admits, in pixels of a Sampson distance.
-        With it errors along the smear may be larger than across, up to this and to 20 % of its length;
-        without, errors are as large in all directions.
-    """
-    scales, ratios = (SCALES, (0.0,)) if length_error_px is None else (FEW_SCALES, LENGTH_ERRORS)
-    ratio, scale = np.array([(ratio, scale) for ratio in ratios for scale in scales]).T[..., None]  # (C, 1)
-    excess, white = (ratio * d.predicted) ** 2, (scale * d.sigma) ** 2  # (C, N)
-    if length_error_px is not None:
-        excess = np.minimum(excess, length_error_px**2)
-    along, across = white + excess * d.cosine**2, white + excess * d.sine**2
-    cov = excess * d.cosine * d.sine
-    alone = _gaussian(d.along, d.across, along, across, cov)
-    on_line = _gaussian(d.along, d.off_line, along, across, cov)
-    near = np.flatnonzero(scale <= LARGEST)
-    wider = along[near] + (np.array(WIDTHS)[:, None, None] * d.sigma) ** 2  # (W, C, N)
-    beside = _gaussian(d.along, d.off_line, wider, across[near], cov[near]).reshape(-1, len(d.sigma))
+def parallax_evidence(d: Deviations) -> Evidence:
+    """Return how the homography with parallax compares with the homography alone."""
+    white = (np.array(SCALES)[:, None] * d.sigma) ** 2  # (S, N)
+    alone = _gaussian(d.along, d.across, white, white)
+    on_line = _gaussian(d.along, d.off_line, white, white)
+    near = white[np.array(SCALES) <= LARGEST]
+    wider = near + (np.array(WIDTHS)[:, None, None] * d.sigma) ** 2  # (W, S, N)
+    beside = _gaussian(d.along, d.off_line, wider, near).reshape(-1, len(d.sigma))
     chance = chance_densities(d.measured)
     simple = np.concatenate([alone, chance]).T
     weights, _ = mixture(simple)
@@ -145,14 +118,12 @@ def chance_densities(measured: Array) -> list[Array]:
     return [np.where(measured <= radius, 1 / (np.pi * radius**2), floor) for radius in radii]
 
 
-def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array, cov: Array | float) -> Array:
-    """Return densities (..., N) of deviations (2, N), both orders equally likely, by covariances (..., N)."""
-    determinant = var_along * var_across - cov * cov
-    density: Array = np.zeros(determinant.shape)
+def _gaussian(along: Array, across: Array, var_along: Array, var_across: Array) -> Array:
+    """Return densities (..., N) of deviations (2, N), both orders equally likely, by variances (..., N)."""
+    density: Array = np.zeros(np.broadcast_shapes(var_along.shape, var_across.shape))
     for a, b in zip(along, across, strict=True):
-        squared = var_across * (a * a) - cov * (2 * a * b) + var_along * (b * b)
-        density += np.exp(-0.5 * squared / determinant)
-    density *= (0.25 / np.pi) / np.sqrt(determinant)
+        density += np.exp(-0.5 * (a * a / var_along + b * b / var_across))
+    density *= (0.25 / np.pi) / np.sqrt(var_along * var_across)
     return density
 
 

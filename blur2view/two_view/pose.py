@@ -13,8 +13,8 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
-from blur2view.geometry.rotation import plane_basis, rotation_matrix
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
+from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import RotationH
 from blur2view.robust.parametrization import CameraF, CameraPrior
@@ -176,6 +176,21 @@ def with_essential(
         inlier_mask=geometry.inlier_mask if geometry.F is None else serrmin(F, matches.ends) < within_px**2,
         swapped=fit.oriented.swapped,
     )
+
+
+def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays: Array) -> TwoViewGeometry:
+    """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
+
+    F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
+    ``rays`` (N, 2, 2) are those of the matches' ends. Other geometries stay as they are.
+    """
+    pose, F, E = geometry.cam2_from_cam1, geometry.F, geometry.E
+    if pose is None or pose.translation.any():
+        return geometry
+    swapped = against_rotation(pose.rotation_vector, rays)
+    if F is not None and (swapped_order(F, matches.ends) == swapped).mean() < 0.5:
+        F, E = F.T.copy(), None if E is None else E.T.copy()
+    return replace(geometry, F=F, E=E, swapped=swapped)
 
 
 def turned(

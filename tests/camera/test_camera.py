@@ -6,11 +6,13 @@ import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
+from blur2view.arrays import Array
 from blur2view.camera import exif
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import (
@@ -259,3 +261,27 @@ def test_resolution_of_the_sensor_has_its_unit(unit: int, mm: float) -> None:
     tags = {base.FocalLength.value: 50.0, base.FocalPlaneXResolution.value: 100.0}
     focal, _ = exif._focal(tags | {base.FocalPlaneResolutionUnit.value: unit}, (400, 300))
     assert focal == pytest.approx(50 * 100 / mm)
+
+
+@pytest.mark.parametrize("count", [0, 4, 5, 8])
+def test_camera_of_opencv_has_its_rays(count: int) -> None:
+    K = np.array([[500.0, 0, 322.5], [0, 510.0, 238.0], [0, 0, 1]])
+    dist = np.array([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.02, -0.01, 0.003])[:count]
+    rays = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2))
+    points = np.column_stack([rays, np.ones(40)])
+    distorted = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, dist if count else None)[0]
+    pixels: Array = np.asarray(distorted, float)[:, 0]
+    found = Camera.from_opencv(K, dist[None] if count else None, (640, 480))
+    np.testing.assert_allclose(found.rays(pixels), rays, atol=1e-9)
+    np.testing.assert_allclose(found.K, K)
+    assert found.known and found.source == "opencv"
+
+
+def test_what_opencv_gives_otherwise_is_refused() -> None:
+    K = np.diag([500.0, 500, 1])
+    for dist in (np.zeros(3), np.r_[np.zeros(8), 0.1, 0, 0, 0], np.zeros(6)):
+        with pytest.raises(ValueError, match="0, 4, 5 or 8"):
+            Camera.from_opencv(K, dist, (640, 480))
+    with pytest.raises(ValueError, match="K must be"):
+        Camera.from_opencv(np.eye(4), None, (640, 480))
+    assert Camera.from_opencv(K, np.zeros((1, 14)), (640, 480)).model == "PINHOLE"

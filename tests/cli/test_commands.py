@@ -77,7 +77,7 @@ def test_summary_is_two_lines(
     out = tmp_path / "out"
     assert run(moving, "-o", out) == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith(f"{moving}: The camera moved")
+    assert first.startswith(f"{moving}: Camera moved")
     facts = json.loads((out / "moving.json").read_text())
     assert f"{facts['num_inliers']} of {facts['num_matches']} smears fit" in second
     assert "epipole (" in second and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
@@ -204,7 +204,7 @@ def test_wrong_usage_is_exit_code_2(
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimate", *images, *arguments])
     assert caught.value.code == 2
-    assert "usage: blur2view estimate" in capsys.readouterr().err
+    assert capsys.readouterr().err.startswith("blur2view estimate: ")
 
 
 def test_defaults_are_those_of_the_dataclasses() -> None:
@@ -220,7 +220,7 @@ def test_many_photographs_show_progress_to_a_person(
     assert run(still, moving) == 0
     captured = capsys.readouterr()
     assert "2/2" in captured.err and "photo" in captured.err
-    assert captured.out.startswith(f"{still}: No motion")
+    assert captured.out.startswith(f"{still}: Sharp")
     assert run(still) == 0
     assert capsys.readouterr().err == ""
 
@@ -285,7 +285,7 @@ def test_control_characters_of_a_name_are_printed_as_escapes(
     odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
     assert run(odd, tmp_path / "absent\n.png") == 1
     printed = capsys.readouterr()
-    assert "two\\nlines\\x1b[31m.png: No motion" in printed.out and len(printed.out.splitlines()) == 2
+    assert "two\\nlines\\x1b[31m.png: Sharp" in printed.out and len(printed.out.splitlines()) == 2
     assert len(printed.err.splitlines()) == 1
 
 
@@ -308,7 +308,7 @@ def test_what_no_path_holds_is_wrong_usage(
         cli.main([*words, str(still)])
     assert caught.value.code == 2
     printed = capsys.readouterr().err
-    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and "error: " in printed.splitlines()[-1]
+    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and len(printed.splitlines()) == 1
 
 
 def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(
@@ -346,7 +346,7 @@ def test_too_little_memory_costs_one_photograph(
     assert run(moving, still) == 1
     printed = capsys.readouterr()
     assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"
-    assert f"{still}: No motion" in printed.out
+    assert f"{still}: Sharp" in printed.out
 
 
 def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:
@@ -374,7 +374,7 @@ def test_nobody_else_prints(tmp_path: Path, tiny_model: Path) -> None:
     chunk = (7).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     (tmp_path / "a.png").write_bytes(content[:33] + chunk + content[33:])
     done = program("estimate", tmp_path / "a.png", tmp_path / "absent.png", "--model", tiny_model)
-    assert done.returncode == 1 and "a.png: No motion" in done.stdout
+    assert done.returncode == 1 and "a.png: Out of focus" in done.stdout
     assert done.stderr == f"blur2view: {tmp_path / 'absent.png'}: no such file; check the path\n"
 
 

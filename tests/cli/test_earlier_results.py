@@ -94,8 +94,9 @@ def test_control_characters_of_a_stored_summary_are_printed_as_escapes(call: Cal
     assert call("triage")[0] == 0
     change("triage", "summary", value="a\x1b[31m.png: fine")
     change("triage", "row", "use", value="\x1b[32m")
-    printed = call("triage", "--resume")[1]
+    printed = call("triage", "--resume", "-v")[1]
     assert "a\\x1b[31m.png: fine" in printed and "\x1b" not in printed
+    assert len(call("triage", "--resume")[1].splitlines()) == 2  # nothing of each that was done before
 
 
 @pytest.mark.parametrize("document", ["[" * 99999, '{"model_id": "", "image": "a\\u0000"}', "null"])

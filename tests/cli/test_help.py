@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,12 +10,24 @@ from pathlib import Path
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.arguments.shared import keys
+from blur2view.cli.arguments.help_text import keys
 from blur2view.results import document, estimate, masks, to_colmap
 from blur2view.results.document import Document
 
+COMPLETE = r"""
+eval "$("$1" -m blur2view --completion bash)"
+completed() {
+    COMP_WORDS=(blur2view "$@") COMP_CWORD=$# COMPREPLY=()
+    $(complete -p blur2view | sed 's/.*-F //; s/ .*//') blur2view "${COMP_WORDS[-1]}" "${COMP_WORDS[-2]}"
+    echo "${COMPREPLY[@]}"
+}
+completed to-t
+completed triage --max-s
+completed segment --masks ner
+completed estimate cli
+"""
 ROOT = Path(__file__).parents[2]
-WITHOUT_ESTIMATE = ("to-transforms",)
+WITHOUT_ESTIMATE = ("place", "to-transforms")
 HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
 DOCUMENTS = [
     kind
@@ -60,7 +73,7 @@ def test_help_of_a_command_imports_no_network_and_no_colmap(command: str) -> Non
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        cli.main([command, "--help"])
+        cli.main([command, "--help-all"])
     assert caught.value.code == 0
     text = capsys.readouterr().out
     own = () if command in WITHOUT_ESTIMATE else ("camera:", "estimation:")
@@ -70,6 +83,18 @@ def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.Ca
     if command in REFERENCE:
         words = text.replace(",", " ").split()
         assert [f.name for f in dataclasses.fields(REFERENCE[command]) if f.name not in words] == []
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_help_fits_a_screen_and_shows_an_example(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as caught:
+        cli.main([command, "--help"])
+    text = capsys.readouterr().out
+    assert caught.value.code == 0 and len(text.splitlines()) <= 60
+    assert "\nexamples:\n" in text and text.endswith(f"blur2view {command} --help-all\n")
 
 
 @pytest.mark.parametrize("kind", DOCUMENTS, ids=lambda kind: str(kind.__name__))
@@ -86,7 +111,7 @@ def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document
         (["estimate", "a.jpg", "--db", "x.db"], "--db is an option of blur2view to-colmap, not of estimate"),
         (["estimate", "a.jpg", "--keep=l.txt"], "--keep is an option of blur2view triage, not of estimate"),
         (["to-colmap", "a.jpg", "--no-mask"], "--no-mask is an option of blur2view report, not of to-colmap"),
-        (["segment", "a.jpg", "--nonsense"], "unrecognized arguments: --nonsense"),
+        (["segment", "a.jpg", "--nonsense"], "--nonsense is no option of segment"),
         (
             ["segment", "a.jpg", "--exposure", "1"],
             "blur2view estimate, blur2view to-transforms, blur2view report, blur2view triage, not",
@@ -112,4 +137,20 @@ def test_option_of_another_command_is_told(
 def test_wrong_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimat"])
-    assert caught.value.code == 2 and "to-colmap" in capsys.readouterr().err
+    assert caught.value.code == 2 and capsys.readouterr().err == (
+        "blur2view: estimat is no command; did you mean estimate? (see blur2view --help)\n"
+    )
+
+
+def test_a_shell_completes_commands_options_and_files(tmp_path: Path) -> None:
+    pytest.importorskip("shtab")
+    (tmp_path / "clip.mp4").touch()
+    (tmp_path / "complete.sh").write_text(COMPLETE)
+    done = subprocess.run(
+        ["bash", "complete.sh", sys.executable],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == ["to-transforms", "--max-smear", "nerfstudio", "clip.mp4"], done.stderr

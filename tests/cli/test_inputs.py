@@ -33,22 +33,6 @@ def call(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
     return finish
 
 
-def test_result_that_is_there_names_both_remedies(call: Any, folder: Path, tmp_path: Path) -> None:
-    words = (folder / "000.png", "-o", tmp_path / "out")
-    assert call("estimate", *words)[0] == 0
-    code, _, (line,) = call("estimate", *words)
-    assert code == 1
-    assert "exists; add --resume to go on or --overwrite to replace it, or use another -o" in line
-
-
-def test_table_beside_a_database_is_replaced_by_resume_alone(call: Any, folder: Path, tmp_path: Path) -> None:
-    words = ("to-colmap", folder, "--format", "matches", "-o", tmp_path / "out", "--csv", tmp_path / "t.csv")
-    assert call(*words)[0] == 0
-    code, _, (line,) = call(*words)
-    assert code == 1 and "exists; add --resume to go on, or name" in line and "--overwrite" not in line
-    assert call(*words, "--resume")[0] == 0
-
-
 def test_database_that_is_the_current_folder_is_one_line(
     call: Any, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

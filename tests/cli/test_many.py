@@ -16,7 +16,7 @@ import pytest
 from blur2view import pipeline
 from blur2view.cli import commands as cli
 from blur2view.errors import ImageError
-from blur2view.output_files import write_together
+from blur2view.file_writing import write_together
 from blur2view.photographs.image import read_image
 from blur2view.runs import job
 from tests.support.colour_code import colour_code, write_picture
@@ -94,7 +94,7 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
-@pytest.mark.parametrize("option", [["--seed", 3], ["--beta", 0.2], ["--focal", 60], ["--no-timings"]])
+@pytest.mark.parametrize("option", [["--seed", 3], ["--beta", 0.2], ["--focal", 160], ["--no-timings"]])
 def test_other_options_are_done_again(
     run: Any, folder: Path, tmp_path: Path, read: list[str], option: list[object]
 ) -> None:
@@ -304,16 +304,14 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(
     assert call("new.db") == 1
     partial = (tmp_path / "new.db").read_bytes()
     (folder / "003.png").write_bytes(good)
-    assert call("new.db") == 1 and (tmp_path / "new.db").read_bytes() == partial  # exists
-    assert call("new.db", "--resume") == 0
+    assert call("new.db", "--resume") == 0 and (tmp_path / "new.db").read_bytes() != partial
     assert (tmp_path / "new.db").read_bytes() == (tmp_path / "whole.db").read_bytes()
-    with (tmp_path / "new.db").open("ab") as database:
-        database.write(b"theirs")
+    (tmp_path / "new.db").write_bytes(b"theirs")
     capsys.readouterr()
     for words in ([], ["--resume"]):
         assert call("new.db", *words) == 1
-        assert "has changed since an earlier call wrote it; choose another --db" in capsys.readouterr().err
-    assert (tmp_path / "new.db").read_bytes().endswith(b"theirs")
+        assert "exists; choose another --db" in capsys.readouterr().err
+    assert (tmp_path / "new.db").read_bytes() == b"theirs"
 
 
 @pytest.mark.parametrize("target", [["--db", "new.db"], ["--format", "matches", "-o", "text"]])
@@ -437,7 +435,7 @@ def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(
 def test_wrong_numbers_are_wrong_usage(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["estimate", "a.jpg", *words])
-    assert caught.value.code == 2 and "usage: blur2view estimate" in capsys.readouterr().err
+    assert caught.value.code == 2 and capsys.readouterr().err.startswith("blur2view estimate: ")
 
 
 def test_resume_without_results_to_keep_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

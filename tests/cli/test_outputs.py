@@ -15,14 +15,26 @@ from blur2view.output_files import plan_outputs
 from tests.support.colour_code import colour_code, write_picture
 
 
-def test_nothing_is_overwritten_without_being_asked(
+def test_second_call_replaces_what_the_first_wrote(
+    run: Any, moving: Path, still: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    for words in ([moving], [moving, still], [moving, still, "--csv", out / "t.csv"]):
+        for beta in ("0.1", "0.3"):
+            assert run(*words, "-o", out, "--no-timings", "--beta", beta) == 0
+    alone = tmp_path / "alone"
+    assert run(moving, "-o", alone, "--no-timings", "--beta", "0.3") == 0
+    assert (out / "moving.json").read_bytes() == (alone / "moving.json").read_bytes()
+
+
+def test_no_file_of_others_is_overwritten(
     run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "moving.png").write_text("mine")
     assert run(moving, still, "-o", out) == 1
-    assert "--overwrite" in capsys.readouterr().err
+    assert "moving.png is no result of an earlier call; use another -o" in capsys.readouterr().err
     assert sorted(path.name for path in out.iterdir()) == [
         "estimate.manifest.jsonl", "moving.png", "still.json", "still.png", "still.smear.npz"
     ]  # fmt: skip

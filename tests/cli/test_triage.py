@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,16 +14,19 @@ from blur2view.cli import commands as cli
 from blur2view.cli import run as cli_run
 from blur2view.cli.triage import list_text, use_of
 from blur2view.errors import OutputError, RunError
-from blur2view.output_files import write_atomically
+from blur2view.file_writing import write_atomically
+from blur2view.photographs.image import read_image
 from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.sharpness import median_smear
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.grids import grid_of
+from tests.support.many_photographs import contents
 
 COLUMNS = [
-    "name", "verdict", "parallax", "smear_px", "direction_deg", "sharpness", "rotation_deg",
-    "angular_velocity_rad_s", "inliers", "time_s", "use", "error",
+    "name", "verdict", "parallax", "smear_px", "smear_percent", "direction_deg", "sharpness", "rotation_deg",
+    "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz", "rate_unit",
+    "time_confidence", "inliers", "elapsed_s", "use", "error", "meaning",
 ]  # fmt: skip
 
 
@@ -69,16 +73,13 @@ def test_table_and_list_of_a_folder(
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.1)
     assert float(moving["sharpness"]) == pytest.approx(1 / (1 + length), rel=0.1)
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
-    assert moving["rotation_deg"] == moving["angular_velocity_rad_s"] == "" and float(moving["time_s"]) > 0
+    assert moving["rotation_deg"] == moving["wx"] == "" and float(moving["elapsed_s"]) > 0
     printed = capsys.readouterr().out
     assert "1 sharp, 1 blurred but of use, 1 unusable" in printed
-    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.1f} px" in printed
-    # not again unless asked
-    assert call("triage", tiny_model, *words) == 1
-    assert "exists; add --resume to go on or --overwrite" in capsys.readouterr().err
-    assert call("triage", tiny_model, *words, "--overwrite", "--blurred") == 0
+    assert f"left/moving.png: median of all smears {float(moving['smear_px']):.3g} px" in printed
+    assert call("triage", tiny_model, *words, "--blurred") == 0
     assert keep.read_text() == "left/moving.png\nstill.png\n"
-    assert call("triage", tiny_model, *words, "--overwrite", "--max-smear", 100) == 0
+    assert call("triage", tiny_model, *words, "--max-smear", 100) == 0
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
@@ -97,13 +98,16 @@ def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     assert call("triage", tiny_model, frames, "--recursive", "--keep", tmp_path / "all.txt") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.rpartition("; ")[2] for line in lines[:3]] == ["unusable", "blurred", "sharp"]
-    assert "the list is empty" not in lines[-1]
+    assert "nothing is kept" not in lines[-1]
     assert call("triage", tiny_model, frames / "left" / "moving.png", "--keep", tmp_path / "one.txt") == 0
     printed = capsys.readouterr().out.splitlines()
-    assert printed[-1] == "the list is empty: --blurred lists the blurred ones that are of use"
+    assert (
+        printed[-1]
+        == "nothing is kept: --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
+    )
     assert call("triage", tiny_model, frames / "chaos.png", "--keep", tmp_path / "other.txt") == 0
     told = capsys.readouterr().out.splitlines()[-1]
-    assert told.startswith("the list is empty: the sharpest has a median of ") and told.endswith("is 3")
+    assert told.startswith("nothing is kept: the sharpest has a median of ") and told.endswith("is 3")
     (tmp_path / "none.png").write_bytes(b"no picture")
     assert call("triage", tiny_model, tmp_path / "none.png", "--keep", tmp_path / "none.txt") == 1
     assert "no photograph shows texture" not in capsys.readouterr().out
@@ -148,8 +152,8 @@ def test_resumed_run_has_every_row_and_judges_anew(frames: Path, tiny_model: Pat
     assert sheet.read_bytes() == before  # the times, too: nothing was done again
     assert call("triage", tiny_model, *words, "--resume", "--max-smear", 100) == 0
     assert [one["use"] for one in table(sheet)] == ["sharp"] * 3
-    assert [one["time_s"] for one in table(sheet)] == [
-        one["time_s"] for one in csv.DictReader(before.decode().splitlines())
+    assert [one["elapsed_s"] for one in table(sheet)] == [
+        one["elapsed_s"] for one in csv.DictReader(before.decode().splitlines())
     ]
 
 
@@ -212,23 +216,42 @@ def test_list_of_the_photographs_is_not_replaced(
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("again", ["--resume", "--overwrite"])
+@pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted(
-    frames: Path, tiny_model: Path, tmp_path: Path, again: str
+    frames: Path, tiny_model: Path, tmp_path: Path, again: list[str]
 ) -> None:
     words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
     assert call("triage", tiny_model, *words) == 0
     assert (tmp_path / "keep.txt").read_text() == "still.png\n"
     (frames / "still.png").unlink()
-    assert call("triage", tiny_model, *words, again) == 0
+    assert call("triage", tiny_model, *words, *again) == 0
     assert (tmp_path / "keep.txt").read_text() == ""
     (tmp_path / "keep.txt").write_text("mine.png\n")
-    assert call("triage", tiny_model, *words, again) == 1
+    assert call("triage", tiny_model, *words, *again) == 1
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
 
 
+def test_without_a_table_and_a_list_each_photograph_has_its_line(
+    frames: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("triage", tiny_model, frames / "still.png") == 0
+    line, total = capsys.readouterr().out.splitlines()
+    assert "still.png: median of all smears" in line and total.startswith("1 photograph: 1 sharp")
+    assert not list(frames.glob("*.csv*"))
+
+
 @pytest.mark.parametrize(
-    "words", [[], ["--csv", "t.csv", "--max-smear", "-1"], ["--keep", "k", "--max-smear", "nan"]]
+    "words",
+    [
+        ["--resume"],
+        ["--csv", "t.csv", "--max-smear", "-1"],
+        ["--keep", "k", "--max-smear", "nan%"],
+        ["--keep", "k", "--best", "0"],
+        ["--keep", "k", "--best", "1.5"],
+        ["--keep", "k", "--best", "101%"],
+        ["--keep", "k", "--best", "5", "--every-best", "2"],
+        ["--csv", "t.csv", "--every-best", "2"],
+    ],
 )
 def test_wrong_usage_is_exit_code_2(frames: Path, tiny_model: Path, words: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
@@ -249,7 +272,7 @@ def test_every_command_writes_the_same_rows(
     )
     first, second = map(table, sheets)
     for ours, own in zip(first, second, strict=True):
-        assert {key: own[key] for key in COLUMNS[:9]} == {key: ours[key] for key in COLUMNS[:9]}
+        assert {key: own[key] for key in COLUMNS[:10]} == {key: ours[key] for key in COLUMNS[:10]}
         assert own["use"] == ""
     assert float(first[0]["rotation_deg"]) >= 0
 
@@ -262,18 +285,19 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(
     assert call("estimate", tiny_model, *words) == 0
     facts = json.loads(capsys.readouterr().out)["estimates"][0]
     (one,) = table(sheet)
-    speed = np.linalg.norm(facts["angular_velocity_rad_s"])
-    assert float(one["angular_velocity_rad_s"]) == pytest.approx(speed, rel=1e-5)
+    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
+        assert float(one[axis]) == pytest.approx(facts[axis], rel=1e-5)
+    assert one["rate_unit"] == facts["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
     assert float(one["rotation_deg"]) == pytest.approx(facts["rotation_deg"], rel=1e-5)
-    assert int(one["inliers"]) == facts["num_inliers"] and one["time_s"] == ""
+    assert int(one["inliers"]) == facts["num_inliers"] and one["elapsed_s"] == ""
     written = sheet.read_bytes()
     assert call("estimate", tiny_model, *words, "--overwrite") == 0
     assert sheet.read_bytes() == written
 
 
 def test_use_follows_smear_and_geometry() -> None:
-    def use(smear_px: float | None, verdict: str, error: str = "") -> str:
-        return use_of(Row(name="a", smear_px=smear_px, verdict=verdict, error=error), 3.0)
+    def use(smear_px: float | None, verdict: str, error: str = "", before: str = "") -> str:
+        return use_of(Row(name="a", verdict=verdict, error=error), smear_px, 3.0, before)
 
     assert use(3.0, "DEGENERATE") == "sharp"
     assert use(3.1, "DEGENERATE") == use(30, "UNDEFINED") == use(None, "DEGENERATE") == "unusable"
@@ -281,6 +305,12 @@ def test_use_follows_smear_and_geometry() -> None:
         "blurred"
     }
     assert use(None, "", "broken") == ""
+    for near in (2.95, 3.05, 3.2):  # as the one before
+        assert (
+            use(near, "PLANAR", before="sharp") == "sharp"
+            and use(near, "PLANAR", before="blurred") == "blurred"
+        )
+    assert use(2.7, "PLANAR", before="blurred") == "sharp" and use(3.4, "PLANAR", before="sharp") == "blurred"
 
 
 def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
@@ -420,3 +450,96 @@ def test_table_and_page_of_any_name_are_replaced_if_asked(
     assert call("triage", tiny_model, frames, "--csv", tmp_path / "page.csv", "--overwrite") == 1
     assert "is no table of an earlier call" in capsys.readouterr().err
     assert (tmp_path / "page.csv").read_bytes() == before
+
+
+def write_clip(path: Path, count: int) -> Path:
+    """Return a video of one scene, the camera moved a little from frame to frame."""
+    rng = np.random.default_rng(0)
+    scene = cv2.resize(rng.integers(0, 255, (12, 24, 3), dtype=np.uint8), None, fx=10, fy=10)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 96))
+    for index in range(count):
+        video.write(scene[:96, index : index + 160])
+    video.release()
+    return path
+
+
+def test_frames_of_a_video_are_extracted_under_their_numbers_and_judged_alike(
+    tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, folder = write_clip(tmp_path / "clip.mp4", 7), tmp_path / "clip"
+    whole = ("--best", "100%", "--extract", folder, "--csv", tmp_path / "video.csv")
+    assert call("triage", tiny_model, clip, *whole, "--no-timings") == 0
+    assert sorted(path.name for path in folder.iterdir()) == [f"frame_{k:05d}.png" for k in range(7)]
+    assert f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in capsys.readouterr().out
+    for number in range(7):  # the pixels themselves
+        np.testing.assert_array_equal(
+            read_image(folder / f"frame_{number:05d}.png"), read_image(clip / f"{number:06d}")
+        )
+    assert call("triage", tiny_model, folder, "--csv", tmp_path / "frames.csv", "--no-timings") == 0
+    video, frames = table(tmp_path / "video.csv"), table(tmp_path / "frames.csv")
+    place = dict.fromkeys(("name", "frame", "timestamp_s"), "")
+    assert [one | place for one in video] == [one | place for one in frames]
+
+
+def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(
+    tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, folder, keep = write_clip(tmp_path / "clip.mp4", 8), tmp_path / "deep" / "kept", tmp_path / "k.txt"
+    words = (clip, "--every-best", 4, "--extract", folder)
+    assert call("triage", tiny_model, *words, "--keep", keep) == 0
+    names = sorted(path.name for path in folder.iterdir())
+    assert keep.read_text().splitlines() == [f"clip.mp4/0{name[6:11]}" for name in names]
+    first, second = (int(name[6:11]) for name in names)
+    assert 0 <= first < 4 <= second < 8
+    before = contents(folder)
+    assert call("triage", tiny_model, *words) == 0 and contents(folder) == before
+    capsys.readouterr()
+    for others in (("--best", 1), ("--best", 3)):  # fewer; others
+        assert call("triage", tiny_model, clip, *others, "--extract", folder) == 1
+        assert "with --extract" in capsys.readouterr().err and contents(folder) == before
+    (folder / names[0]).write_bytes(b"mine")
+    assert call("triage", tiny_model, *words) == 1
+    assert f"{names[0]}: is there with another content" in capsys.readouterr().err
+    assert (folder / names[0]).read_bytes() == b"mine"
+    (folder / "mine.txt").touch()
+    assert call("triage", tiny_model, *words) == 1
+    assert (
+        capsys.readouterr().err
+        == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract\n"
+    )
+
+
+def test_photographs_are_copied_and_frames_of_several_videos_kept_apart(
+    frames: Path, tiny_model: Path, tmp_path: Path
+) -> None:
+    clips = [write_clip(tmp_path / name, 2) for name in ("a.mp4", "b.mp4")]
+    folder = tmp_path / "all"
+    words = (*clips, frames, "--recursive", "--best", "100%", "--extract", folder)
+    assert call("triage", tiny_model, *words) == 0
+    below = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    pictures = {"frames/still.png", "frames/chaos.png", "frames/left/moving.png"}
+    assert below == pictures | {f"{clip}.mp4/frame_0000{k}.png" for clip in "ab" for k in (0, 1)}
+    assert (folder / "frames/still.png").read_bytes() == (frames / "still.png").read_bytes()
+
+
+def test_one_photograph_is_told_without_any_file(
+    frames: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("triage", tiny_model, frames / "still.png") == 0
+    first, last = capsys.readouterr().out.splitlines()
+    assert first.endswith("; sharp") and last.startswith("1 photograph: 1 sharp") and "wrote" not in last
+
+
+def test_limit_in_per_cent_follows_the_size(frames: Path, tiny_model: Path, tmp_path: Path) -> None:
+    sheet = tmp_path / "t.csv"
+    moving = frames / "left" / "moving.png"
+    assert call("triage", tiny_model, moving, "--csv", sheet) == 0
+    (one,) = table(sheet)
+    height, width = read_image(moving).shape[:2]
+    assert float(one["smear_percent"]) == pytest.approx(
+        100 * float(one["smear_px"]) / np.hypot(width, height), rel=1e-5
+    )
+    for factor, use in ((1.01, "sharp"), (0.99, "blurred")):
+        limit = f"{factor * float(one['smear_percent'])}%"
+        assert call("triage", tiny_model, moving, "--csv", sheet, "--overwrite", "--max-smear", limit) == 0
+        assert table(sheet)[0]["use"] == use

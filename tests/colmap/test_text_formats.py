@@ -121,11 +121,6 @@ def test_a_folder_that_takes_no_files_is_named(tmp_path: Path) -> None:
         write_matches_text(tmp_path / "out", [some_views()], [tmp_path / "a.jpg"])
 
 
-def test_as_many_photographs_as_views() -> None:
-    with pytest.raises(ValueError, match="0, 1"):
-        write_matches_text(Path("unused"), [some_views()], [])
-
-
 def test_matches_of_others_are_refused_and_stay(tmp_path: Path) -> None:
     (tmp_path / "matches.txt").write_text("a.jpg b.jpg\n0 0\n\n")
     with pytest.raises(OutputError, match=r"matches\.txt: holds more than views"):

@@ -1,4 +1,4 @@
-"""Depth orders smears that F leaves open."""
+"""Depth orders smears that F leaves open, and tells the sign of a translation."""
 
 from dataclasses import replace
 
@@ -10,6 +10,7 @@ from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.exposure.end_order import forward_share, motion_order
 from blur2view.exposure.translation_sign import other_translation, share_in_front
 from blur2view.geometry.sampson import sampson
+from tests.exposure.test_time_direction import clip, views
 from tests.support.lens import distorted_points
 from tests.support.scenes import Scene, disturb, make_scene
 
@@ -57,24 +58,22 @@ def test_order_follows_F_and_not_its_transpose() -> None:
         assert np.median(residual) < 0.01
 
 
-def test_pose_without_translation_orders_as_its_F_does() -> None:
-    scene = make_scene(np.random.default_rng(1), count=400, length_px=30)
-    camera = Camera.from_focal(scene.K[0, 0], scene.image_size, "test")
+def test_pose_without_translation_orders_as_its_rotation_whatever_F_beside_it_says() -> None:
+    scene = make_scene(np.random.default_rng(1), count=400, length_px=30, rotation_share=25.0)
+    camera = Camera(K=scene.K, width=scene.image_size[0], height=scene.image_size[1])
     matches, geometry = found_in(scene, camera)
-    assert geometry.cam2_from_cam1 is not None and geometry.F is not None
-    still = RigidTransform(rotation=geometry.cam2_from_cam1.rotation, translation=np.zeros(3))
-    open_geometry = replace(geometry, cam2_from_cam1=still, covariance=None)
-    order = motion_order(open_geometry, matches, camera, scene.image_size)
-    assert order.pose is not None and order.pose.translation.any()
-    swapped = order.swapped(scene.ends, matches.sampson_px)
-    assert right_share(swapped, scene) > 0.98
-    views = ExposureViews(
-        name="a", size=scene.image_size, points_open=scene.ends[:, 0], points_close=scene.ends[:, 1],
-        sigma_px=matches.sigma_px, geometry=open_geometry, camera=camera,
-    )  # fmt: skip
-    other = other_translation(views)
-    assert share_in_front(views) == 0 and other is not None
-    assert other.geometry.cam2_from_cam1 is still
+    assert geometry.F is not None
+    for rotation in (scene.R, scene.R.T):
+        still = RigidTransform(rotation=rotation, translation=np.zeros(3))
+        open_geometry = replace(geometry, cam2_from_cam1=still, covariance=None)
+        order = motion_order(open_geometry, matches, camera, scene.image_size)
+        swapped = order.swapped(scene.ends, matches.sampson_px)
+        assert (swapped == (scene.swapped if rotation is scene.R else ~scene.swapped)).mean() > 0.98
+        ends = ExposureViews(
+            name="a", size=scene.image_size, points_open=scene.ends[:, 0], points_close=scene.ends[:, 1],
+            sigma_px=matches.sigma_px, geometry=open_geometry, camera=camera,
+        )  # fmt: skip
+        assert share_in_front(ends) == 0 and other_translation(ends) is None
 
 
 def test_rotation_orders_by_its_homography() -> None:
@@ -107,3 +106,29 @@ def test_orders_the_ends_of_a_distorted_camera() -> None:
     order = motion_order(geometry, matches, camera, scene.image_size)
     assert geometry.cam2_from_cam1 is not None
     assert right_share(order.swapped(bent, matches.sampson_px), scene) > 0.98
+
+
+def test_other_translation_twice_is_where_it_began() -> None:
+    given = views(clip(np.random.default_rng(3)))
+    once = other_translation(given)
+    assert once is not None
+    twice = other_translation(once)
+    assert twice is not None and twice.geometry.E is not None and given.geometry.E is not None
+    before, after = given.geometry.cam2_from_cam1, once.geometry.cam2_from_cam1
+    assert before is not None and after is not None
+    np.testing.assert_allclose(after.translation, -before.translation)
+    np.testing.assert_array_equal(twice.points_open, given.points_open)
+    np.testing.assert_array_equal(twice.geometry.swapped, given.geometry.swapped)
+    np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
+    moved = (once.points_open != given.points_open).any(axis=1)
+    np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
+    assert other_translation(replace(given, geometry=replace(given.geometry, F=None, E=None))) is None
+
+
+def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
+    given = views(clip(np.random.default_rng(3)))
+    pose = given.geometry.cam2_from_cam1
+    assert pose is not None and share_in_front(given) == 1
+    behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
+    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
+    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0

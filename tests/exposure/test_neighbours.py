@@ -124,20 +124,14 @@ def test_unverified_matches_serve_where_there_are_no_others_but_for_impossible_o
 
 @pytest.mark.parametrize(
     "damage",
-    ["", "UPDATE keypoints SET data = x'0011'", "UPDATE matches SET data = x'001122'", "DROP TABLE matches"],
+    ["UPDATE keypoints SET data = x'0011'", "UPDATE matches SET data = x'001122'", "DROP TABLE matches"],
 )
 def test_a_damaged_database_is_named(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "project.db"
-    path.write_text("no database" * 500)
-    if damage:
-        path.unlink()
-        write_database(path, rows=[[0, 1]], inliers=None)
-        with closing(sqlite3.connect(path)) as database, database:
-            database.execute(damage)
+    write_database(path, rows=[[0, 1]], inliers=None)
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(damage)
     before = path.read_bytes()
     with pytest.raises(DatabaseError, match="project.db"):
         DatabaseMatcher(path, ["a.jpg", "b.jpg"])(0, 1)
-    if not damage:
-        with pytest.raises(DatabaseError, match="project.db"):
-            database_names(path)
     assert path.read_bytes() == before

@@ -12,22 +12,20 @@ from blur2view.camera.camera import Camera
 from blur2view.exposure.time_direction import (
     NeighbourMotion,
     agreement_of,
-    confidence_of,
     consecutive_runs,
     directed,
     neighbour_motion,
-    pairs_within,
     rotation_agreement,
     rotation_between,
-    smears_at,
+    with_gaps,
     with_time_direction,
 )
-from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.translation_sign import other_translation
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)
@@ -155,32 +153,6 @@ def test_rotation_that_neighbours_show_decides_the_translations_sign() -> None:
         assert open_first(found, scene) == 1
 
 
-def test_other_translation_twice_is_where_it_began() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    once = other_translation(given)
-    assert once is not None
-    twice = other_translation(once)
-    assert twice is not None and twice.geometry.E is not None and given.geometry.E is not None
-    before, after = given.geometry.cam2_from_cam1, once.geometry.cam2_from_cam1
-    assert before is not None and after is not None
-    np.testing.assert_allclose(after.translation, -before.translation)
-    np.testing.assert_array_equal(twice.points_open, given.points_open)
-    np.testing.assert_array_equal(twice.geometry.swapped, given.geometry.swapped)
-    np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
-    moved = (once.points_open != given.points_open).any(axis=1)
-    np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
-    assert other_translation(replace(given, geometry=replace(given.geometry, F=None, E=None))) is None
-
-
-def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    pose = given.geometry.cam2_from_cam1
-    assert pose is not None and share_in_front(given) == 1
-    behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0
-
-
 def test_longer_motion_outweighs_the_shorter_and_photographs_too_far_apart_have_no_vote() -> None:
     """A hand that turns back: at mid exposure it moves as the larger of both displacements says."""
     given = views(clip(np.random.default_rng(4)))
@@ -220,12 +192,6 @@ def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> N
         np.testing.assert_array_equal(found.points_open, given.points_open)
 
 
-def test_far_smears_have_no_say() -> None:
-    given = views(clip(np.random.default_rng(7)))
-    displacement, near = smears_at(given, np.array([[-300.0, -300.0], *given.points_open[:2]]))
-    assert near.tolist() == [False, True, True] and displacement.shape == (2, 2)
-
-
 def test_rotation_between_frames_is_the_cameras() -> None:
     scene = clip(np.random.default_rng(8))
     found = rotation_between(CAMERA, scene.seen(0.0), scene.seen(2.0))
@@ -255,12 +221,6 @@ def test_turn_agreement_is_the_cosine_of_rotations() -> None:
     assert rotation_agreement(given, motions(scene, None)) == 0
 
 
-def test_confidence_grows_with_agreement_and_ignores_its_sign() -> None:
-    values = [confidence_of(a) for a in (0.0, 0.1, 0.3, 0.6, 1.0)]
-    assert values[0] == 0 and values == sorted(values) and values[-1] <= 1
-    assert confidence_of(-0.3) == confidence_of(0.3)
-
-
 def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     scene = clip(np.random.default_rng(10))
     sequence = [views(scene, sign) for sign in (1, -1, -1, 1)]
@@ -273,7 +233,7 @@ def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     found = with_time_direction(sequence, [[3, 0, 1]], matched)
     assert [open_first(frame, scene) for frame in found] == [1, 1, 0, 1]
     assert [frame.time.known for frame in found] == [True, True, False, True]
-    twice = with_time_direction(found, [[3, 0, 1]], matched, reach=2)
+    twice = with_time_direction(found, [[3, 0, 1]], matched)
     assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
 
 
@@ -288,11 +248,6 @@ def test_photographs_without_views_have_a_vote() -> None:
     found = with_time_direction([views(scene, -1)], [[1, 2, 0], [3, 4]], matched)
     assert len(found) == 1 and open_first(found[0], scene) == 1 and found[0].time.known
     assert asked == [(2, 0)]  # what has no views is not asked of others without
-
-
-def test_pairs_reach_as_far_as_asked() -> None:
-    expected = {(3, 1): [(0, 1), (1, 2)], (4, 2): [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3)], (1, 1): []}
-    assert {asked: list(pairs_within(*asked)) for asked in expected} == expected
 
 
 @pytest.mark.parametrize(
@@ -320,10 +275,10 @@ def test_a_given_order_is_one_run() -> None:
     assert consecutive_runs(["b"], in_order=True) == []
 
 
-def test_wrong_arguments_are_named() -> None:
-    with pytest.raises(ValueError, match="steps"):
-        neighbour_motion(np.zeros((3, 2)), np.zeros((3, 2)), 0)
-    with pytest.raises(ValueError, match=r"\(3, 2\), \(2, 2\)"):
-        neighbour_motion(np.zeros((3, 2)), np.zeros((2, 2)), 1)
-    with pytest.raises(ValueError, match="reach"):
-        with_time_direction([], [], lambda i, j: (np.zeros((0, 2)), np.zeros((0, 2))), reach=0)
+def test_frames_that_are_left_out_leave_a_gap() -> None:
+    every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
+    found = with_gaps(every_tenth)
+    assert [name for name in found if name] == every_tenth
+    assert [k for k, name in enumerate(found) if not name] == [3, 6]  # after 20 and after 50
+    for names in (["a.jpg", "b.jpg", "c.jpg"], ["f_1.jpg"], [], ["l/1.jpg", "l/2.jpg", "r/1.jpg"]):
+        assert with_gaps(names) == names

@@ -7,11 +7,12 @@ import pytest
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
-from blur2view.exposure.views import ExposureViews, TimeDirection, views_of
+from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of

@@ -62,6 +62,7 @@ def test_exact_smears_give_the_exact_pose_up_to_the_flip_of_time(seed: int) -> N
     inverse = np.linalg.inv(scene.K)
     F = inverse.T @ geometry.E @ inverse
     np.testing.assert_allclose(geometry.F, F / np.linalg.norm(F), atol=1e-12)
+    np.testing.assert_allclose(geometry.E, geometry.cam2_from_cam1.essential, atol=1e-12)
     right = (geometry.swapped == scene.swapped).mean()
     assert max(right, 1 - right) == 1.0  # every order, also where E alone leaves it open
 

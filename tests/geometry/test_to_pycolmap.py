@@ -83,23 +83,6 @@ def test_half_a_pixel_moves_f_and_h_as_it_moves_points() -> None:
     np.testing.assert_allclose(after * (before[0] / after[0]), before, rtol=1e-9)
 
 
-def test_database_keeps_what_was_written(tmp_path: Path) -> None:
-    _, geometry = solved()
-    ours = geometry.to_pycolmap()
-    with pycolmap.Database.open(tmp_path / "a.db") as database:
-        camera_id = database.write_camera(pycolmap.Camera(model="PINHOLE", width=4, height=3, params=[4] * 4))
-        ids = [database.write_image(pycolmap.Image(name=name, camera_id=camera_id)) for name in "ab"]
-        database.write_two_view_geometry(ids[0], ids[1], ours)
-        read = database.read_two_view_geometry(ids[0], ids[1])
-    assert read.cam2_from_cam1 is not None
-    for name in ("F", "E"):
-        np.testing.assert_allclose(getattr(read, name), getattr(ours, name), atol=1e-12)
-    np.testing.assert_allclose(read.cam2_from_cam1.matrix(), ours.cam2_from_cam1.matrix(), atol=1e-12)
-    inliers = np.flatnonzero(geometry.inlier_mask)
-    np.testing.assert_array_equal(read.inlier_matches, np.stack([inliers, inliers], axis=1))
-    assert read.config == ours.config and len(inliers) > 0.9 * COUNT
-
-
 @pytest.mark.parametrize("config", Configuration)
 def test_every_configuration_has_its_namesake(config: Configuration) -> None:
     none = np.zeros(5, bool)

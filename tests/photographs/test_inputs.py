@@ -69,16 +69,27 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     ]  # fmt: skip
 
 
-def test_blank_lines_and_comments_of_a_list_are_no_names(tmp_path: Path) -> None:
-    text = b"# of the first day\na.jpg\n\n  \n  # b.jpg\n./#c.jpg\n"
-    expected = [Path("a.jpg"), Path("#c.jpg")]
-    (tmp_path / "list.txt").write_bytes(text)
-    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
-    assert listed("-", stdin=io.BytesIO(text)).paths == expected
-    # of find -print0, which writes no comments
-    assert listed("-", stdin=io.BytesIO(b"#a.jpg\0b.jpg\0")).paths == [Path("#a.jpg"), Path("b.jpg")]
-    with pytest.raises(ImageError, match="names no photograph"):
-        listed("-", stdin=io.BytesIO(b"# nothing\n"))
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        (b"# of the first day\na.jpg\n\n  \n  # b.jpg\n./#c.jpg\n", ["a.jpg", "#c.jpg"]),
+        (b"#a.jpg\0b.jpg\0", ["#a.jpg", "b.jpg"]),  # of find -print0, which writes no comments
+        (b"#1.jpg\n# 2.jpg\n", ["#1.jpg"]),  # a file that is there
+        (b"  b.jpg \na .jpg \n", ["b.jpg", "a .jpg "]),  # the second is there
+        (b"a.jpg\0b.jpg\0\n", ["a.jpg", "b.jpg"]),
+        (b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n", ["first.jpg", os.fsdecode(b"sec\xffond.jpg")]),
+    ],
+    ids=["comments", "nulls", "like a comment", "spaces", "null and line break", "any bytes"],
+)
+def test_names_of_a_list_are_its_lines_but_blanks_and_comments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, names: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("#1.jpg", "a .jpg "):
+        Path(name).touch()
+    Path("list").write_bytes(content)
+    expected = [Path(name) for name in names]
+    assert listed("@list").paths == listed("-", stdin=io.BytesIO(content)).paths == expected
 
 
 def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,37 +108,6 @@ def test_name_through_a_link_is_another_photograph(tmp_path: Path, monkeypatch: 
     monkeypatch.chdir(tmp_path)
     assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is real/x.jpg
     assert len(listed("x.jpg", "./x.jpg").paths) == 1
-
-
-def test_file_whose_name_begins_as_a_comment_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("#1.jpg").touch()
-    Path("list").write_text("#1.jpg\n# 2.jpg\n")
-    assert [path.name for path in listed("@list").paths] == ["#1.jpg"]
-
-
-def test_spaces_about_a_name_are_none_of_it_unless_a_file_has_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("a .jpg ").touch()
-    Path("list").write_text("  b.jpg \na .jpg \n")
-    assert [path.name for path in listed("@list").paths] == ["b.jpg", "a .jpg "]
-
-
-def test_line_break_after_the_last_null_character_is_no_name(tmp_path: Path) -> None:
-    (tmp_path / "list").write_bytes(b"a.jpg\0b.jpg\0\n")
-    assert [path.name for path in listed(f"@{tmp_path / 'list'}").paths] == ["a.jpg", "b.jpg"]
-
-
-def test_names_of_any_bytes_and_the_mark_of_utf_8_are_read(tmp_path: Path) -> None:
-    content = b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n"
-    (tmp_path / "list.txt").write_bytes(content)
-    expected = [Path("first.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
-    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
-    assert listed("-", stdin=io.BytesIO(content)).paths == expected
 
 
 def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
@@ -170,8 +150,9 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
         listed(f"@{tmp_path / 'absent.txt'}")
     with pytest.raises(ImageError, match=r"empty\.txt: names no photograph"):
         listed(f"@{tmp_path / 'empty.txt'}")
-    with pytest.raises(ImageError, match="standard input: names no photograph"):
-        listed("-", stdin=io.BytesIO(b""))
+    for nothing in (b"", b"# nothing\n"):
+        with pytest.raises(ImageError, match="standard input: names no photograph"):
+            listed("-", stdin=io.BytesIO(nothing))
 
 
 @pytest.mark.parametrize(

@@ -51,37 +51,38 @@ def geometry_of(inliers: list[bool], F: NDArray[np.float64] | None = None) -> Tw
     )
 
 
+def drawn(
+    points: list[tuple[float, float]],
+    inliers: list[bool],
+    F: NDArray[np.float64] | None = None,
+    displacement: tuple[float, float] = (12, 0),
+) -> NDArray[np.uint8]:
+    """Return the overlay of smears at points of a grey photograph of 640x480."""
+    photo, matches = flat_photo(480, 640), matches_at(points, displacement)
+    return draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(inliers, F))
+
+
 def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
-    photo = flat_photo(480, 640)
-    matches = matches_at([(100, 100), (500, 300)])
-    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True, False]))
+    picture = drawn([(100, 100), (500, 300)], [True, False])
     np.testing.assert_array_equal(picture[100, 100], orientation_colours(np.array([[12.0, 0]]))[0])
     np.testing.assert_array_equal(picture[300, 500], FAINT)
 
 
 def test_smear_is_drawn_from_end_to_end() -> None:
-    photo = flat_photo(480, 640)
-    matches = matches_at([(300, 200)], displacement=(0, 40))
-    without = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([]))
-    drawn = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of([True]))
-    rows, columns = np.nonzero((drawn[:480] != without[:480]).any(-1))
+    without, shown = drawn([], []), drawn([(300, 200)], [True], displacement=(0, 40))
+    rows, columns = np.nonzero((shown[:480] != without[:480]).any(-1))
     assert abs(rows.min() - 180) <= 3 and abs(rows.max() - 220) <= 3
     assert abs(columns.mean() - 300) <= 1 and np.ptp(columns) <= 6
 
 
 def test_epipolar_lines_run_through_inliers_alone_along_F() -> None:
-    photo = flat_photo(480, 640)
-    matches = matches_at([(100, 60), (300, 240), (500, 400)])
-    everything = [True] * 3
-    with_F = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything, SIDEWAYS))
-    without = draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(everything))
+    points: list[tuple[float, float]] = [(100, 60), (300, 240), (500, 400)]
+    with_F, without = (drawn(points, [True] * 3, F) for F in (SIDEWAYS, None))
     changed = (with_F[:480] != without[:480]).any(-1)
     rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
     assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
     assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
-    outlier = draw_overlay(
-        photo, blank_grid(photo.shape), matches_at([(100, 60)]), geometry_of([False], SIDEWAYS)
-    )
+    outlier = drawn([(100, 60)], [False], SIDEWAYS)
     assert (outlier[60, 200:] == outlier[0, 0]).all()
 
 
@@ -108,9 +109,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
 
 
 def test_epipole_in_the_picture_is_ringed() -> None:
-    photo = flat_photo(480, 640)
-    F = cross_matrix(np.array([320.0, 240.0, 1.0]))
-    picture = draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([], F))
+    picture = drawn([], [], cross_matrix(np.array([320.0, 240.0, 1.0])))
     assert picture[240, 320 + 11].min() > 200
     np.testing.assert_array_equal(picture[240, 320], picture[0, 0])
 
@@ -148,12 +147,12 @@ def test_scaling_keeps_corner_pixels_in_place() -> None:
     )
 
 
-def test_long_reason_makes_the_panel_taller_instead_of_being_cut() -> None:
+def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     photo = flat_photo(480, 640)
     heights = []
-    for words in (10, 200):
-        geometry = replace(geometry_of([]), reason="word " * words)
-        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry).shape[0])
+    for words in (3, 60):
+        monkeypatch.setattr(panel, "sentence", lambda *_, count=words: "words " * count)
+        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([])).shape[0])
     assert heights[1] > heights[0] + 100
 
 
@@ -163,7 +162,7 @@ def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
     draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)
-    assert "The camera moved past things at different depths: F is given." in caption
+    assert "Camera moved past near and far things; blur" in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
 
 

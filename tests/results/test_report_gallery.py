@@ -70,7 +70,7 @@ def test_a_card_holds_the_whole_sentence_of_its_verdict(opened: Opener) -> None:
     page = opened(*gallery_entries())
     whole = "(texts) => texts.every((text) => text.scrollHeight <= text.clientHeight)"
     assert page.locator(".card-text").evaluate_all(whole)
-    assert "The camera moved past things at different depths" in page.locator("#cards").inner_text()
+    assert "Camera moved past near and far things" in page.locator("#cards").inner_text()
 
 
 def test_terms_of_the_page_are_explained(opened: Opener) -> None:

@@ -57,6 +57,16 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     assert value(page, "length", "pointer") == "-"
 
 
+@pytest.mark.parametrize("width", [1400, 1000])
+def test_no_value_of_a_long_smear_runs_past_the_edge(opened: Opener, width: int) -> None:
+    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()), size=(width, 900))
+    fill = "(cells) => cells.forEach((cell) => { cell.textContent = '±(-1434.5, -1204.4)' })"
+    page.locator("[data-value=displacement]").evaluate_all(fill)
+    past = "(cells) => cells.filter((one) => one.scrollWidth > one.clientWidth).map((one) => one.innerText)"
+    assert page.locator("#values td, #values th, .matrix td, .pairs dd").evaluate_all(past) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
 def test_layers_can_be_toggled(opened: Opener) -> None:
     page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
     before = stage_pixels(page)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from blur2view.camera.camera import Camera
 from blur2view.results.report_pack import packed, picture
-from tests.support.report_scenes import unpacked
+from blur2view.results.report_photograph import MAX_NODES, lens, node_pixels, photograph
+from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
 
 
 @pytest.mark.parametrize("kind", ["uint8", "int16", "uint16", "int32"])
@@ -67,3 +69,56 @@ def test_picture_keeps_size_and_colours() -> None:
 
 def test_large_picture_is_reduced() -> None:
     assert decoded(picture(np.zeros((100, 300, 3), np.float32), side_px=60)).size == (60, 20)
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (2000, 3000), (6000, 4000), (17, 16)])
+def test_nodes_are_pixels_of_the_matches_grid_and_bounded(size: tuple[int, int]) -> None:
+    width, height = size
+    rows, columns = node_pixels((height, width))
+    count = len(range(*rows.indices(height))) * len(range(*columns.indices(width)))
+    assert 0 < count <= MAX_NODES
+    assert rows.step % 4 == 0 and rows.start == columns.start == 1
+    if width * height <= 1920 * 1080:
+        assert rows.step == 4
+
+
+def test_packed_photograph_holds_fields_matches_and_mask() -> None:
+    one, mask = made_up(F=turning_F()), boxed_mask()
+    shown = photograph(one, mask)
+    assert (shown["width"], shown["height"]) == (WIDTH, HEIGHT)
+    rows, columns = node_pixels((HEIGHT, WIDTH))
+    field = one.estimate.grid.at_pixels()
+    expected = field.displacement[rows, columns].transpose(2, 0, 1)
+    assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
+    assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
+    assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
+    assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
+    ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)
+    assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
+    flags = unpacked(shown["matches"]["flags"]).astype(int)
+    np.testing.assert_array_equal(flags & 1, one.estimate.geometry.inlier_mask)
+    np.testing.assert_array_equal(flags >> 1, one.estimate.geometry.swapped)
+    np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
+    probability = unpacked(shown["mask"]["probability"])
+    assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.parametrize(("size", "spacing_px"), [((WIDTH, HEIGHT), 32), ((1280, 720), 64)])
+def test_used_smears_are_as_far_apart_as_the_page_is_told(size: tuple[int, int], spacing_px: int) -> None:
+    one = made_up(size=size)
+    assert photograph(one)["matches"]["spacing_px"] == spacing_px
+    for places in one.estimate.matches.midpoint.T:
+        assert (np.diff(np.unique(places.round(2))) == spacing_px).all()
+
+
+def test_lens_tells_where_pixels_would_lie() -> None:
+    text = f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 500 320 180 0.15"
+    camera = Camera.from_string(text)
+    shown = lens(camera)
+    assert shown is not None
+    shift = unpacked(shown["shift"]).transpose(1, 2, 0)
+    y, x = np.mgrid[: shift.shape[0], : shift.shape[1]] * shown["step_px"]
+    pixels = np.stack([x, y], -1).astype(float)
+    assert abs(pixels + shift - camera.undistorted(pixels)).max() < 1e-3
+    assert x.max() >= WIDTH - 1 and y.max() >= HEIGHT - 1 and abs(shift).max() > 5
+    assert lens(None) is None and lens(Camera.from_focal(500, (WIDTH, HEIGHT))) is None

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.exposure.views import ExposureViews, TimeDirection
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TimeDirection, TwoViewGeometry
 from blur2view.input_files import parse_json
 from blur2view.results.stored import plain, restore, restored_file
 from blur2view.results.table import Row
@@ -96,6 +96,22 @@ def test_value_of_another_type_is_refused(kind: Any, stored: Any) -> None:
 def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
     row = restore(Row, plain(Row(smear_px=3)))
     assert row.smear_px == 3 and row.rotation_deg is None
+
+
+def test_row_of_before_its_columns_had_their_names_is_read() -> None:
+    older = {
+        name: value
+        for name, value in plain(Row(name="a", smear_px=3.0)).items()
+        if name not in {"frame", "timestamp_s", "rate_unit", "time_confidence", "elapsed_s"}
+        and not name.startswith(("w", "sigma"))
+    }
+    assert Row.restored(older | {"time_s": 0.5, "angular_velocity_rad_s": 0.3}) == Row(
+        name="a", smear_px=3.0, elapsed_s=0.5
+    )
+    wrong: Any
+    for wrong in ({"time_s": "long"}, {"time_s": 0.5, "run": "os.system"}, [], {}):
+        with pytest.raises(ValueError, match="expected"):
+            Row.restored(wrong)
 
 
 @pytest.mark.parametrize("text", ["[" * 99999, "NaN", "[Infinity]", "9" * 9999, "{", b"\xff"])

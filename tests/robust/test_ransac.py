@@ -64,11 +64,6 @@ def test_spends_the_budget_when_nothing_fits() -> None:
     assert (found.stop, found.iterations) == (Stop.ITERATIONS, 100)
 
 
-def test_paper_s_defaults() -> None:
-    assert RansacOptions().max_iterations == 1000
-    assert RansacOptions().stop_share == 0.9
-
-
 @pytest.mark.parametrize(("fits", "stop"), [(0.9, Stop.FIT), (0.89, Stop.ITERATIONS)])
 def test_stops_when_nine_in_ten_fit(fits: float, stop: Stop) -> None:
     found = ransac(problem(fits=fits), RansacOptions(max_iterations=200), np.random.default_rng(1))

@@ -4,6 +4,7 @@ import shutil
 from itertools import combinations
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pycolmap
 
@@ -25,7 +26,18 @@ def make_files(folder: Path) -> None:
         (folder / name).parent.mkdir(exist_ok=True)
         shutil.copy(SAMPLE, folder / name)
     shutil.copy(ROOT / "models/sample_mover.jpg", folder / "models")
+    write_video(folder / "video.mp4")
     make_project(folder / "project.db", folder / "model" / "0")
+
+
+def write_video(path: Path, count: int = 7) -> None:
+    """Write the sample as the frames of a video."""
+    picture = cv2.imread(str(SAMPLE))
+    assert picture is not None
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, picture.shape[1::-1])
+    for _ in range(count):
+        video.write(picture)
+    video.release()
 
 
 def make_project(database: Path, model_folder: Path) -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from tests.support.scenes import make_scene, rotation
 from tools.metrics import (
-    cumulative_curve,
     direction_error_deg,
     epe_s,
     epipole_angle_deg,
@@ -88,8 +87,3 @@ def test_pose_errors_up_to_the_flip_of_time() -> None:
     assert translation_direction_error_deg(np.zeros(3), np.ones(3)) == 90
     with pytest.raises(ValueError, match="zero translation"):
         translation_direction_error_deg(x, 0 * x)
-
-
-def test_cumulative_curve_counts() -> None:
-    assert np.allclose(cumulative_curve([3.0, 1, 2], [0.5, 1, 2.5, 3]), [0, 1 / 3, 2 / 3, 1])
-    assert np.allclose(cumulative_curve([], [1.0]), 0)

@@ -179,15 +179,6 @@ def test_inliers_are_within_the_cutoff_of_their_standard_deviations(
     assert not geometry.inlier_mask[squared > 3.0**2 * measured].any()
 
 
-def test_matches_from_elsewhere_need_no_image_size() -> None:
-    scene = disturb(
-        make_scene(np.random.default_rng(5), length_px=30), np.random.default_rng(5), noise_px=0.2
-    )
-    geometry = solve(SmearMatches.from_points(scene.ends[:, 0], scene.ends[:, 1], 0.4))
-    assert geometry.model in ("general", "translation")
-    assert median_rho(geometry.F, scene) < 0.01
-
-
 @pytest.mark.parametrize("known", [False, True], ids=["F", "E"])
 def test_H_runs_the_way_of_the_orders(known: bool) -> None:
     checked = 0
@@ -219,20 +210,6 @@ def assert_refused(geometry: TwoViewGeometry, config: Configuration, words: str)
     assert words in geometry.reason
     assert geometry.model == "none"
     assert not geometry.inlier_mask.any() and not geometry.swapped.any()
-
-
-def test_too_few_smears() -> None:
-    scene = make_scene(np.random.default_rng(0), count=19)
-    assert_refused(solve(matches_of(scene)), Configuration.DEGENERATE, "too few smears: 19")
-    empty = SmearMatches(ends=np.zeros((0, 2, 2)), sigma_px=np.zeros(0), image_size=IMAGE_SIZE)
-    assert_refused(solve(empty), Configuration.DEGENERATE, "too few")
-
-
-def test_no_motion() -> None:
-    scene = make_scene(np.random.default_rng(1), length_px=0.3)
-    assert_refused(solve(matches_of(scene, 0.1)), Configuration.DEGENERATE, "no motion")
-    points = scene.ends[:, 0]
-    assert_refused(solve(SmearMatches.from_points(points, points)), Configuration.DEGENERATE, "no motion")
 
 
 def test_a_constant_field_fits_anything() -> None:

@@ -34,8 +34,8 @@ from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.errors import DatabaseError
 from blur2view.exposure.linked_views import KeypointViews
-from blur2view.exposure.views import ExposureViews, TimeDirection
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 from tools.arguments import parser_of
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows

@@ -27,12 +27,18 @@ from tools.arguments import parser_of
 from tools.datasets.shards import start_worker
 from tools.datasets.testset import SERIES, write_truth
 from tools.rendering.exposure import Exposure, grid_points
-from tools.rendering.failure_scenes import one_plane
 from tools.rendering.motion import sample_camera_path
 from tools.rendering.render import Rendering, expose, scaled_exposure
-from tools.rendering.scene import sample_intrinsics, sample_layers
+from tools.rendering.scene import (
+    Layer,
+    sample_illumination,
+    sample_intrinsics,
+    sample_layers,
+    sample_plane,
+    tilted_normal,
+)
 from tools.rendering.sensor import SensorOptions, log_uniform, photograph
-from tools.rendering.textures import photographs
+from tools.rendering.textures import Image, photographs
 
 TRANSLATING = ("translation", "forward", "orbit", "mixed")
 KINDS = {
@@ -47,6 +53,8 @@ SMEARS_PX = (4.0, 60.0)
 LEAST_PARALLAX = 0.2
 LEAST_SEEN = 0.05
 """Share of the image in which both ends of a smear are seen."""
+TILT = 0.6
+"""Largest tilt of a plane, radians."""
 SAMPLE = 1000
 """Smears that the homography is fitted to."""
 
@@ -77,6 +85,14 @@ def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Ar
         return length, length
     deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
     return deviation, length
+
+
+def one_plane(
+    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
+) -> list[Layer]:
+    """Return one random tilted plane that fills the image."""
+    plane = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, TILT), 1.0)
+    return [Layer(planes=(plane,), relief=np.zeros((2, 2)), illumination=sample_illumination(rng))]
 
 
 def attempt(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:

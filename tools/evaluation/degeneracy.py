@@ -11,7 +11,7 @@ that rotation alone, for the true camera, are in the median shorter than a tenth
 criterion does not grant it three parameters (the translation's penalised cost, Akaike's, is above the
 model's by less than 3 (ln N - 2)). Else it is general. "open" is PLANAR_OR_PANORAMIC with F and H: parallax
 is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and
-PLANAR count by name, whether an F stands beside them, which leaves parallax open, or not.
+PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ def main() -> None:
         photographs += [
             "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
             "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
-            "and UNCALIBRATED; beside an F parallax of the first two is open."
+            "and UNCALIBRATED; beside an F parallax of the first two is undecided."
         ]
         photographs += ["", *photograph_table(groups), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)

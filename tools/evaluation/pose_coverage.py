@@ -5,7 +5,7 @@
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from
 smears without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and
 without outliers. "correlated": directions and lengths err as one over 40 px, as those of a network;
-the standard deviation of every displacement is stated truly, that errors are correlated is not.
+the standard deviation of every displacement and the share of independent smears are stated truly.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of, target
 from tools.datasets.degenerate_scenes import with_shared_errors
@@ -32,6 +33,7 @@ from tools.datasets.synthetic_matches import (
 from tools.evaluation.processes import single_threaded_pool
 from tools.metrics import rotation_error, translation_direction_error_deg
 
+CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 
 
@@ -70,10 +72,12 @@ def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
         return scene, scene.matches
     scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=0.0, noise_px=0.0))
     rng = np.random.default_rng([seed, 1])
-    ends = with_shared_errors(scene.ends, rng, case.direction_deg, case.length_share)
+    ends = with_shared_errors(scene.ends, rng, case.direction_deg, case.length_share, CORRELATED_PX)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
-    return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
+    shared = SharedErrors(independent_share=min(1.0, patches / len(ends)))
+    return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 
 def outcome(case: Case, seed: int) -> Outcome | None:

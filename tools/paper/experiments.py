@@ -3,8 +3,8 @@
     python -m tools.paper.experiments --photos KODAK
 
 renders what is missing (training scenes: 25 minutes of two cores), trains 30 networks (two hours), estimates
-Table 2 (11 minutes of one core) and counts failure cases (five minutes). Trainings, renderings and Table 2 go
-on where they were; ``--stages report`` writes the file from what is there.
+Table 2 (11 minutes of one core). Trainings, renderings and Table 2 go on where they were; ``--stages report``
+writes the file from what is there.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import blur2view
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
-from tools.paper import failure_cases, paper_summary, paper_tables
+from tools.paper import paper_summary, paper_tables
 from tools.paper.crops import TrainOptions
 from tools.paper.paper_report import report
 from tools.paper.paper_variants import ALPHA_STUDY, PLAIN_STEPS, STEPS, VARIANTS, run_all
@@ -60,14 +60,13 @@ def train(plan: Plan) -> None:
 
 
 def summarise(plan: Plan) -> None:
-    """Store and draw what is finished of Table 1."""
+    """Store what is finished of Table 1."""
     runs = plan.work / "variants"
     found = paper_summary.read_runs(runs, VARIANTS.values())
     study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
     if found:
         write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
         write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))
-        paper_summary.plot(found, study, plan.results / "paper_table1.png")
 
 
 def estimate(plan: Plan) -> None:
@@ -77,13 +76,6 @@ def estimate(plan: Plan) -> None:
     rows = paper_tables.rows_of(paper_tables.complete(scenes, network, plan.work / "table2.jsonl"), scenes)
     document = {"model_id": network.info.model_id, "rows": [asdict(row) for row in rows]}
     write_json(plan.results / "paper_table2.json", document)
-    paper_tables.plot(rows, plan.results / "paper_table2.png")
-
-
-def fail(plan: Plan) -> None:
-    """Count the failure cases."""
-    document = failure_cases.study(blur2view.SmearNetwork(), plan.photos, range(failure_cases.SEEDS))
-    write_json(plan.results / "paper_failures.json", document)
 
 
 def write_report(plan: Plan) -> None:
@@ -93,7 +85,6 @@ def write_report(plan: Plan) -> None:
 
 
 STAGES: dict[str, Callable[[Plan], None]] = {
-    "failures": fail,
     "table2": estimate,
     "table1": train,
     "report": write_report,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tools.paper import failure_cases, paper_summary, paper_tables
+from tools.paper import paper_summary, paper_tables
 from tools.paper.paper_variants import ALPHA_STUDY, TABLE_1
 
 COMMAND = "python -m tools.paper.experiments --photos KODAK --stages"
@@ -65,8 +65,7 @@ def first_table(document: Any) -> list[str]:
     """Return Table 1."""
     found = paper_summary.from_stored(document)
     words = "Mean ± deviation over seeds, on 128 fixed crops of held-out textures."
-    lines = [*paper_summary.table(found, TABLE_1), "", *paper_summary.verdicts(found), ""]
-    return [*lines, "![sparsification of the variants](paper_table1.png)", "", words]
+    return [*paper_summary.table(found, TABLE_1), "", *paper_summary.verdicts(found), "", words]
 
 
 def alpha_study(document: Any) -> list[str]:
@@ -77,10 +76,14 @@ def alpha_study(document: Any) -> list[str]:
 
 def second_table(document: Any) -> list[str]:
     """Return Table 2 with its verdict."""
-    rows = [paper_tables.Row(**(row | {"curve": tuple(row["curve"])})) for row in document["rows"]]
-    lines = [*paper_tables.markdown(rows), "", automatic_verdict(rows), ""]
-    lines += ["![cumulative SErrMin of both estimators](paper_table2.png)", ""]
-    return [*lines, f"Network {document['model_id']}."]
+    rows = [paper_tables.Row(**row) for row in document["rows"]]
+    return [
+        *paper_tables.markdown(rows),
+        "",
+        automatic_verdict(rows),
+        "",
+        f"Network {document['model_id']}.",
+    ]
 
 
 def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
@@ -98,23 +101,12 @@ def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
     )
 
 
-def failures(document: Any) -> list[str]:
-    """Return the failure cases."""
-    legend = (
-        "Not misled: of one plane and of a pure rotation no proven parallax; of many movers no F, several "
-        "motions, or an F that fits what stands still (median rho below 0.1)."
-    )
-    lines = failure_cases.markdown(document["kinds"])
-    return [*lines, "", legend, "", f"Network {document['model_id']}."]
-
-
 PARTS = {
     "Table 1: losses and networks": ("paper_table1.json", first_table, "table1", "6.5 core minutes a run"),
     "Table 2: shares of the smears and estimators": (
         "paper_table2.json", second_table, "table2", "11 core minutes",
     ),
     "Supplement: alpha": ("paper_alpha.json", alpha_study, "table1", "6.5 core minutes a run"),
-    "Supplement: failure cases": ("paper_failures.json", failures, "failures", "10 core minutes"),
 }  # fmt: skip
 """Titles: the stored result, what writes it as text, the stage that makes it, its time."""
 

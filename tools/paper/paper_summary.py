@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tools.paper.paper_variants import ALPHA_STUDY, SIX, TABLE_1, VARIANTS, Variant
+from tools.paper.paper_variants import SIX, VARIANTS, Variant
 
 MEASURES = (
     "epe_s_top50",
@@ -31,29 +31,24 @@ BEST = "stem_double_map_0.01"
 
 @dataclass(frozen=True, kw_only=True)
 class VariantFigures:
-    """One variant over its seeds: means and standard deviations by measure, and the mean curves."""
+    """One variant over its seeds: means and standard deviations by measure."""
 
     name: str
     seeds: int
     steps: int
     mean: dict[str, float]
     deviation: dict[str, float]
-    removed: list[float]
-    by_sigma: list[float]
-    by_error: list[float]
 
 
 def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures:
     """Return the averaged results of one variant."""
     values = {measure: [float(d[measure]) for d in documents] for measure in MEASURES}
-    curves = ("removed", "by_sigma", "by_error")
     return VariantFigures(
         name=name,
         seeds=len(documents),
         steps=int(documents[0]["steps"]),
         mean={measure: float(np.mean(v)) for measure, v in values.items()},
         deviation={measure: float(np.std(v)) for measure, v in values.items()},
-        **{key: np.mean([d[key] for d in documents], axis=0).tolist() for key in curves},
     )
 
 
@@ -126,28 +121,3 @@ def verdicts(found: dict[str, VariantFigures]) -> list[str]:
             f"{'within' if next_ - mean <= spread else 'beyond'} its deviation over seeds."
         )
     return lines
-
-
-def plot(found: dict[str, VariantFigures], study: dict[str, VariantFigures], path: Path) -> None:
-    """Draw the sparsification curves: the six left, networks in the middle, alpha right."""
-    from tools.reports.figure_style import PALETTE, new_figure, save, style
-
-    groups = {"the six losses": SIX, "networks": (SIX[-1], *TABLE_1[6:]), "alpha": ALPHA_STUDY}
-    with style():
-        figure = new_figure(12, 3.8)
-        panels = figure.subplots(1, len(groups), sharey=True)
-        for panel, (title, variants) in zip(panels, groups.items(), strict=True):
-            runs = study if variants is ALPHA_STUDY else found
-            present = [variant for variant in variants if variant.name in runs]
-            for variant, colour in zip(present, PALETTE, strict=False):
-                figures, (network, loss) = runs[variant.name], label(variant)
-                names = {"networks": network, "alpha": f"alpha {variant.alpha:g}"}
-                text = f"{names.get(title, loss)}: {figures.mean['sparsification_area']:.3f}"
-                panel.plot(figures.removed, figures.by_sigma, color=colour, label=text)
-                panel.plot(figures.removed, figures.by_error, color=colour, ls=":", lw=1)
-            panel.set(
-                title=f"{title} (areas; dotted: oracle)", xlabel="share of smears removed", ylim=(0, None)
-            )
-            panel.legend(loc="upper right")
-        panels[0].set_ylabel("mean EPE-S over that of all")
-        save(figure, path)

@@ -29,7 +29,7 @@ from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets.testset import TestScene
 from tools.estimators.paper import paper_two_view
-from tools.metrics import PAPER_INLIER, cumulative_curve
+from tools.metrics import PAPER_INLIER
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
@@ -37,8 +37,6 @@ ESTIMATORS: dict[str, Callable[[SmearMatches, np.random.Generator], TwoViewGeome
     "paper": lambda matches, rng: paper_two_view(matches, rng=rng),
     "ours": lambda matches, rng: estimate_two_view(matches, rng=rng),
 }
-BOUNDS_PX2 = np.geomspace(1e-3, 1e3, 61)
-"""Where cumulative curves are taken."""
 CUTOFF = 3.0
 """Standard deviations beyond which a smear counts as an outlier when answers are compared."""
 
@@ -63,7 +61,7 @@ class Found:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One row of the table: mean inlier share, median of the images' medians and of seconds, mean curve."""
+    """One row of the table: mean inlier share, median of the images' medians and of seconds."""
 
     estimator: str
     beta: str
@@ -73,7 +71,6 @@ class Row:
     inliers_of_true: float
     serrmin_px2: float
     seconds: float
-    curve: tuple[float, ...]
 
 
 def cost(F: AnyArray | None, matches: SmearMatches) -> float:
@@ -152,7 +149,7 @@ def all_true_ends(scene: TestScene) -> AnyArray:
 
 def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[TestScene]) -> Row:
     """Return how good one way to estimate is on the scenes it was run on."""
-    shares, true_shares, medians, curves, seconds = [], [], [], [], []
+    shares, true_shares, medians, seconds = [], [], [], []
     for scene in scenes:
         one, ends = group[scene.name], all_true_ends(scene)
         length = ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
@@ -161,7 +158,6 @@ def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[T
         shares.append((error < PAPER_INLIER).mean() if one.F is not None else 0.0)
         true_shares.append((serrmin(scene.F, ends) < PAPER_INLIER).mean())
         medians.append(np.median(error))
-        curves.append(cumulative_curve(error, BOUNDS_PX2))
         seconds.append(one.seconds)
     return Row(
         estimator=estimator,
@@ -172,7 +168,6 @@ def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[T
         inliers_of_true=float(np.mean(shares) / np.mean(true_shares)),
         serrmin_px2=float(np.median(medians)),
         seconds=float(np.median(seconds)),
-        curve=tuple(np.mean(curves, axis=0).tolist()),
     )
 
 
@@ -197,26 +192,3 @@ def markdown(rows: Sequence[Row]) -> list[str]:
         figures = f"{r.inliers:.3f} | {r.inliers_of_true:.3f} | {r.serrmin_px2:.3g} | {r.seconds:.2f}"
         lines.append(f"| {r.estimator} | {r.beta} | {r.images} | {r.without_F} | {figures} |")
     return lines
-
-
-def plot(rows: Sequence[Row], path: Path) -> None:
-    """Draw the cumulative curves: the paper's estimator left, ours right, the true F dashed in both."""
-    from tools.reports.figure_style import PALETTE, new_figure, save, style
-
-    colours = dict(zip((*(f"{beta:.0%}" for beta in BETAS), AUTOMATIC), PALETTE, strict=False))
-    with style():
-        figure = new_figure(9, 3.8)
-        panels = dict(zip(ESTIMATORS, figure.subplots(1, 2, sharey=True), strict=True))
-        for row in rows:
-            true = row.estimator == "true F"
-            look = {"ls": "--", "color": "black"} if true else {"color": colours[row.beta]}
-            label = f"{row.estimator if true else row.beta}: {row.inliers:.0%} below 3"
-            for panel in panels.values() if true else [panels[row.estimator]]:
-                panel.plot(BOUNDS_PX2, row.curve, label=label, **look)
-        for name, panel in panels.items():
-            panel.axvline(PAPER_INLIER, color="0.5", lw=1, ls=":")
-            panel.set(xscale="log", ylim=(0, 1.02), xlabel="SErrMin, px$^2$ (dotted: 3 px$^2$)")
-            panel.set_title("the paper's estimator" if name == "paper" else "ours")
-            panel.legend(loc="lower right")
-        panels["paper"].set_ylabel("share of all true smears")
-        save(figure, path)

@@ -176,7 +176,7 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
     cosine = ((predicted[:, :2] * target.unit).sum(1, keepdim=True) / (length + 1e-6)).clamp(-1, 1)[seen]
     angle_deg = torch.rad2deg(torch.acos(cosine)) / 2
     certain, long = sigma <= sigma.median(), true >= DIRECTION_MIN_PX
-    removed, by_sigma, by_error = sparsification_curve(error.numpy(), sigma.numpy())
+    _, by_sigma, by_error = sparsification_curve(error.numpy(), sigma.numpy())
     return {
         "epe_s": float(error.mean()),
         "epe_s_top50": float(error[certain].mean()),
@@ -186,9 +186,6 @@ def judged(predicted: Tensor, truth: Tensor) -> dict[str, Any]:
         "sparsification_area": sparsification_area(error.numpy(), sigma.numpy()),
         "epe_s_left": float(np.mean(by_sigma) * float(error.mean())),
         "epe_s_oracle": float(np.mean(by_error) * float(error.mean())),
-        "removed": removed.tolist(),
-        "by_sigma": by_sigma.tolist(),
-        "by_error": by_error.tolist(),
     }
 
 

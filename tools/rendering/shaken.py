@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tools.rendering.exposure import GRID
-from tools.rendering.sensor import SensorOptions, compress, expose, photograph, soften, tone
+from tools.rendering.sensor import SensorOptions, compress, expose, log_uniform, photograph, soften, tone
 
 Array = NDArray[Any]
 
@@ -152,11 +152,6 @@ def warp(image: Array, path: Path, tau: float, size: tuple[int, int], border: in
     matrix = np.c_[back, middle + offset - back @ (np.array([width - 1, height - 1]) / 2)]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(image, matrix, size, flags=flags, borderMode=border))
-
-
-def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    """Return a number between two positive bounds, uniform in the logarithm."""
-    return float(np.exp(rng.uniform(*np.log(bounds))))
 
 
 def sample_paths(rng: np.random.Generator, options: ShakeOptions) -> list[Path]:

@@ -1,12 +1,10 @@
-"""One look for all figures: colours that the colour-blind can tell apart, plain axes, small files."""
+"""Figures and pictures as small files, the same bytes for the same figure."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,37 +13,11 @@ from PIL import Image
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PALETTE = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#F0E442", "#000000")
-"""Okabe and Ito, Color universal design, 2008."""
 MAX_BYTES = 300_000
 DPI = 110
 ATTEMPTS = ((1.0, 256), (1.0, 96), (0.82, 96), (0.68, 96), (0.55, 64), (0.41, 48))
 """Shares of the dots an inch, and colours, that are tried until a file is small enough."""
 WEBP_QUALITY = 85
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw with the house's colours and sizes of text inside this block."""
-    import matplotlib as mpl
-    from matplotlib.rcsetup import cycler
-
-    settings: Any = {
-        "axes.prop_cycle": cycler(color=PALETTE),
-        "axes.grid": True,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.titlesize": 10,
-        "axes.labelsize": 9,
-        "grid.alpha": 0.3,
-        "font.size": 9,
-        "legend.fontsize": 8,
-        "legend.frameon": False,
-        "xtick.labelsize": 8,
-        "ytick.labelsize": 8,
-    }
-    with mpl.rc_context(settings):
-        yield
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:

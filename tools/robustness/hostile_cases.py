@@ -27,9 +27,12 @@ COMMANDS = (
     ("to-colmap", "--format", "matches", "-o", "out"),
     ("to-colmap", "--format", "hloc", "-o", "out"),
     ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
+    ("place", "-o", "out"),
     ("to-transforms", "-o", "transforms.json"),
 )
-RESUMED = tuple(words for words in COMMANDS if words[0] != "to-transforms" and "--json" not in words)
+OF_MODELS = ("place", "to-transforms")
+"""Which take COLMAP's models, one after the other, and nothing that estimates do."""
+RESUMED = tuple(words for words in COMMANDS if words[0] not in OF_MODELS and "--json" not in words)
 SHARES = {
     "photographs": 0.4,
     "lists": 0.06,

@@ -44,7 +44,7 @@ from pathlib import Path
 import numpy as np
 
 from tools.arguments import target
-from tools.robustness.hostile_cases import COMMANDS, GOOD, OTHER, RESUMED, Case, make_cases
+from tools.robustness.hostile_cases import COMMANDS, GOOD, OF_MODELS, OTHER, RESUMED, Case, make_cases
 from tools.robustness.hostile_databases import SIZE, changes, snapshot
 from tools.robustness.hostile_files import blurred
 from tools.robustness.hostile_results import RAN, earlier
@@ -200,7 +200,7 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         first = named.index("--") + 1
         # no shell can pass a null character
         fresh = fresh_call(number, index) and "\0" not in "".join([*case.words, *named])
-        alone = [] if fresh or words[0] == "to-transforms" else ["--jobs", "1"]
+        alone = [] if fresh or words[0] in OF_MODELS else ["--jobs", "1"]
         every = [*words, *alone, *case.words, *named[:first], GOOD, *named[first:]]
         call = run_call(every, folder, case, fresh=fresh)
         found = complaints(call, full_disk=case.largest_file is not None, prepared=case.prepare is not None)
@@ -251,8 +251,8 @@ def _load_libraries() -> None:
     """Import what the commands need and load the shipped network, of one thread, so that forks need not."""
     for module in (
         "blur2view.cli.estimate", "blur2view.cli.segment", "blur2view.cli.report", "blur2view.cli.to_colmap",
-        "blur2view.cli.to_transforms", "blur2view.cli.triage", "pycolmap", "scipy.ndimage", "h5py",
-        "scipy.optimize",
+        "blur2view.cli.place", "blur2view.cli.to_transforms", "blur2view.cli.triage", "pycolmap",
+        "scipy.ndimage", "h5py", "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
     from blur2view.cli.work import CommandNetwork

@@ -91,7 +91,7 @@ def _streams(call: Call) -> Iterator[str]:
     if call.said and not call.said.endswith(b"\n"):
         yield "its last line on stderr is not whole"
     if call.code == 2:
-        if not call.lines or ": error: " not in call.lines[-1] or not call.lines[0].startswith("usage: "):
+        if len(call.lines) != 1 or not call.lines[0].endswith(" --help)"):
             yield f"its usage error is none: {call.lines[-1:]}"
         return
     if foreign := [line for line in call.lines if not line.startswith("blur2view: ")]:

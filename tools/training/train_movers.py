@@ -3,6 +3,14 @@
 ``python -m tools.training.train_movers SCENES... --out blur2view/segmentation/movers.npz``: folders of
 scenes with their truth (`tools.datasets.mover_scenes --training`), and of photographs alone (PNG, JPEG), in
 which nothing is blurred or moves. Everything follows from the folders and ``--seed``.
+
+The folders that ``movers.npz`` names are of
+`tools.datasets.mover_scenes FOLDER --training PHOTOS --kind KIND --scenes N --seed S`:
+
+- ``dev_movers``, ``dev_movers2``, ``rendered2``, ``rendered3``: ``rendered``, 60, 64, 120 and 240 of the
+  seeds 60, 62, 66 and 68 million; ``dev_still``, ``still2``: ``still``, 32 and 40 of 61 and 67 million
+- ``shaken``, ``shaken2``: ``shaken``, 360 and 300 of the seeds 72 and 75; ``standing``: 100 of the seed 71
+- ``sharp``: ``sharp``
 """
 
 from __future__ import annotations
@@ -28,14 +36,15 @@ from blur2view.pipeline import estimate
 from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.classifier import DILATIONS
 from blur2view.segmentation.evidence import FINER, gradients_of
-from blur2view.segmentation.mask import Looked
+from blur2view.segmentation.mask import Compared
+from blur2view.smears.grid import SmearGrid
 from tools.arguments import existing, parser_of, target
 from tools.rendering.exposure import GRID
 
 READ_PX, READ_SHARE = 2.0, 0.25  # error of a smear that is still read right: constant, and of its length
 READ_WEIGHT = 0.3  # of the second question, whether a smear is read, in the loss
 CHANNELS, DROPOUT = 16, 0.15
-EPOCHS, BATCH, RATE, DECAY = 60, 12, 6e-3, 1e-3
+EPOCHS, BATCH, RATE, DECAY = 40, 12, 6e-3, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,21 +80,38 @@ class Network(nn.Module):
         return self.last(x)  # type: ignore[no-any-return]
 
 
-def scene_of(path: Path, network: SmearNetwork) -> Scene:
+def smears_of(
+    path: Path, image: NDArray[np.float32], network: SmearNetwork, cache: Path | None
+) -> tuple[SmearGrid, Array | None]:
+    """Return the smears of a photograph and F, if there is one; kept in a folder, for another training."""
+    stored = None if cache is None else cache / network.info.model_id / path.parent.name / f"{path.stem}.npz"
+    if stored is not None and stored.exists():
+        with np.load(stored) as file:
+            grid = SmearGrid(cells=file["cells"], stride=int(file["stride"]), shape=image.shape[:2])
+            return grid, file["F"] if file["F"].size else None
+    found = estimate(image, network=network)
+    if stored is not None:
+        stored.parent.mkdir(parents=True, exist_ok=True)
+        F = np.zeros(0) if found.geometry.F is None else found.geometry.F
+        np.savez(stored, cells=found.grid.cells, stride=found.grid.stride, F=F)
+    return found.grid, found.geometry.F
+
+
+def scene_of(path: Path, network: SmearNetwork, cache: Path | None) -> Scene:
     """Return the evidence of a photograph and its truth; without a truth nothing in it is blurred."""
-    found = estimate(image := read_image(path), network=network)
-    assert found.grid is not None
-    cells = Cells.of(found.grid)
-    gradients = gradients_of(image, found.grid.cells.shape[:2], found.grid.stride)
+    image = read_image(path)
+    grid, F = smears_of(path, image, network, cache)
+    cells = Cells.of(grid)
+    gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
     every = np.ones(cells.sigma_px.shape)
-    seen = Looked.of(found, cells, gradients, every, np.random.default_rng(0)).evidence
-    height, width = (-(-side // GRID) for side in found.grid.shape)
+    seen = Compared.of(cells, F, None, gradients, every, np.random.default_rng(0)).evidence
+    height, width = (-(-side // GRID) for side in grid.shape)
     displacement, static = np.zeros((height, width, 2)), np.ones((height, width), bool)
     valid = static.copy()
     if (truth := path.with_suffix(".npz")).exists():
         with np.load(truth) as stored:
             displacement, static, valid = stored["displacement"], stored["static"], stored["valid"]
-    side = found.grid.stride // FINER // GRID
+    side = grid.stride // FINER // GRID
     predicted = np.kron(cells.displacement, np.ones((FINER * side, FINER * side, 1)))[:height, :width]
     error = np.minimum(*(np.linalg.norm(predicted - sign * displacement, axis=-1) for sign in (1, -1)))
     read = error < READ_PX + READ_SHARE * np.linalg.norm(displacement, axis=-1)
@@ -160,6 +186,7 @@ def main() -> None:
     parser.add_argument("scenes", type=existing, nargs="+", help="folders of photographs")
     parser.add_argument("--out", type=target, required=True)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--cache", type=Path, help="folder that keeps smears and F for another training")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
@@ -170,7 +197,7 @@ def main() -> None:
         for path in sorted(folder.iterdir())
         if path.suffix in (".png", ".jpg") and not path.stem.endswith(("_open", "_close"))
     ]
-    found = fit([scene_of(path, network) for path in names], arguments.seed)
+    found = fit([scene_of(path, network, arguments.cache) for path in names], arguments.seed)
     command = f"python -m tools.training.train_movers {shlex.join(sys.argv[1:])}"
     np.savez(arguments.out, command=np.array(command), **found)
 

@@ -1,9 +1,9 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, series, shared
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
-ABOUT = "estimate the fundamental matrix between shutter-open and shutter-close"
+ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
 DESCRIPTION = """
 Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
 matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
@@ -14,9 +14,9 @@ CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 MULTIPLE: two motions share the picture: F is that of the one most smears follow; no pose
-PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is open
+PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, it is open which: the same
+PLANAR_OR_PANORAMIC: one of both does, undecided which: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """
@@ -36,13 +36,14 @@ EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
     "blur2view estimate photographs --recursive -o results --resume",
     "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
+    "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
     'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
 )
 
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -51,24 +52,29 @@ def describe(parser: shared.CommandParser) -> None:
         "--output",
         type=shared.output_path,
         metavar="DIR",
-        help="write DIR/<stem>.json, .smear.npz and .png, see below",
+        help="write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
     add(
         "--full-field",
         action="store_true",
         help="write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 "
         "bytes a pixel",
     )
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    series.add_json(add)
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = shared.epilog(
-        shared.table("configurations, in COLMAP's names", CONFIGURATIONS),
-        shared.table("files of -o", FILES + shared.MANIFEST),
-        shared.table("JSON document of --json", shared.keys(EstimatesDocument)),
-        shared.table("JSON document of a photograph", shared.keys(EstimateDocument)),
+    parser.epilog = help_text.epilog(
+        help_text.table("configurations, in COLMAP's names", CONFIGURATIONS),
+        help_text.table("files of -o", FILES + help_text.MANIFEST),
+        help_text.table("JSON document of --json", help_text.keys(EstimatesDocument)),
+        help_text.table("JSON document of a photograph", help_text.keys(EstimateDocument)),
         examples=EXAMPLES,
     )

@@ -1,8 +1,9 @@
 """``blur2view report``: its options and its help."""
 
+from argparse import SUPPRESS
 from pathlib import Path
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, series, shared
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -26,13 +27,13 @@ sigma: standard deviation of a smear that the network predicts, pixels
 """
 EXAMPLES = (
     "blur2view report clip.mp4 --every 10 -o report.html",
-    "blur2view report a.jpg --focal 525 --no-mask --overwrite",
+    "blur2view report a.jpg --focal 525 --no-mask",
 )
 
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -42,14 +43,17 @@ def describe(parser: shared.CommandParser) -> None:
         type=shared.output_path,
         default=Path("report.html"),
         metavar="HTML",
-        help="the page (default: %(default)s)",
+        help="the page (default: %(default)s); one of an earlier call is replaced, unless all fail",
     )
-    add("--overwrite", action="store_true", help="replace a page of an earlier call, unless all fail")
+    add("--overwrite", action="store_true", help=SUPPRESS)
     add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
+    series.add_sequence(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = shared.epilog(
-        shared.table("on the page", CONTROLS), shared.table("terms of the page", TERMS), examples=EXAMPLES
+    parser.epilog = help_text.epilog(
+        help_text.table("on the page", CONTROLS),
+        help_text.table("terms of the page", TERMS),
+        examples=EXAMPLES,
     )

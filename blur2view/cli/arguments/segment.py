@@ -1,6 +1,6 @@
 """``blur2view segment``: its options and its help."""
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, series, shared
 from blur2view.results.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
@@ -33,7 +33,7 @@ REFUSED = {
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view segment``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     add = output.add_argument
@@ -56,16 +56,20 @@ def describe(parser: shared.CommandParser) -> None:
         default="keep",
         help="what --masks makes of unobservable pixels (default: keep)",
     )
-    add("--overwrite", action="store_true", help="replace results of an earlier call")
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
+    add(
+        "--overwrite",
+        action="store_true",
+        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
+    )
+    series.add_json(add)
     shared.add_timings(add)
     shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=False)
-    parser.epilog = shared.epilog(
-        shared.table("files of -o", FILES + shared.MANIFEST),
-        shared.table("JSON document of --json", shared.keys(MasksDocument)),
-        shared.table("JSON document of a photograph", shared.keys(MaskDocument)),
-        shared.table("not here", REFUSED.items()),
+    parser.epilog = help_text.epilog(
+        help_text.table("files of -o", FILES + help_text.MANIFEST),
+        help_text.table("JSON document of --json", help_text.keys(MasksDocument)),
+        help_text.table("JSON document of a photograph", help_text.keys(MaskDocument)),
+        help_text.table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )

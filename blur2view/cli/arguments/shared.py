@@ -3,110 +3,15 @@
 import argparse
 import math
 import re
-import shutil
-import textwrap
-from collections.abc import Callable, Iterable, Sequence
-from inspect import cleandoc
-from pathlib import Path
-from typing import Any, NoReturn
+from collections.abc import Callable
+from typing import Any
 
-from blur2view.cli.terminal import printable
+from blur2view.cli.arguments.help_text import paragraph
+from blur2view.cli.arguments.parser import CommandParser as CommandParser
+from blur2view.cli.arguments.parser import output_path as output_path
 
-NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
-EXIT_CODES = """
-0: done; a photograph without F is a result, with its reason
-1: something failed: one line on stderr each, other photographs are done all the same
-2: wrong usage
-130: interrupted by Ctrl-C: what is done is kept, --resume goes on
-"""
-
-
-class CommandParser(argparse.ArgumentParser):
-    """A parser whose options are described when it is used, so that other commands start faster.
-
-    Parameters
-    ----------
-    describe : callable, optional
-        Adds the options.
-    **settings
-        Those of `argparse.ArgumentParser`.
-    """
-
-    def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
-        self._describe = describe
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Return the options as argparse does, after describing them."""
-        if self._describe is not None:
-            describe, self._describe = self._describe, None
-            describe(self)
-            self.set_defaults(usage_error=self.error)
-        return super().parse_known_args(args, namespace)
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with the usage and the message, in which what a terminal would obey is written as escapes."""
-        super().error(printable(message))
-
-
-def output_path(text: str) -> Path:
-    """Return the path of what will be written."""
-    if "\0" in text:
-        raise argparse.ArgumentTypeError("a path has no null character")
-    return Path(text)
-
-
-def width() -> int:
-    """Return the columns that the help may fill."""
-    return min(max(shutil.get_terminal_size().columns, 60), 110) - 2
-
-
-def paragraph(text: str) -> str:
-    """Return a text in lines of the terminal's width."""
-    return textwrap.fill(" ".join(text.split()), width())
-
-
-def entries(text: str) -> list[tuple[str, str]]:
-    """Return names and explanations of a text: "name: explanation", whose other lines are indented."""
-    whole = filter(None, re.sub(r"\n +", " ", text).splitlines())
-    return [(name, told) for name, _, told in (line.partition(": ") for line in whole)]
-
-
-def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:
-    """Return a titled list of names and their explanations, or of `entries`."""
-    lines = [f"{title}:"]
-    for name, text in entries(rows) if isinstance(rows, str) else rows:
-        first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
-        start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
-        lines += [] if start is first else [first.rstrip()]
-        lines.append(textwrap.fill(text, width(), initial_indent=start, subsequent_indent=" " * NAME_WIDTH))
-    return "\n".join(lines)
-
-
-def keys(document: type) -> list[tuple[str, str]]:
-    """Return the keys of a JSON document and their explanations, from the docstring of its type."""
-    section = cleandoc(document.__doc__ or "").partition("Parameters\n----------\n")[2]
-    rows: list[tuple[str, str]] = []
-    for line in section.splitlines():
-        if line.startswith(" "):
-            name, text = rows[-1]
-            rows[-1] = name, f"{text} {line.strip()}"
-        elif line:
-            name, _, kind = line.partition(" : ")
-            rows.append((name, f"({kind})"))
-    return rows
-
-
-MANIFEST = """
-<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
-    with
-"""
-
-
-def epilog(*tables: str, examples: Sequence[str]) -> str:
-    """Return what stands below the options: tables, exit codes, and examples at the end."""
-    shown = "\n".join(["examples:", *(f"  {example}" for example in examples)])
-    return "\n\n".join([*tables, table("exit codes", EXIT_CODES), shown])
+LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below is asked about
+FILM_MM = 36.0  # width of 35-mm film
 
 
 def add_photographs(parser: argparse.ArgumentParser) -> None:
@@ -117,11 +22,11 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         "images",
         nargs="+",
         metavar="INPUT",
-        help="photographs (JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits; with the "
-        "extras heic and raw also HEIC and RAW); folders of photographs; videos, whose frames are named "
-        "VIDEO/000120 by their number; @LIST, a file that names one of these on each line, as seen from here "
-        "or else from the list's folder (blank lines are passed over, and those that begin with # and name "
-        "no file); - for such a list from standard input. What is named twice is done once",
+        help="photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard "
+        "input; JPEG, PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits, with the extras heic "
+        "and raw also HEIC and RAW. Frames of a video are named VIDEO/000120 by their number. A list names "
+        "one of these on each line, as seen from here or else from the list's folder (blank lines are passed "
+        "over, and those that begin with # and name no file). What is named twice is done once",
     )
     add("--recursive", action="store_true", help="folders stand for their subfolders, too")
     add(
@@ -144,7 +49,7 @@ def add_table(add: Callable[..., Any]) -> None:
         "--csv",
         type=output_path,
         metavar="FILE",
-        help="write a table with a row for each photograph: what blur2view triage --help explains",
+        help="write a table with a row for each photograph; blur2view triage --help-all names its columns",
     )
 
 
@@ -197,12 +102,30 @@ def positive(text: str) -> int:
 
 
 def seconds(text: str) -> float:
-    """Return seconds, of a number or a fraction as 1/25."""
-    above, slash, below = text.partition("/")
+    """Return seconds, of a number, a fraction as 1/25 or milliseconds as 40ms; a long time needs its unit."""
+    number, unit = re.fullmatch(r"(.*?)(ms|s)?", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    above, slash, below = number.partition("/")
     try:
-        return float(above) / float(below) if slash else float(text)
+        value = float(above) / (float(below) if slash else 1.0) / (1000 if unit == "ms" else 1)
     except (ValueError, ZeroDivisionError):
         raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
+    if unit is None and LONG_S < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
+    return value
+
+
+def pixels(text: str) -> float:
+    """Return a focal length in pixels; as few as millimetres would be need their unit."""
+    number, unit = re.fullmatch(r"(.*?)(px|mm)?", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    try:
+        value = float(number)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected pixels as 800, got {text}") from None
+    if unit != "px" and (unit or 0 < value < SHORT_PX):
+        share = f"{value:g} mm of 35-mm film are {value / FILM_MM:.2f} of the picture's width"
+        doubt = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
+        raise argparse.ArgumentTypeError(f"{doubt} {share}; write pixels, as {value:g}px, or --camera exif")
+    return value
 
 
 def frame_or_seconds(text: str) -> int | float:
@@ -251,7 +174,7 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
     )
     group.add_argument(
         "--focal",
-        type=float,
+        type=pixels,
         metavar="PX",
         help="focal length in pixels; the principal point is the photograph's centre",
     )
@@ -259,7 +182,7 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
         "--camera",
         metavar="CAMERA",
         help='instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for example '
-        '"SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR; one of another size is '
+        '"SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR, one of another size is '
         'scaled), a COLMAP database as "project.db" (the camera of the image of this name) or '
         '"project.db:ID", or "exif" to take the focal length of EXIF for true',
     )
@@ -268,8 +191,8 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
             "--exposure",
             type=seconds,
             metavar="S",
-            help="exposure time in seconds, as 0.04 or 1/25, with --focal or --camera: the angular velocity "
-            "is the rotation over it (default: that of EXIF)",
+            help="exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular "
+            "velocity is the rotation over it (default: that of EXIF)",
         )
         group.add_argument(
             "--readout",

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from blur2view.cli.arguments import shared
+from blur2view.cli.arguments import help_text, shared
 from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
@@ -19,7 +19,10 @@ to map.
 WRITTEN = """
 a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
     COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
-    as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order
+    as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
+    Where the translation is undecided (no parallax is proven, and known intrinsics leave its direction open)
+    the matches are there, but no inliers of the two-view geometry: a mapper looks at no configuration, and
+    would make points of a turn. blur2view.triangulate_exposure refuses such, too
 --link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
     d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
     px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
@@ -49,7 +52,7 @@ REFUSED = {
 
 def describe(parser: shared.CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
-    parser.description = shared.paragraph(DESCRIPTION)
+    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     _add_target(output.add_argument)
@@ -57,11 +60,11 @@ def describe(parser: shared.CommandParser) -> None:
     shared.add_verbosity(output)
     _add_views(parser.add_argument_group("views").add_argument)
     shared.add_estimating(parser, exposure=False)
-    parser.epilog = shared.epilog(
-        shared.table("what is written", WRITTEN),
-        shared.table("JSON document of --json", shared.keys(ToColmapDocument)),
-        shared.table("JSON object of a photograph", shared.keys(ViewsDocument)),
-        shared.table("not here", REFUSED.items()),
+    parser.epilog = help_text.epilog(
+        help_text.table("what is written", WRITTEN),
+        help_text.table("JSON document of --json", help_text.keys(ToColmapDocument)),
+        help_text.table("JSON object of a photograph", help_text.keys(ViewsDocument)),
+        help_text.table("not here", REFUSED.items()),
         examples=EXAMPLES,
     )
 

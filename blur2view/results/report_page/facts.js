@@ -57,8 +57,8 @@ function showPairs(list, pairs) {
 }
 
 /** The angle of a rotation, and the angular velocity where the exposure time is known. */
-function rotationOf({ rotation_deg: angle, angular_velocity_rad_s: velocity }, seconds) {
-  const rate = velocity === null ? "" : `, ${Math.hypot(...velocity).toPrecision(3)} rad/s in ${seconds} s`;
+function rotationOf({ rotation_deg: angle, wx, wy, wz }, seconds) {
+  const rate = seconds === null ? "" : `, ${Math.hypot(wx, wy, wz).toPrecision(3)} rad/s in ${seconds} s`;
   return `${angle.toFixed(3)}\u00b0${rate}`;
 }
 

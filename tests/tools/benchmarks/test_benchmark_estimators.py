@@ -117,11 +117,6 @@ def test_tables_and_answers_say_what_was_measured() -> None:
     assert "| ours | 2 | 1.000 |" in text and "code one" in text
 
 
-def test_only_photographs_need_a_folder() -> None:
-    with pytest.raises(ValueError, match="folder"):
-        benchmark.network_instance(Instance(seed=0, cell="network", kind="network"), None)
-
-
 def test_unordered_ends_do_not_come_in_true_order() -> None:
     problem = synthetic_problem(EASY)
     seen: list[np.ndarray] = []

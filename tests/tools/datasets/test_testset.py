@@ -24,11 +24,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_options_are_those_of_the_split() -> None:
-    assert OPTIONS.split == "test" and OPTIONS.smear_px == (4.0, 60.0) and OPTIONS.sharp_share == 0
-    assert testset.test_options(None).size == (640, 480)
-
-
 def test_scenes_read_back_are_those_rendered(folder: Path) -> None:
     scenes = list(testset.read_test_set(folder))
     assert [scene.name for scene in scenes] == ["0000", "0001"]

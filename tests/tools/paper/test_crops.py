@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from tools.datasets.shards import Scenes, encode_linear
-from tools.paper import crops
 from tools.paper.crops import CropStream, crop, cut, orient, resized
 
 SIDE = 64
@@ -122,9 +121,3 @@ def test_workers_share_the_batches_in_order(monkeypatch: pytest.MonkeyPatch) -> 
         return [k for _, k in zip(range(3), stream, strict=False)]  # type: ignore[misc]
 
     assert [taken(worker) for worker in range(3)] == [[10, 13, 16], [11, 14, 17], [12, 15, 18]]
-
-
-def test_half_of_the_crops_keep_their_scale() -> None:
-    scales = np.array([crops.sample_scale(np.random.default_rng(seed)) for seed in range(400)])
-    assert (scales == 1).mean() == pytest.approx(0.5, abs=0.08)
-    assert 0.6 <= scales.min() < 0.7 and 1.25 < scales.max() <= 1.35

@@ -58,21 +58,6 @@ def test_fine_detail_is_left_across_a_smear_only(turn: int) -> None:
     assert (features[:, across] - features[:, turn] > 1.5).all()
 
 
-def test_turning_the_picture_turns_the_orientations() -> None:
-    blurred = np.asarray(cv2.blur(textured(1), (16, 1)), np.float32)
-    upright, turned = oriented_features(blurred), oriented_features(np.rot90(blurred).copy())
-    assert np.abs(turned - np.roll(upright, OrientedStem.directions // 2, axis=1)).max() < 0.1
-    assert np.abs(turned - upright).max() > 1
-
-
-def test_turning_the_picture_turns_the_directions() -> None:
-    blurred = np.asarray(cv2.blur(textured(1), (16, 1)), np.float32)
-    upright, turned = lag_features(blurred), lag_features(np.rot90(blurred).copy())
-    expected = np.roll(upright, DIRECTIONS // 2, axis=1)
-    assert np.abs(turned - expected).max() < 0.05
-    assert np.abs(turned - upright).max() > 0.3
-
-
 def test_the_network_sees_no_farther_than_a_training_crop() -> None:
     torch.manual_seed(0)
     network = StemUNet().eval()

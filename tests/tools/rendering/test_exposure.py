@@ -1,9 +1,8 @@
 """Projection along paths against pinhole geometry, and its inverse on the grid."""
 
 import numpy as np
-import pytest
 
-from tools.rendering.exposure import KNOTS, Exposure, grid_points, knot_weights, pixel_grid, upsample
+from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
 from tools.rendering.scene import Layer, Plane
 
@@ -32,24 +31,6 @@ def test_cells_have_their_centres_where_the_network_puts_them() -> None:
     np.testing.assert_array_equal(grid_points(SIZE, ring=1)[1:-1, 1:-1], points)
 
 
-def test_moving_camera_sees_a_point_where_pinhole_geometry_says() -> None:
-    exposure = Exposure(camera=trajectory((0.1, -0.2, 0.3), (0.2, 0.1, 0.4)), K=K, size=SIZE)
-    point = np.array([0.3, -0.2, 2.0])
-    middle = (K @ point)[:2] / 2.0
-    R, centre = exposure.camera.at(0.5)
-    x, y, z = K @ R @ (point - centre)
-    np.testing.assert_allclose(exposure.moved(middle[None], wall(2.0), 0.5), [[x / z, y / z]])
-
-
-def test_translation_to_the_right_moves_the_image_to_the_left() -> None:
-    exposure = Exposure(camera=trajectory(translation=(0.1, 0, 0)), K=K, size=SIZE)
-    start, close = exposure.ends(grid_points(SIZE), wall(0.5))
-    np.testing.assert_allclose(close - start, np.broadcast_to([-0.1 * 150 / 0.5, 0], start.shape), atol=1e-9)
-    np.testing.assert_allclose(
-        exposure.smear_lengths(grid_points(SIZE), [wall(0.5), wall(1.0)])[:, 3, 3], [30, 15]
-    )
-
-
 def test_object_turns_about_its_pivot_and_moves_with_its_path() -> None:
     still, turn = trajectory(), trajectory((0, 0, 1.0), (0.02, 0, 0))
     exposure, layer = Exposure(camera=still, K=K, size=SIZE), wall(2.0, own_path=turn)
@@ -58,27 +39,6 @@ def test_object_turns_about_its_pivot_and_moves_with_its_path() -> None:
     beside = pivot + [10, 0]
     turned = exposure.moved(beside[None], layer, 0.5)[0] - exposure.moved(pivot[None], layer, 0.5)[0]
     np.testing.assert_allclose(turned, 10 * np.array([np.cos(0.5), np.sin(0.5)]))
-
-
-def test_inverse_fields_undo_the_motion() -> None:
-    exposure = Exposure(camera=trajectory((0.05, 0.1, 0.1), (0.05, 0.1, 0.3)), K=K, size=SIZE)
-    layer, target = wall(1.0), grid_points(SIZE, ring=1)
-    fields = exposure.inverse_displacements(layer)
-    assert np.abs(fields[-1]).max() > 10
-    for tau, field in zip(KNOTS, fields, strict=True):
-        np.testing.assert_allclose(exposure.moved(target + field, layer, tau), target, atol=0.01)
-
-
-def test_knots_hold_both_ends_and_the_middle() -> None:
-    assert KNOTS[0] == -0.5 and KNOTS[-1] == 0.5 and KNOTS[3] == pytest.approx(0)
-
-
-def test_weights_interpolate_polynomials_in_time_exactly() -> None:
-    tau = np.linspace(-0.5, 0.5, 21)
-    weights = knot_weights(tau)
-    np.testing.assert_allclose(weights.sum(1), 1)
-    for power in range(len(KNOTS)):
-        np.testing.assert_allclose(weights @ KNOTS**power, tau**power, atol=1e-12)
 
 
 def test_upsampling_keeps_a_linear_field_in_place() -> None:

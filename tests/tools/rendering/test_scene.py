@@ -10,8 +10,6 @@ from tools.rendering.scene import (
     sample_grid,
     sample_intrinsics,
     sample_layers,
-    smooth_field,
-    tilted_normal,
 )
 from tools.rendering.textures import photographs
 
@@ -53,18 +51,6 @@ def test_grid_is_interpolated_between_its_nodes_and_mirrored_outside() -> None:
     np.testing.assert_allclose(sample_grid(grid, where)[0], [1, 1.5, 4, 1], atol=1e-6)
     np.testing.assert_allclose(sample_grid(grid, where[0]), [1, 1.5, 4, 1], atol=1e-6)
     assert not sample_grid(np.zeros((3, 3)), where).any()
-
-
-def test_smooth_field_has_its_amplitude() -> None:
-    assert smooth_field(np.random.default_rng(0), 0.3).std() == pytest.approx(0.3, rel=1e-3)
-    assert not smooth_field(np.random.default_rng(0), 0.0).any()
-
-
-def test_normals_stay_within_the_tilt() -> None:
-    rng = np.random.default_rng(0)
-    normals = np.stack([tilted_normal(rng, 0.7) for _ in range(100)])
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
-    assert 0.5 < np.arccos(normals[:, 2]).max() <= 0.7
 
 
 @pytest.mark.parametrize("name", stencils.OUTLINES)

@@ -95,13 +95,6 @@ def test_jpeg_keeps_red_red() -> None:
     assert np.abs(difference).max() <= 6
 
 
-def test_log_uniform_stays_between_its_bounds() -> None:
-    rng = np.random.default_rng(0)
-    draws = np.array([sensor.log_uniform(rng, (1e-4, 1e-2)) for _ in range(5000)])
-    assert draws.min() >= 1e-4 and draws.max() <= 1e-2
-    assert np.median(draws) == pytest.approx(1e-3, rel=0.1)
-
-
 def test_a_mosaic_before_the_white_balance_keeps_grey_grey() -> None:
     grey = np.full((32, 32, 3), 0.2, np.float32)
     for seed in range(4):

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.geometry.sampson import sampson
 from tools.rendering import truth
 from tools.rendering.canvas import paint
 from tools.rendering.exposure import Exposure, grid_points
@@ -113,32 +112,9 @@ def test_moving_card_alone_is_not_static() -> None:
     assert not found.displacement[found.static].any()
 
 
-def test_bend_is_the_middle_of_the_ends_off_the_point() -> None:
-    camera = Trajectory(translation=np.array([0.1, 0, 0]), translation_bend=np.array([0, 0.08, 0]))
-    found = compute(wall_and_card()[:1], Exposure(camera=camera, K=K, size=SIZE))
-    np.testing.assert_allclose(
-        found.displacement, np.broadcast_to([-16, 0], found.displacement.shape), atol=1e-4
-    )
-    np.testing.assert_allclose(found.middle_offset[..., 1], -0.08 / 4 * 160, atol=1e-4)
-
-
 def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:
     camera = replace(path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1)), rotation_bend=np.array([0.8, 0.5, 0]))
     point = np.array([0.4, -0.3, 2.0])
     (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
     R, t = truth.relative_pose(camera)
     np.testing.assert_allclose(R @ (R_open @ (point - C_open)) + t, R_close @ (point - C_close))
-
-
-def test_fundamental_holds_for_projected_points_in_this_order() -> None:
-    camera = path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1))
-    points = np.random.default_rng(0).uniform([-1, -1, 1], [1, 1, 3], (30, 3))
-    F = truth.fundamental_of(*truth.relative_pose(camera), K)
-    assert F is not None and np.linalg.norm(F) == pytest.approx(1)
-    start, close = project(points, camera, -0.5), project(points, camera, 0.5)
-    assert sampson(F, start, close).max() < 1e-16
-    assert np.median(sampson(F, close, start)) > 1
-
-
-def test_rotation_has_no_fundamental() -> None:
-    assert truth.fundamental_of(*truth.relative_pose(path((0.2, 0, 0), (0, 0, 0))), K) is None

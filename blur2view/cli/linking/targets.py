@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from blur2view.cli.linking.views import PhotographViews
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import manifest_beside
-from blur2view.cli.views import PhotographViews
 from blur2view.colmap import hloc_files, text_formats
-from blur2view.colmap.database import refuse_changed, refuse_existing, stored_photographs, write_database
+from blur2view.colmap.database import (
+    holds_views_alone,
+    refuse_existing,
+    stored_photographs,
+    write_database,
+)
 from blur2view.colmap.link import write_links
-from blur2view.errors import DatabaseError
 from blur2view.exposure.views import OPEN
 from blur2view.input_files import read_regular
-from blur2view.runs.manifest import Manifest
 
 SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 
@@ -32,26 +35,21 @@ def written_files(options: ToColmapOptions) -> list[Path]:
     return [options.output, *(options.output / name for name in names)]
 
 
-def refuse_others(options: ToColmapOptions, manifest: Manifest | None) -> bool:
+def refuse_others(options: ToColmapOptions) -> bool:
     """Refuse before any work what is not ours; return whether a database of an earlier call is replaced."""
     if options.output is not None:
         (hloc_files if options.hloc else text_formats).refuse_foreign(options.output)
     if options.output is not None or options.link:
         return False
-    path = options.target
-    if manifest is not None and manifest.wrote(path):
-        if options.resume:
-            return True
-        raise DatabaseError(f"{path}: is of an earlier call; add --resume to go on, or choose another --db")
-    if manifest is not None and manifest.has_target(path):
-        refuse_changed(path)
-    refuse_existing(path)
+    if options.target.is_file() and holds_views_alone(options.target):
+        return True
+    refuse_existing(options.target)
     return False
 
 
 def written_before(options: ToColmapOptions) -> set[str]:
     """Return the photographs whose views an earlier call has written, which this one would write anew."""
-    if options.link or options.dry_run or not options.resume:
+    if options.link or options.dry_run:
         return set()
     if options.output is None:
         return stored_photographs(options.target) if options.target.exists() else set()

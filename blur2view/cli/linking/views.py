@@ -20,7 +20,7 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.database import inliers, matched
+from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
@@ -83,7 +83,8 @@ class PhotographViews:
             reason=views.geometry.reason,
             num_keypoints=len(views.points_open),
             num_matches=int(self.usable.sum()) if self.usable is not None else len(matched(views)),
-            num_inliers=len(inliers(views)),
+            num_inliers=int(views.geometry.inlier_mask.sum()) if len(matched(views)) else 0,
+            translation_known=translation_known(views.geometry),
             time_known=views.time.known,
             time_confidence=views.time.confidence,
         )
@@ -144,10 +145,11 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
         else:
             linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
             views, usable = linked.views, linked.usable
+        row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
         return Made(
             kept=PhotographViews(photograph=photograph, views=views, usable=usable),
-            summary=verdict_line(photograph.name, result.geometry),
-            row=Row.of(result, exif.exposure_s, sum(asdict(result.timings).values())),
+            summary=verdict_line(photograph.name, row.meaning, result.geometry),
+            row=replace(row, frame=job.frame, timestamp_s=job.timestamp_s),
             warnings=contradictions(run, camera, exif),
         )
 

@@ -1,0 +1,72 @@
+"""The text of ``--help``: paragraphs, tables of files and keys, examples."""
+
+import re
+import shutil
+import textwrap
+from collections.abc import Iterable, Sequence
+from inspect import cleandoc
+
+from blur2view.cli.arguments.parser import EXAMPLES
+
+NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
+
+
+EXIT_CODES = """
+0: done; a photograph without F is a result, with its reason
+1: something failed: one line on stderr each, other photographs are done all the same
+2: wrong usage
+130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+"""
+
+
+def width() -> int:
+    """Return the columns that the help may fill."""
+    return min(max(shutil.get_terminal_size().columns, 60), 110) - 2
+
+
+def paragraph(text: str) -> str:
+    """Return a text in lines of the terminal's width."""
+    return textwrap.fill(" ".join(text.split()), width())
+
+
+def entries(text: str) -> list[tuple[str, str]]:
+    """Return names and explanations of a text: "name: explanation", whose other lines are indented."""
+    whole = filter(None, re.sub(r"\n +", " ", text).splitlines())
+    return [(name, told) for name, _, told in (line.partition(": ") for line in whole)]
+
+
+def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:
+    """Return a titled list of names and their explanations, or of `entries`."""
+    lines = [f"{title}:"]
+    for name, text in entries(rows) if isinstance(rows, str) else rows:
+        first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
+        start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
+        lines += [] if start is first else [first.rstrip()]
+        lines.append(textwrap.fill(text, width(), initial_indent=start, subsequent_indent=" " * NAME_WIDTH))
+    return "\n".join(lines)
+
+
+def keys(document: type) -> list[tuple[str, str]]:
+    """Return the keys of a JSON document and their explanations, from the docstring of its type."""
+    section = cleandoc(document.__doc__ or "").partition("Parameters\n----------\n")[2]
+    rows: list[tuple[str, str]] = []
+    for line in section.splitlines():
+        if line.startswith(" "):
+            name, text = rows[-1]
+            rows[-1] = name, f"{text} {line.strip()}"
+        elif line:
+            name, _, kind = line.partition(" : ")
+            rows.append((name, f"({kind})"))
+    return rows
+
+
+MANIFEST = """
+<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+    with
+"""
+
+
+def epilog(*tables: str, examples: Sequence[str]) -> str:
+    """Return what stands below the options: tables, exit codes, and examples at the end."""
+    shown = "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])
+    return "\n\n".join([*tables, table("exit codes", EXIT_CODES), shown])

@@ -1,0 +1,54 @@
+"""``blur2view place``: its options and its help."""
+
+from pathlib import Path
+
+from blur2view.cli.arguments import help_text, shared
+
+ABOUT = "put the views of a linked project into COLMAP's model of its frames"
+DESCRIPTION = """
+Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
+COLMAP's model of the frames. The frames stay where they are; their poses are the camera's path, on which the
+smears say how long an exposure was.
+"""
+WRITTEN = """
+DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
+    folder of the frames. What an earlier call wrote is replaced; a model of another's is not
+"""
+EXAMPLES = (
+    "blur2view to-colmap --db project.db --link --sequence frames",
+    "blur2view place project.db model frames -o with_views",
+    "blur2view to-transforms with_views",
+)
+
+
+def describe(parser: shared.CommandParser) -> None:
+    """Add the options and the help of ``blur2view place``."""
+    parser.description = help_text.paragraph(DESCRIPTION)
+    given = parser.add_argument_group("input")
+    add = given.add_argument
+    add("database", type=Path, metavar="DB", help="the project with the views")
+    add(
+        "model",
+        type=Path,
+        metavar="MODEL",
+        help="folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken",
+    )
+    add(
+        "photographs",
+        type=Path,
+        metavar="FRAMES",
+        help="folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some "
+        "out, no two are taken for neighbours",
+    )
+    add(
+        "--fraction",
+        type=float,
+        metavar="F",
+        help="exposure time over frame interval, if it is known (default: measured from the smears)",
+    )
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "-o", "--output", type=shared.output_path, required=True, metavar="DIR", help="where the model goes"
+    )
+    shared.add_verbosity(output)
+    parser.epilog = help_text.epilog(help_text.table("what is written", WRITTEN), examples=EXAMPLES)

@@ -1,0 +1,102 @@
+"""The command ``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
+
+import math
+import os
+import tempfile
+from operator import methodcaller
+from pathlib import Path
+
+from blur2view.cli.model_options import PlaceOptions
+from blur2view.cli.terminal import QUIET, SHORT, plural, printable
+from blur2view.colmap.models import (
+    PROJECT_FILE,
+    FoundModel,
+    find_model,
+    is_ours,
+    project_text,
+)
+from blur2view.colmap.placement import Placement, place_views
+from blur2view.errors import DatabaseError, ImageError, OutputError
+from blur2view.exposure.time_direction import with_gaps
+from blur2view.file_writing import unwritable, write_atomically
+from blur2view.output_files import prepared
+from blur2view.photographs.inputs import list_photographs
+
+DONE = 0
+FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
+
+
+def run(options: PlaceOptions) -> int:
+    """Return the exit code, after writing the model."""
+    names = frame_names(options.photographs)
+    found = find_model(options.model)
+    _refuse_others(options.output)
+    placement = place_views(options.database, found.folder, with_gaps(names), options.fraction)
+    _refuse_failure(options, placement)
+    _write(options, placement)
+    if options.verbosity > QUIET:
+        print(summary(options, found, placement, len(names)))
+    return DONE
+
+
+def frame_names(folder: Path) -> list[str]:
+    """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
+    if not folder.is_dir():
+        raise ImageError(f"{folder}: no such folder; name that of the frames")
+    inputs = list_photographs([str(folder)], recursive=True)
+    if inputs.refused:
+        raise ImageError(inputs.refused[folder])
+    return [path.relative_to(folder).as_posix() for path in inputs.paths]
+
+
+def _refuse_others(folder: Path) -> None:
+    """Refuse a folder that holds a model, or a part of one, that no earlier call wrote."""
+    there = [folder / name for name in (*FILES, PROJECT_FILE) if os.path.lexists(folder / name)]
+    if there and not is_ours(folder):
+        raise OutputError(f"{there[0]}: is of no earlier call; name another folder with -o")
+
+
+def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
+    """Raise why no frame was placed, or none with the path of the camera."""
+    count = plural(len(placement.placed) + len(placement.left), "frame")
+    about = f"{options.database}: of {count} with views in {options.model}"
+    if not math.isfinite(placement.fraction):
+        raise DatabaseError(
+            f"{about} no two follow one another and show how long an exposure is; link all frames of the "
+            "video (blur2view to-colmap --link), or state --fraction"
+        )
+    if not placement.placed:
+        raise DatabaseError(f"{about} none has enough smears at the model's points; link more frames")
+
+
+def _write(options: PlaceOptions, placement: Placement) -> None:
+    """Write the model and what says where it is from; each file whole or not at all."""
+    folder = options.output
+    with prepared(folder):
+        try:
+            text = project_text(options.database, options.photographs)
+            write_atomically(folder / PROJECT_FILE, methodcaller("write", os.fsencode(text)))
+            with tempfile.TemporaryDirectory(dir=folder) as beside:
+                placement.model.write(beside)
+                for name in FILES:
+                    Path(beside, name).replace(folder / name)
+        except OSError as error:
+            raise unwritable(folder, error) from None
+
+
+def summary(options: PlaceOptions, found: FoundModel, placement: Placement, frames: int) -> str:
+    """Return a line about the model if it was chosen, and one about what was placed; with -v what was not."""
+    lines = []
+    if found.others:
+        size = f"{found.registered} of {plural(frames, 'frame')}"
+        lines.append(f"{printable(str(found.folder))}: largest of {found.others + 1} models, {size}")
+    placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
+    line = (
+        f"{printable(str(options.output))}: {placed}, exposure over frame interval {placement.fraction:.2f}"
+    )
+    lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
+    if options.verbosity > SHORT:
+        lines += [
+            f"  {printable(name)} left out: too few of its points have smears" for name in placement.left
+        ]
+    return "\n".join(lines)

@@ -1,0 +1,91 @@
+"""COLMAP's models in folders: the largest of a mapper's, and the pictures that one is of."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from blur2view.errors import DatabaseError
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.input_files import read_regular
+
+PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
+IMAGE_PATH, DATABASE_PATH = "image_path", "database_path"
+SIGN = "# by blur2view place\n"
+MAX_PROJECT = 1 << 20  # bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundModel:
+    """The folder of a model, how many photographs it has, and how many others a mapper made beside it."""
+
+    folder: Path
+    registered: int
+    others: int = 0
+
+
+def read_model(folder: Path) -> Any:
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none."""
+    import pycolmap
+
+    try:
+        return pycolmap.Reconstruction(folder)
+    except (ValueError, RuntimeError, IndexError):  # the last of files that do not go together
+        reason = "is no model that can be read" if folder.is_dir() else "no such folder"
+        remedy = "name the one with cameras.bin, images.bin and points3D.bin"
+        raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+
+
+def find_model(folder: Path) -> FoundModel:
+    """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
+
+    Raises
+    ------
+    DatabaseError
+        If there is none that can be read.
+    """
+    below = [path for path in folder.iterdir() if holds_model(path)] if folder.is_dir() else []
+    if holds_model(folder) or not below:
+        return FoundModel(folder=folder, registered=_photographs(read_model(folder)))
+    sizes = {path: _photographs(read_model(path)) for path in sorted(below)}
+    largest = max(sizes, key=lambda path: sizes[path])
+    return FoundModel(folder=largest, registered=sizes[largest], others=len(sizes) - 1)
+
+
+def holds_model(folder: Path) -> bool:
+    """Return whether there are files of a model in a folder."""
+    return any((folder / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt"))
+
+
+def is_ours(folder: Path) -> bool:
+    """Return whether the model in a folder is one that `project_text` stands beside."""
+    return _project(folder).startswith(SIGN)
+
+
+def _photographs(model: Any) -> int:
+    """Return how many photographs are registered, views not counted."""
+    posed = (image.name for image in model.images.values() if image.has_pose)
+    return sum(not name.endswith((OPEN, CLOSE)) for name in posed)
+
+
+def project_text(database: Path, photographs: Path) -> str:
+    """Return COLMAP's project.ini of a model of ours."""
+    paths = {DATABASE_PATH: database, IMAGE_PATH: photographs}
+    return SIGN + "".join(f"{key}={os.path.abspath(path)}\n" for key, path in paths.items())
+
+
+def pictures_of(folder: Path) -> Path | None:
+    """Return the folder of the photographs that a model's project.ini names, None if there is none."""
+    settings = dict(line.split("=", 1) for line in _project(folder).splitlines() if "=" in line)
+    named = settings.get(IMAGE_PATH, "").strip()
+    return Path(named) if named and os.path.isdir(named) else None
+
+
+def _project(folder: Path) -> str:
+    """Return the text of a model's project.ini, empty without one."""
+    try:
+        return os.fsdecode(read_regular(folder / PROJECT_FILE, MAX_PROJECT))
+    except OSError:
+        return ""

@@ -1,0 +1,82 @@
+"""The frames of a video as a series: every estimate in the direction of time that its neighbours show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from blur2view.arrays import AnyArray
+from blur2view.camera.camera import Camera
+from blur2view.exposure.neighbours import Features, features_of, match_features
+from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
+from blur2view.exposure.views import views_in_order, views_of
+from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.pipeline import Estimate, estimate
+from blur2view.smears.selection import SelectOptions
+from blur2view.two_view.options import EstimatorOptions
+
+
+def in_time(found: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
+    """Return an estimate in the direction of time that neighbouring frames show: its geometry and ``time``.
+
+    F, H, E, the pose and its covariance and the order of every smear (``swapped``) are of that direction, all
+    of them. Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
+    """
+    if found.shutter is None:
+        views, candidates = views_of("frame", found), None
+    else:  # another motion in the other order in time, or none
+        views = views_in_order("frame", found, found.geometry.swapped)
+        candidates = [views] if found.geometry.backward is None else [views, views.reversed()]
+    views = directed(views, motions, candidates)
+    return replace(found, geometry=views.geometry, time=views.time)
+
+
+def estimate_frames(
+    frames: Iterable[AnyArray],
+    *,
+    network: SmearNetwork | None = None,
+    select: SelectOptions | None = None,
+    options: EstimatorOptions | None = None,
+    camera: Camera | None = None,
+    shutter: RollingShutter | None = None,
+) -> Iterator[Estimate]:
+    """Yield the estimate of each frame of a video, as :func:`estimate`, in the right direction of time.
+
+    A frame alone leaves the direction of time open; the frames before and after it decide it, so each is
+    given when the next one is there, and the angular velocities are one continuous series. One network is
+    used for all. For photographs that are no video call :func:`estimate` in a loop, with one
+    :class:`SmearNetwork`.
+
+    Parameters
+    ----------
+    frames : iterable of ndarray of shape (H, W, 3) or (H, W)
+        Consecutive frames, all of one size, in the order of time.
+    network, select, options, camera, shutter
+        As of :func:`estimate`.
+
+    Yields
+    ------
+    Estimate
+        Its ``time`` says whether neighbours decided.
+
+    Raises
+    ------
+    ValueError, ModelError
+        As :func:`estimate`.
+    """
+    network = network or SmearNetwork()
+    held: tuple[Estimate, Features, list[NeighbourMotion]] | None = None
+    for frame in frames:
+        image = rgb_of(frame)
+        found = estimate(
+            image, network=network, select=select, options=options, camera=camera, shutter=shutter
+        )
+        features, motions = features_of(image), list[NeighbourMotion]()
+        if held is not None:
+            earlier, later = match_features(held[1], features)
+            motions.append(neighbour_motion(later, earlier, -1, camera))
+            yield in_time(held[0], [*held[2], neighbour_motion(earlier, later, 1, camera)])
+        held = found, features, motions
+    if held is not None:
+        yield in_time(held[0], held[2])

@@ -1,0 +1,258 @@
+"""From a video's frames to transforms.json: extracted, linked, placed, written, and read as programs do."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.cli import commands as cli
+from blur2view.colmap.models import find_model
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from tests.support.colour_code import colour_code
+
+FRAMES, SHARE, FOCAL, SIZE, EXPOSURE_S = 7, 0.5, 300.0, (320, 256), 0.02
+TURN, MOVE = np.array([0.004, 0.02, -0.003]), np.array([0.25, 0.02, 0.05])  # a frame
+NORMAL, DISTANCE = np.array([0.25, 0.1, 1.0]), 5.0  # of the wall that the camera passes
+CENTRE = (np.array(SIZE) - 1) / 2
+NAMES = [f"frame_{k:05d}.png" for k in range(FRAMES)]
+
+
+def pose_at(time: float) -> Array:
+    """Return cam_from_world (3, 4) at a time in frames; the middle frame is at the origin."""
+    time -= FRAMES // 2
+    R = rotation_matrix(TURN * time)
+    return np.column_stack([R, R @ (MOVE * time)])
+
+
+def pixels(pose: Array, points: Array) -> Array:
+    """Return our pixels (N, 2) of points (N, 3) of the world."""
+    X = points @ pose[:, :3].T + pose[:, 3]
+    return FOCAL * X[:, :2] / X[:, 2:] + CENTRE
+
+
+def on_wall(pose: Array, at: Array) -> Array:
+    """Return the points (N, 3) of the wall that a camera sees at pixels (N, 2)."""
+    R, centre = pose[:, :3], -pose[:, :3].T @ pose[:, 3]
+    rays = np.column_stack([(at - CENTRE) / FOCAL, np.ones(len(at))]) @ R
+    return np.asarray(centre + rays * ((DISTANCE - NORMAL @ centre) / (rays @ NORMAL))[:, None])
+
+
+def write_clip(path: Path) -> Path:
+    """Return a video, without loss, in whose frames the tiny network sees the true smears of the walk."""
+    grid = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1).reshape(-1, 2).astype(float)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 10, SIZE)
+    for k in range(FRAMES):
+        points = on_wall(pose_at(k), grid)
+        smear = pixels(pose_at(k + SHARE / 2), points) - pixels(pose_at(k - SHARE / 2), points)
+        picture = colour_code(smear.reshape(*SIZE[::-1], 2), 1.0)
+        video.write(np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8))
+    video.release()
+    return path
+
+
+def write_project(database: Path, models: Path) -> None:
+    """Write what COLMAP makes of the frames: features, matches, and a model of all and one of three."""
+    rng = np.random.default_rng(0)
+    points = on_wall(pose_at(FRAMES // 2), rng.uniform(20, np.array(SIZE) - 20, (150, 2)))
+    params = [FOCAL, SIZE[0] / 2, SIZE[1] / 2]
+    camera = pycolmap.Camera(
+        model="SIMPLE_PINHOLE", width=SIZE[0], height=SIZE[1], params=params, camera_id=1
+    )
+    camera.has_prior_focal_length = True
+    with pycolmap.Database.open(database) as opened:
+        opened.write_camera(camera)
+        for k, name in enumerate(NAMES, 1):
+            opened.write_image(pycolmap.Image(name=name, camera_id=1))
+            opened.write_keypoints(k, to_colmap(pixels(pose_at(k - 1), points)).astype(np.float32))
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+        geometry.inlier_matches = np.arange(len(points), dtype=np.uint32)[:, None].repeat(2, axis=1)
+        for pair in combinations(range(1, FRAMES + 1), 2):
+            opened.write_matches(*pair, geometry.inlier_matches)
+            opened.write_two_view_geometry(*pair, geometry)
+    for folder, numbers in (("0", range(3)), ("1", range(FRAMES))):
+        model = pycolmap.Reconstruction()
+        model.add_camera_with_trivial_rig(camera)
+        for k in numbers:
+            seen = to_colmap(pixels(pose_at(k), points))
+            image = pycolmap.Image(name=NAMES[k], keypoints=seen, camera_id=1, image_id=k + 1)
+            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose_at(k)[:, :3]), pose_at(k)[:, 3])
+            model.add_image_with_trivial_frame(image, pose)
+        for index, point in enumerate(points):
+            track = pycolmap.Track()
+            for k in numbers:
+                track.add_element(k + 1, index)
+            model.add_point3D(point, track, np.array([index, 100, 200], np.uint8))
+        (models / folder).mkdir(parents=True)
+        model.write(models / folder)
+
+
+@pytest.fixture(scope="module")
+def linked(tiny_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with frames of a video, in one of an odd name, and their project with views."""
+    folder = tmp_path_factory.mktemp("chain")
+    clip, frames = write_clip(folder / "clip.avi"), folder / "shots of day 1"
+    run = ("--model", tiny_model, "--jobs", 1, "-q")
+    assert call("triage", clip, "--best", "100%", "--extract", frames, *run) == 0
+    assert sorted(path.name for path in frames.iterdir()) == NAMES
+    write_project(folder / "project.db", folder / "model")
+    assert call("to-colmap", "--db", folder / "project.db", "--link", "--sequence", frames, *run) == 0
+    return folder
+
+
+def call(*words: object) -> int:
+    return cli.main(list(map(str, words)))
+
+
+def place(folder: Path, *more: object, model: str = "model", output: str = "with_views") -> int:
+    frames = folder / "shots of day 1"
+    return call("place", folder / "project.db", folder / model, frames, "-o", folder / output, *more)
+
+
+def in_opengl(pose: Array) -> Array:
+    """Return world_from_camera (4, 4), y up, of a true pose."""
+    return np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) @ np.diag([1.0, -1, -1, 1])
+
+
+def test_chain_ends_in_files_that_both_programs_read(
+    linked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert place(linked) == 0
+    chosen, placed = capsys.readouterr().out.splitlines()
+    assert chosen == f"{linked / 'model' / '1'}: largest of 2 models, 7 of 7 frames"
+    assert placed.startswith(f"{linked / 'with_views'}: placed the views of 7 frames, exposure over frame")
+    assert float(placed.split()[-1]) == pytest.approx(SHARE, abs=0.03)
+    ngp, splat = linked / "ngp" / "transforms.json", linked / "splat" / "transforms.json"
+    assert call("to-transforms", linked / "with_views", "-o", ngp) == 0
+    words = ("--dialect", "nerfstudio", "--exposure", EXPOSURE_S, "-o", splat)
+    assert call("to-transforms", linked / "with_views", *words) == 0
+    assert capsys.readouterr().out.endswith(f"{splat}: wrote 7 frames and their points, sparse_pc.ply\n")
+    read_as_instant_ngp(ngp)
+    read_as_nerfstudio(splat)
+    assert [path.name for path in ngp.parent.iterdir()] == ["transforms.json"]
+
+
+def read_as_instant_ngp(path: Path) -> None:
+    """Check what src/nerf_loader.cu reads: files from the folder of the JSON file, poses at start and end."""
+    content = json.loads(path.read_text())
+    assert content["fl_x"] == FOCAL and content["rolling_shutter"] == [0, 0, 0, 1]
+    for k, frame in enumerate(content["frames"]):
+        assert (path.parent / frame["file_path"]).is_file() and frame["sharpness"] > 0
+        for key, side in (("_start", -1), ("", 0), ("_end", 1)):
+            true = in_opengl(pose_at(k + side * SHARE / 2))
+            np.testing.assert_allclose(frame[f"transform_matrix{key}"], true, atol=0.02)
+        moved = np.subtract(frame["transform_matrix_end"], frame["transform_matrix_start"])[:3, 3]
+        assert np.linalg.norm(moved) == pytest.approx(SHARE * np.linalg.norm(MOVE), rel=0.15)
+
+
+def read_as_nerfstudio(path: Path) -> None:
+    """Check what nerfstudio_dataparser.py reads: files and points from there, velocities of its fork."""
+    content = json.loads(path.read_text())
+    assert {"fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "p1", "p2", "camera_model"} <= set(content)
+    for frame in content["frames"]:
+        assert (path.parent / frame["file_path"]).is_file()
+        linear, angular = (np.array(frame[f"camera_{kind}_velocity"]) for kind in ("linear", "angular"))
+        assert np.linalg.norm(linear) * EXPOSURE_S == pytest.approx(SHARE * np.linalg.norm(MOVE), rel=0.15)
+        assert np.linalg.norm(angular) * EXPOSURE_S == pytest.approx(SHARE * np.linalg.norm(TURN), rel=0.15)
+    cloud = pycolmap.Reconstruction()
+    cloud.import_PLY(path.parent / content["ply_file_path"])
+    model = pycolmap.Reconstruction(path.parents[1] / "with_views")
+    read, written = (
+        sorted((*one.xyz.round(4).tolist(), *one.color.tolist()) for one in each.points3D.values())
+        for each in (cloud, model)
+    )
+    np.testing.assert_allclose(read, written, atol=2e-4)
+
+
+def test_views_stand_where_the_camera_was(linked: Path) -> None:
+    assert place(linked, "-q", output="views") == 0
+    model = pycolmap.Reconstruction(linked / "views")
+    assert model.num_reg_images() == 3 * FRAMES
+    for k, name in enumerate(NAMES):
+        first, last = (model.find_image_with_name(name + end).cam_from_world() for end in ("#open", "#close"))
+        turn = rotation_vector((last * first.inverse()).rotation.matrix())
+        np.testing.assert_allclose(turn, SHARE * TURN, atol=1e-3)
+        middle = model.find_image_with_name(name).cam_from_world().matrix()
+        np.testing.assert_allclose(middle, pose_at(k), atol=1e-6)
+
+
+def test_the_same_call_replaces_what_it_wrote_and_nothing_else(
+    linked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(2):
+        assert place(linked, "-q", output="again") == 0
+    names = ["cameras.bin", "frames.bin", "images.bin", "points3D.bin", "project.ini", "rigs.bin"]
+    assert sorted(path.name for path in (linked / "again").iterdir()) == names
+    before = (linked / "model" / "1" / "images.bin").read_bytes()
+    assert place(linked, output="model/1") == 1
+    assert "rigs.bin: is of no earlier call; name another folder with -o" in capsys.readouterr().err
+    assert (linked / "model" / "1" / "images.bin").read_bytes() == before
+
+
+def test_what_cannot_be_placed_is_one_line(
+    linked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def complaint(*words: object) -> str:
+        assert call("place", *words, "-o", tmp_path / "out") == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert not (tmp_path / "out").exists()
+        return line
+
+    database, frames = linked / "project.db", linked / "shots of day 1"
+    assert "no such folder; name that of the frames" in complaint(
+        database, linked / "model", tmp_path / "none"
+    )
+    assert "holds no photograph" in complaint(database, linked / "model", linked / "model")
+    assert "no such folder; name the one with cameras.bin" in complaint(database, tmp_path / "none", frames)
+    assert "is no model that can be read" in complaint(database, tmp_path, frames)
+    shutil.copytree(linked / "model" / "1", tmp_path / "torn")
+    images = tmp_path / "torn" / "images.bin"
+    images.write_bytes(images.read_bytes()[:5000])
+    assert "torn: is no model that can be read" in complaint(database, tmp_path / "torn", frames)
+    assert "no such database" in complaint(tmp_path / "none.db", linked / "model", frames)
+    one = pycolmap.Reconstruction(linked / "model" / "1")
+    for k in range(2, FRAMES + 1):
+        one.deregister_frame(one.images[k].frame_id)
+    (tmp_path / "one").mkdir()
+    one.write(tmp_path / "one")
+    assert "of 1 frame with views in" in (line := complaint(database, tmp_path / "one", frames))
+    assert line.endswith("no two follow one another and show how long an exposure is; link all frames of the "
+        "video (blur2view to-colmap --link), or state --fraction")  # fmt: skip
+    words = (database, tmp_path / "one", frames, "--fraction")
+    assert complaint(*words, 0.5).endswith("none has enough smears at the model's points; link more frames")
+    with pytest.raises(SystemExit):
+        complaint(*words, 0)
+
+
+def test_model_of_a_mapper_is_its_largest(linked: Path) -> None:
+    found = find_model(linked / "model")
+    assert (found.folder.name, found.registered, found.others) == ("1", FRAMES, 1)
+    alone = find_model(linked / "model" / "0")
+    assert (alone.folder.name, alone.registered, alone.others) == ("0", 3, 0)
+
+
+def test_pictures_that_are_not_there_are_asked_for(
+    linked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert place(linked, "-q", output="moved") == 0
+    (linked / "moved" / "project.ini").write_text("# by blur2view place\nimage_path=/nowhere\n")
+    target = tmp_path / "t.json"
+    words: tuple[Any, ...] = ("to-transforms", linked / "moved", "-o", target)
+    assert call(*words) == 1
+    assert "name their folder with --images" in capsys.readouterr().err and not target.exists()
+    assert call(*words, "--images", linked / "shots of day 1") == 0
+    foreign = tmp_path / "sparse_pc.ply"
+    foreign.write_text("ply\n")
+    assert call(*words, "--dialect", "nerfstudio", "--overwrite", "--images", linked / "shots of day 1") == 1
+    assert "sparse_pc.ply: is no point cloud of an earlier call" in capsys.readouterr().err
+    assert foreign.read_text() == "ply\n"

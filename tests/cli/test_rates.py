@@ -1,0 +1,173 @@
+"""Rates from a video file to a table: signs, agreement of all that one document says, streams."""
+
+import csv
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view import Camera, SmearNetwork, estimate_frames
+from blur2view.arrays import Array
+from blur2view.cli import commands as cli
+from blur2view.geometry.epipolar import transfer
+from blur2view.geometry.rotation import rotation_flow, rotation_vector
+from blur2view.results.estimate import EstimateDocument
+from tests.support.many_photographs import contents, write_photographs
+from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
+
+CAMERA = ("--focal", FOCAL_PX, "--exposure", EXPOSURE_S)
+AXES = ("wx", "wy", "wz")
+FRAMES = 26
+
+
+@cache
+def swinging() -> Swing:
+    """Return a video of more than a period."""
+    return swing(FRAMES)
+
+
+def call(*words: object) -> int:
+    return cli.main(["estimate", "--jobs", "1", *map(str, words)])
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def rates_of(rows: list[Any]) -> Array:
+    return np.array([[float(row[axis]) for axis in AXES] for row in rows])
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the video, its table and the files of its frames."""
+    folder = tmp_path_factory.mktemp("swing")
+    video = swinging().write(folder / "swing.avi")
+    assert call(video, *CAMERA, "--csv", folder / "t.csv", "-o", folder / "out", "-q", "--no-timings") == 0
+    return folder
+
+
+def test_rates_of_a_swinging_camera_have_their_signs_and_sizes(results: Path) -> None:
+    rows, true = table(results / "t.csv"), swinging().rates
+    rates = rates_of(rows)
+    assert (np.sum(rates * true, axis=1) > 0).mean() >= 0.98
+    assert min(np.corrcoef(rates[:, axis], true[:, axis])[0, 1] for axis in range(3)) > 0.95
+    assert np.median(np.linalg.norm(rates - true, axis=1)) < 0.15 * np.median(np.linalg.norm(true, axis=1))
+    assert [int(row["frame"]) for row in rows] == list(range(FRAMES))
+    stamps = [float(row["timestamp_s"]) for row in rows]
+    np.testing.assert_allclose(stamps, np.arange(FRAMES) / FRAMES_PER_S, atol=1e-5)
+    assert {row["rate_unit"] for row in rows} == {"rad/s"}
+    assert np.mean([float(row["time_confidence"]) > 0.8 for row in rows]) > 0.9
+
+
+def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None:
+    rows = table(results / "t.csv")
+    camera = Camera.from_focal(FOCAL_PX, SIZE)
+    for row, path in zip(rows, sorted((results / "out" / "swing").glob("*.json")), strict=True):
+        facts = json.loads(path.read_text())
+        vector = rotation_vector(np.array(facts["cam2_from_cam1"]["rotation"]))
+        rate = np.array([facts[axis] for axis in AXES])
+        np.testing.assert_allclose(rate * EXPOSURE_S, vector)
+        np.testing.assert_allclose(rates_of([row])[0], rate, rtol=1e-5)
+        assert facts["frame"] == int(row["frame"]) and facts["time_known"] == (
+            float(row["time_confidence"]) > 0
+        )
+        with np.load(path.with_suffix("").with_suffix(".smear.npz")) as arrays:
+            ends = np.where(arrays["swapped"][:, None, None], arrays["ends"][:, ::-1], arrays["ends"])
+            ends = ends[arrays["inlier_mask"]]
+        rays = camera.rays(ends)
+        flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
+        assert ((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) > 0).mean() > 0.95
+        first, last = ends.swapaxes(0, 1)
+        H = np.array(facts["H"])
+        assert (transfer(H, first, last) < transfer(H, last, first)).mean() > 0.95
+
+
+def test_frames_in_python_are_those_of_the_command(results: Path) -> None:
+    video = cv2.VideoCapture(str(results / "swing.avi"))
+    frames = (video.read()[1][..., ::-1] for _ in range(5))
+    found = list(
+        estimate_frames(frames, network=SmearNetwork(threads=1), camera=Camera.from_focal(FOCAL_PX, SIZE))
+    )
+    for index, one in enumerate(found[:-1]):  # the last has another neighbour in the whole video
+        velocity = one.angular_velocity(EXPOSURE_S)
+        facts = json.loads((results / "out" / "swing" / f"{index:06d}.json").read_text())
+        assert velocity is not None and one.time.known
+        np.testing.assert_allclose(velocity.mean, [facts[axis] for axis in AXES])
+
+
+def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(
+    tmp_path: Path, capsys: Any
+) -> None:
+    names = [tmp_path / f"{name}.png" for name in "abc"]
+    for name, frame in zip(names, swinging().frames[10:13], strict=True):
+        cv2.imwrite(str(name), frame[..., ::-1])
+    found: list[list[dict[str, Any]]] = []
+    for words in ((*names, "--sequence"), (*names[::-1], "--sequence"), names):
+        assert call(*words, *CAMERA, "--jsonl") == 0
+        found.append([json.loads(line) for line in capsys.readouterr().out.splitlines()])
+    ahead, back, open_ = found
+    np.testing.assert_allclose(rates_of(ahead), -rates_of(back[::-1]), atol=0.02)
+    assert (np.sum(rates_of(ahead) * swinging().rates[10:13], axis=1) > 0).all()
+    assert all(one["time_known"] for one in ahead + back) and not any(one["time_known"] for one in open_)
+    assert ahead[0]["frame"] is None and ahead[0]["timestamp_s"] is None
+
+
+def test_bytes_are_the_same_in_two_processes_and_after_resume(results: Path, tmp_path: Path) -> None:
+    words = [results / "swing.avi", *CAMERA, "--to", 3, "--no-timings", "-q", "-o", tmp_path / "two"]
+    assert cli.main(["estimate", "--jobs", "2", *map(str, words)]) == 0
+    two = contents(tmp_path / "two")
+    whole = contents(results / "out")
+    assert two == {name: whole[name] for name in two} and len(two) == 12
+    for path in (tmp_path / "two" / "swing").glob("000001*"):
+        path.unlink()
+    assert call(*words, "--resume") == 0
+    assert contents(tmp_path / "two") == two
+
+
+def test_a_changed_neighbour_is_done_again_with_its_photograph(
+    tmp_path: Path, tiny_model: Path, capsys: Any
+) -> None:
+    folder = tmp_path / "in"
+    paths = write_photographs(folder, 5)
+    words = ("--model", tiny_model, folder, "-o", tmp_path / "out", "--sequence")
+    assert call(*words) == 0
+    paths[4].write_bytes(paths[0].read_bytes())
+    capsys.readouterr()
+    assert call(*words, "--resume") == 0
+    assert "2 done, 3 done before" in capsys.readouterr().out
+
+
+def test_jsonl_prints_a_document_a_line_and_nothing_else(
+    tmp_path: Path, tiny_model: Path, capsys: Any
+) -> None:
+    paths = write_photographs(tmp_path, 2)
+    assert call("--model", tiny_model, paths[0], tmp_path / "none.png", paths[1], "--jsonl", "-v") == 1
+    printed = capsys.readouterr()
+    first, failed, last = map(json.loads, printed.out.splitlines())
+    assert set(first) == set(last) == set(EstimateDocument.__dataclass_fields__)
+    assert failed["image"].endswith("none.png") and "no such file" in failed["error"]
+    assert len(printed.err.splitlines()) == 1
+    with pytest.raises(SystemExit) as refused:
+        call(paths[0], "--json", "--jsonl")
+    assert refused.value.code == 2 and "--jsonl one for each" in capsys.readouterr().err
+
+
+def test_neighbour_that_cannot_be_read_costs_its_own_line_only(
+    tmp_path: Path, tiny_model: Path, capsys: Any
+) -> None:
+    paths = write_photographs(tmp_path, 3)
+    paths[1].write_bytes(b"no picture")
+    words = ["--model", tiny_model, *paths, "--sequence", "--jobs", 1, "--jsonl"]
+    for command, known in (("estimate", "cam2_from_cam1"), ("segment", "shares")):
+        asked = [one for one in words if command == "estimate" or one != "--sequence"]
+        assert cli.main([command, *map(str, asked)]) == 1
+        printed = capsys.readouterr()
+        first, failed, last = map(json.loads, printed.out.splitlines())
+        assert known in first and known in last and set(failed) == {"image", "error"}
+        assert len(printed.err.splitlines()) == 1

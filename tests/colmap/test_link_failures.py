@@ -1,0 +1,164 @@
+"""Linking that fails, is killed or must wait: the project is as before, or wholly linked."""
+
+import sqlite3
+import threading
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.project import open_project
+from blur2view.errors import DatabaseError
+from blur2view.exposure.linked_views import KeypointViews
+from tests.colmap.test_link import ROLLBACK, job_of, link, names_of, only_plan, run_sql
+from tools.database_safety.colmap_projects import user_rows
+from tools.database_safety.kill_writes import kill_many, random_views
+from tools.database_safety.malformed_projects import SQL_FAULTS, malform
+
+
+@ROLLBACK
+def test_an_id_that_colmap_never_gives_is_one_line(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:  # as a table of other tools, which has no such check
+        (sql,) = database.execute("SELECT sql FROM sqlite_master WHERE name = 'images'").fetchone()
+        database.executescript(
+            "PRAGMA writable_schema = 1;"
+            "UPDATE sqlite_master SET sql = replace(sql, '< 2', '< 9') WHERE name = 'images'"
+        )
+        assert "< 2147483647" in sql
+    run_sql(path, "PRAGMA foreign_keys = OFF", "UPDATE images SET image_id = 1 << 32 WHERE image_id = 2")
+    plan = only_plan(path)
+    assert isinstance(plan, DatabaseError) and "has the id 4294967296; COLMAP's are below" in str(plan)
+
+
+@ROLLBACK
+def test_a_failed_link_leaves_no_backup(tmp_path: Path, path: Path) -> None:
+    run_sql(path, "UPDATE sqlite_sequence SET seq = 2147483646 WHERE name = 'images'")
+    before = path.read_bytes()
+    with pytest.raises(DatabaseError, match="its image ids are used up"):
+        link(path, "a_001.jpg", backup=True)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["project.db"]
+
+
+def test_a_backup_is_what_was_there(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        before = list(database.iterdump())
+    copies = [link(path, "a_000.jpg", backup=True), link(path, "a_001.jpg", backup=True)]
+    assert all(copies) and len(set(copies)) == 2
+    assert copies[0] is not None and copies[0].name.startswith("project.db.") and copies[0].suffix == ".bak"
+    with closing(sqlite3.connect(copies[0])) as database:
+        assert list(database.iterdump()) == before
+
+
+def test_a_backup_has_its_name_only_when_it_is_whole(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    connect = sqlite3.connect
+
+    def note(name: object, *words: Any, **options: Any) -> sqlite3.Connection:
+        opened.append(str(name))
+        connection: sqlite3.Connection = connect(str(name), *words, **options)
+        return connection
+
+    monkeypatch.setattr(sqlite3, "connect", note)
+    copy = link(path, "a_001.jpg", backup=True)
+    assert copy is not None and copy.exists()
+    assert str(copy) not in opened and any(name.endswith(".bak.tmp") for name in opened)
+
+
+def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path) -> None:
+    jobs = [job_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
+    run_sql(path, "UPDATE keypoints SET rows = 20, data = substr(data, 1, 480) WHERE image_id = 2")
+    before = user_rows(path)
+    with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed meanwhile"):
+        write_links(path, jobs, backup=False)
+    assert user_rows(path) == before and len(names_of(path)) == 3
+
+
+def test_a_failure_midway_undoes_all(path: Path) -> None:
+    before = user_rows(path)
+    jobs = [job_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
+    run_sql(path, "INSERT INTO matches VALUES (2147483647 * 2 + 6, 0, 2, NULL)")  # of the second job
+    with pytest.raises(DatabaseError, match="UNIQUE"):
+        write_links(path, jobs, backup=False)
+    assert len(names_of(path)) == 3
+    assert {k: v for k, v in user_rows(path).items() if k not in ("matches", "blur2view_views")} == {
+        k: v for k, v in before.items() if k != "matches"
+    }
+
+
+@ROLLBACK
+def test_a_locked_database_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
+    job = job_of(only_plan(path))
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(DatabaseError, match="another program uses it"):
+            write_links(path, [job], backup=False)
+        other.execute("ROLLBACK")
+    write_links(path, [job], backup=False)
+
+
+def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
+    plans = plan_links(path, [Path("a_000.jpg"), Path("x.jpg"), Path("b/a_000.jpg")])
+    assert isinstance(plans[0], LinkStep)
+    assert "no image of that name" in str(plans[1]) and "name it once" in str(plans[2])
+
+
+@pytest.mark.parametrize("number", [*range(len(SQL_FAULTS)), *range(100, 124)])
+def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, number: int) -> None:
+    path = tmp_path / "project.db"
+    malform(path, number)
+    before = path.read_bytes()
+    try:
+        rows = user_rows(path)
+    except (sqlite3.Error, UnicodeDecodeError):
+        rows = {}
+    path.write_bytes(before)
+    try:
+        plan = only_plan(path)
+        if isinstance(plan, LinkStep):
+            views = random_views(plan.image.name, len(plan.image.keypoints), np.random.default_rng(0))
+            usable = np.ones(len(plan.image.keypoints), bool)
+            write_links(
+                path, [LinkJob(plan=plan, linked=KeypointViews(views=views, usable=usable))], backup=False
+            )
+            assert user_rows(path) == rows
+            return
+    except DatabaseError as error:
+        plan = error
+    assert isinstance(plan, DatabaseError)
+    assert str(path) in str(plan) and "\n" not in str(plan)
+    assert path.read_bytes() == before
+
+
+def test_killed_writes_leave_before_or_after() -> None:
+    found = kill_many(12, seed=5)
+    states = {state.split(",")[0] for counter in found.values() for state in counter}
+    assert states <= {"before", "after"}
+    assert sum(sum(counter.values()) for counter in found.values()) == 12
+
+
+@ROLLBACK
+def test_linking_holds_the_lock_before_it_reads(path: Path) -> None:
+    other = sqlite3.connect(path, timeout=0, isolation_level=None)
+    with (
+        closing(other),
+        open_project(path, write=True),
+        pytest.raises(sqlite3.OperationalError, match="locked"),
+    ):
+        other.execute("BEGIN IMMEDIATE")
+
+
+@ROLLBACK
+def test_a_writer_that_ends_soon_is_waited_for(path: Path) -> None:
+    plan = job_of(only_plan(path))
+    with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        end = threading.Timer(0.3, other.rollback)
+        end.start()
+        write_links(path, [plan], backup=False)
+        end.join()
+    assert len(names_of(path)) == 5

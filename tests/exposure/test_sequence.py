@@ -1,0 +1,72 @@
+"""A frame's estimate in the order in time that its neighbours show, also with a rolling shutter."""
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.exposure.sequence import in_time
+from blur2view.exposure.time_direction import NeighbourMotion
+from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.geometry.rotation import rotation_flow
+from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.estimate import estimate_two_view
+from tests.support.grids import grid_of
+
+SIZE = (640, 480)
+CAMERA = Camera.from_focal(600.0, SIZE)
+TURN: Array = np.array([-0.03, 0.02, 0.01])
+ROLLING = RollingShutter(readout_s=0.02, exposure_s=0.02)
+
+
+def estimate_of(shutter: RollingShutter | None) -> Estimate:
+    """Return the estimate of smears of a turn, each row seen for longer if points move with the rows."""
+    pixels = np.random.default_rng(0).uniform(0.05, 0.95, (300, 2)) * SIZE
+    smears = np.tensordot(TURN, rotation_flow(CAMERA.rays(pixels)), (0, 1)).T * CAMERA.focal_px
+    if shutter is not None:  # D = e v / (1 - r v_y), of velocity e v = smears
+        smears /= 1 - shutter.readout_s / shutter.exposure_s * smears[:, 1:] / (SIZE[1] - 1)
+    ends = np.stack([pixels - smears / 2, pixels + smears / 2], axis=1)
+    ends[::2] = ends[::2, ::-1]
+    matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.3), image_size=SIZE)
+    return Estimate(
+        grid=grid_of(np.zeros((SIZE[1], SIZE[0], 2)), 1.0),
+        matches=matches,
+        geometry=estimate_two_view(matches, camera=CAMERA, shutter=shutter),
+        model_id="test",
+        timings=Timings(predict_s=0, select_s=0, solve_s=0),
+        camera=CAMERA,
+        shutter=shutter,
+    )
+
+
+def seen(sign: float) -> list[NeighbourMotion]:
+    """Return what a neighbour shows of the turn, or of its reverse."""
+    pixels = np.random.default_rng(1).uniform(0.05, 0.95, (200, 2)) * SIZE
+    flow = np.tensordot(sign * TURN, rotation_flow(CAMERA.rays(pixels)), (0, 1)).T * CAMERA.focal_px
+    return [NeighbourMotion(points=pixels, velocity=1.2 * flow, rotation=1.2 * sign * TURN)]
+
+
+@pytest.mark.parametrize("shutter", [None, ROLLING], ids=["global", "rolling"])
+def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: RollingShutter | None) -> None:
+    found = estimate_of(shutter)
+    both = [in_time(found, seen(sign)) for sign in (1, -1)]
+    for sign, one in zip((1, -1), both, strict=True):
+        velocity = one.angular_velocity(1.0)
+        assert velocity is not None and one.time.known
+        assert velocity.mean @ TURN * sign > 0
+        ends, swapped = one.matches.ends, one.geometry.swapped[:, None]
+        moved = np.where(swapped, ends[:, 0] - ends[:, 1], ends[:, 1] - ends[:, 0])
+        flow = np.tensordot(sign * TURN, rotation_flow(CAMERA.rays(ends.mean(axis=1))), (0, 1)).T
+        assert ((moved * flow).sum(axis=1) > 0).mean() > 0.99
+    right = both[0].angular_velocity(1.0)
+    assert right is not None
+    assert np.linalg.norm(right.mean - TURN) < 0.03 * np.linalg.norm(TURN)
+    if shutter is not None:  # the reverse is another motion
+        wrong = both[1].angular_velocity(1.0)
+        assert wrong is not None and np.linalg.norm(wrong.mean + right.mean) > 0.02 * np.linalg.norm(TURN)
+
+
+def test_without_neighbours_the_order_stays_open() -> None:
+    found = in_time(estimate_of(None), [])
+    assert not found.time.known and found.time.confidence == 0

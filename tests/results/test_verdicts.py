@@ -1,0 +1,168 @@
+"""Verdicts in words: short, right about what is known, and the same everywhere."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import plane_basis, rotation_matrix
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.results.report import Entry
+from blur2view.results.verdicts import KINDS, sentence
+from blur2view.smears.matches import SmearMatches
+from tests.support.report_scenes import made_up
+
+WIDTH = 640
+MIDDLE = np.array([320.0, 240.0])
+F, H = np.eye(3), np.eye(3)
+SIDEWAYS, FORWARD = np.array([1.0, 0.0, 0.0]), np.array([0.2, 0.1, -1.0])
+YAW, ROLL = np.array([0.0, 0.0837758, 0.0]), np.array([0.0, 0.0, 0.05])  # 4.8 and 2.9 degrees
+
+
+def smears(displacement: Any, **more: Any) -> SmearMatches:
+    """Return smears all over a picture, each of its own displacement at a point, either way round."""
+    points = np.stack(np.meshgrid(np.arange(20, 620, 60.0), np.arange(20, 460, 60.0)), -1).reshape(-1, 2)
+    d = np.broadcast_to(displacement(points) if callable(displacement) else displacement, points.shape)
+    d = np.where(np.arange(len(d)) % 2, 1.0, -1.0)[:, None] * d
+    matches = SmearMatches.from_points(points - d / 2, points + d / 2, image_size=(WIDTH, 480))
+    return replace(matches, **more)
+
+
+def turning(points: np.ndarray[Any, Any]) -> Any:
+    return 0.05 * (points - MIDDLE)[:, ::-1] * [-1, 1]
+
+
+def geometry(
+    config: str, F: Any = None, H: Any = None, rotation: Any = None, t: Any = None, **more: Any
+) -> TwoViewGeometry:
+    """Return a geometry that all smears fit, with a pose if a rotation vector is given."""
+    pose = covariance = None
+    if rotation is not None:
+        t = np.zeros(3) if t is None else t / np.linalg.norm(t)
+        pose = RigidTransform(rotation=rotation_matrix(rotation), translation=t)
+        matrix = np.diag(np.radians([0.3, 0.3, 0.3, 12, 12]) ** 2)
+        covariance = PoseCovariance(matrix=matrix, tangents=plane_basis(t if t.any() else SIDEWAYS))
+    count = len(smears([1, 0]))
+    return TwoViewGeometry(
+        F=F, H=H, config=Configuration(config), reason="", inlier_mask=np.ones(count, bool),
+        swapped=np.zeros(count, bool), cam2_from_cam1=pose, covariance=covariance, **more,
+    )  # fmt: skip
+
+
+PURE_ROLL = np.array([[1, -0.05, 12.0], [0.05, 1, -16.0], [0, 0, 1]])
+SAID = [
+    (geometry("DEGENERATE"), smears([0.3, 0], still_share=0.9), "Sharp: the camera stood still"),
+    (geometry("DEGENERATE"), smears([3, 0]), "Turned or moved, the same blur everywhere: cannot tell"),
+    (geometry("DEGENERATE"), smears(turning), "Sharp, or too little blur to tell"),
+    (
+        geometry("DEGENERATE", insufficient_data=True),
+        smears([0.3, 0], directed_share=0.0),
+        "Out of focus or smooth: cannot tell",
+    ),
+    (
+        geometry("DEGENERATE", insufficient_data=True),
+        smears([9, 0]),
+        "Too few places show blur: cannot tell",
+    ),
+    (geometry("UNDEFINED"), smears([9, 0]), "Blur that no one motion explains: cannot tell"),
+    (geometry("MULTIPLE", F), smears([9, 0]), "Several motions: parts of the picture move differently"),
+    (geometry("PANORAMIC", None, H), smears([32, 0]), "Camera turned sideways by 5 % of the width"),
+    (
+        geometry("PANORAMIC", F, H),
+        smears([-16, 16]),
+        "Camera turned diagonally by 3.5 % of the width, may have moved, too",
+    ),
+    (geometry("PANORAMIC", None, PURE_ROLL), smears(turning), "Camera rolled by 2.9 degrees"),
+    (
+        geometry("PANORAMIC", None, H, YAW),
+        smears([32, 0]),
+        "Camera turned sideways by 4.8 +/- 0.3 degrees",
+    ),
+    (
+        geometry("PANORAMIC", F, H, ROLL),
+        smears(turning),
+        "Camera rolled by 2.9 +/- 0.3 degrees, may have moved, too",
+    ),
+    (
+        geometry("PLANAR", F, H),
+        smears([1, 9]),
+        "Camera moved, perhaps past something flat; blur 1.4 % of the width, up or down",
+    ),
+    (
+        geometry("PLANAR", None, H),
+        smears([1, 9]),
+        "Camera moved past something flat; blur 1.4 % of the width, up or down",
+    ),
+    (
+        geometry("PLANAR", F, H, YAW, SIDEWAYS),
+        smears([9, 0]),
+        "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees",
+    ),
+    (
+        geometry("PLANAR", F, H, YAW),
+        smears([9, 0]),
+        "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees",
+    ),
+    (
+        geometry("PLANAR_OR_PANORAMIC", None, H),
+        smears([32, 0]),
+        "Turned by 5 % of the width or moved past something flat: cannot tell",
+    ),
+    (
+        geometry("PLANAR_OR_PANORAMIC", F, H, YAW),
+        smears([32, 0]),
+        "Turned by 4.8 +/- 0.3 degrees or moved past something flat: cannot tell",
+    ),
+    (
+        geometry("UNCALIBRATED", F),
+        smears([9, 0]),
+        "Camera moved past near and far things; blur 1.4 % of the width, sideways",
+    ),
+    (
+        geometry("CALIBRATED", F, None, YAW, FORWARD),
+        smears([9, 0]),
+        "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees",
+    ),
+]
+
+
+@pytest.mark.parametrize(("found", "matches", "said"), SAID, ids=[said for _, _, said in SAID])
+def test_the_sentence_says_what_is_known_and_no_more(
+    found: TwoViewGeometry, matches: SmearMatches, said: str
+) -> None:
+    assert sentence(found, matches, WIDTH) == said
+    assert sentence(found.reversed(), matches, WIDTH) == said  # time has no arrow
+    assert len(f"{said} [{found.config.name}]") <= 100
+
+
+def test_every_configuration_is_among_them() -> None:
+    assert {found.config for found, _, _ in SAID} == set(KINDS)
+
+
+def test_with_the_exposure_time_a_turn_has_its_rate() -> None:
+    turned = geometry("PANORAMIC", F, H, YAW)
+    said = "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
+    assert sentence(turned, smears([32, 0]), WIDTH, 0.04) == said
+
+
+def test_terminal_files_table_and_report_say_the_same(
+    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--focal", 300, "--exposure", "40ms", "-o", tmp_path / "out", "--csv", tmp_path / "t.csv")
+    assert run(moving, still, *words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for path, line, row in zip((moving, still), lines[:2], rows, strict=True):
+        document = json.loads((tmp_path / "out" / f"{path.stem}.json").read_text())
+        assert line == f"{path}: {document['meaning']} [{document['config']}]"
+        assert row["meaning"] == document["meaning"]
+    assert "rad/s" in lines[0] and "Sharp" in lines[1]
+    one = made_up(F=F)
+    said = sentence(one.estimate.geometry, one.estimate.matches, one.estimate.grid.shape[1])
+    assert Entry.of(one).text == said

@@ -1,0 +1,65 @@
+"""A rendered video of a camera that swings before a distant wall, with its true rates."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import Array
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+
+SIZE, FOCAL_PX, FRAMES_PER_S = (400, 304), 360.0, 25.0
+EXPOSURE_S = 0.8 / FRAMES_PER_S
+SUBFRAMES, PERIOD = 24, 23.0  # per exposure; frames of a swing
+SWING: Array = np.array([0.03, 0.11, 0.05])  # radians about x, y and z
+LAG: Array = np.array([1.0, 0.0, 2.0])
+WALL = (1400, 1100)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swing:
+    """Frames (H, W, 3) uint8, RGB, and the rates (N, 3) of ``cam2_from_cam1``, radians per second."""
+
+    frames: list[NDArray[np.uint8]]
+    rates: Array
+
+    def write(self, path: Path) -> Path:
+        """Write the video, every frame compressed by itself: else one leaves its traces in the next."""
+        video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FRAMES_PER_S, SIZE)
+        for frame in self.frames:
+            video.write(np.ascontiguousarray(frame[..., ::-1]))
+        video.release()
+        return path
+
+
+def calibration(size: tuple[int, int]) -> Array:
+    """Return K of a picture that the camera of the video would take, were it larger."""
+    return np.array([[FOCAL_PX, 0, (size[0] - 1) / 2], [0, FOCAL_PX, (size[1] - 1) / 2], [0, 0, 1]])
+
+
+def attitude(frame: float) -> Array:
+    """Return cam_from_world (3, 3) at a time in frames."""
+    return rotation_matrix(SWING * np.sin(2 * np.pi * frame / PERIOD + LAG))
+
+
+def swing(count: int, seed: int = 0) -> Swing:
+    """Render a video; sub-frames are averaged in linear light."""
+    rng = np.random.default_rng(seed)
+    wall = np.zeros((*WALL[::-1], 3), np.float32)
+    for scale, weight in ((1.2, 1.0), (5, 2.0), (20, 3.0)):
+        noise = cv2.GaussianBlur(rng.normal(size=wall.shape).astype(np.float32), (0, 0), scale)
+        wall += weight * noise / noise.std()
+    linear = np.clip(0.5 + 0.14 * wall / wall.std(), 0, 1) ** 2.2
+    K, wide = calibration(SIZE), calibration(WALL)
+    frames, rates = [], []
+    for index in range(count):
+        times = index + EXPOSURE_S * FRAMES_PER_S * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
+        views = (
+            cv2.warpPerspective(linear, K @ attitude(time) @ np.linalg.inv(wide), SIZE) for time in times
+        )
+        frames.append(np.round(255 * np.mean(list(views), axis=0) ** (1 / 2.2)).astype(np.uint8))
+        half = EXPOSURE_S * FRAMES_PER_S / 2
+        rates.append(rotation_vector(attitude(index + half) @ attitude(index - half).T) / EXPOSURE_S)
+    return Swing(frames=frames, rates=np.array(rates))

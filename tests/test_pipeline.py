@@ -1,0 +1,103 @@
+"""Estimates in Python: what counts as a photograph and as a camera, rates, threads."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import AnyArray
+from blur2view.camera.camera import Camera
+from blur2view.geometry.rotation import rotation_vector
+from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.pipeline import Estimate, estimate
+from blur2view.results.stored import plain
+from blur2view.segmentation.mask import segment
+from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
+
+CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
+PICTURE = colour_code(forward_motion(), 1.0)
+
+
+@pytest.fixture(scope="module")
+def network(tiny_model: Path) -> SmearNetwork:
+    return SmearNetwork(tiny_model, threads=1)
+
+
+def numbers(found: Estimate) -> Any:
+    """Return all that an estimate says, but its timings."""
+    return plain([found.grid.cells, found.matches.ends, found.geometry])
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float16, np.float32, np.float64])
+def test_photograph_is_the_same_of_any_type_grey_or_rgb_contiguous_or_not(kind: type) -> None:
+    top = np.iinfo(kind).max if issubclass(kind, np.integer) else 1
+    levels: AnyArray = (np.random.default_rng(0).integers(0, 256, (48, 64, 3)) / 255 * top).astype(kind)
+    given, expected = levels.copy(), (levels / top).astype(np.float32)
+    for image in (levels, np.asfortranarray(levels), levels[::-1, :, ::-1][::-1, :, ::-1]):
+        found = rgb_of(image)
+        assert found.dtype == np.float32 and found.flags.c_contiguous
+        np.testing.assert_allclose(found, expected, atol=1e-7)
+    np.testing.assert_array_equal(rgb_of(levels[..., 0]), rgb_of(np.repeat(levels[..., :1], 3, axis=2)))
+    np.testing.assert_array_equal(levels, given)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((40, 40, 4), np.uint8),
+        np.zeros((40, 40, 1), np.uint8),
+        np.zeros(40),
+        np.zeros((0, 40), np.uint8),
+        np.zeros((40, 40), np.int32),
+        np.zeros((40, 40), bool),
+        np.full((40, 40), 255.0),
+        np.full((40, 40), np.nan),
+        [[0.0]],
+        None,
+    ],
+    ids=repr,
+)
+def test_what_is_no_photograph_is_one_value_error(image: Any, network: SmearNetwork) -> None:
+    with pytest.raises(ValueError, match="expected") as refused:
+        estimate(image, network=network)
+    assert "\n" not in str(refused.value)
+
+
+def test_estimate_and_mask_take_grey_bytes(network: SmearNetwork) -> None:
+    levels = np.round(255 * PICTURE[..., 0]).astype(np.uint8)
+    rgb = np.repeat((levels / np.float32(255))[..., None], 3, axis=2)
+    one, other = estimate(levels, network=network), estimate(rgb, network=network)
+    assert numbers(one) == numbers(other)
+    np.testing.assert_array_equal(segment(one, levels).labels, segment(other, rgb).labels)
+
+
+@pytest.mark.parametrize("camera", [300.0, np.eye(3), "PINHOLE 4 4 1 1 2 2", (300.0, (320, 240))])
+def test_camera_of_a_wrong_type_is_a_value_error_that_says_what_it_got(
+    camera: Any, network: SmearNetwork
+) -> None:
+    with pytest.raises(ValueError, match=rf"must be a blur2view\.Camera.* got {type(camera).__name__}"):
+        estimate(PICTURE, network=network, camera=camera)
+
+
+def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwork) -> None:
+    found = estimate(PICTURE, network=network, camera=CAMERA)
+    velocity, geometry = found.angular_velocity(0.02), found.geometry
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    assert velocity is not None and pose is not None and covariance is not None
+    np.testing.assert_allclose(velocity.mean * 0.02, rotation_vector(pose.rotation))
+    np.testing.assert_allclose(np.degrees(velocity.sigma) * 0.02, covariance.rotation_sigma_deg)
+    np.testing.assert_allclose(velocity.covariance * 0.02**2, covariance.matrix[:3, :3])
+    assert estimate(PICTURE, network=network).angular_velocity(0.02) is None
+    for wrong in (0, -1, np.inf, np.nan):
+        with pytest.raises(ValueError, match="exposure time must be positive"):
+            found.angular_velocity(wrong)
+
+
+def test_four_threads_with_one_network_give_the_same_bytes(network: SmearNetwork) -> None:
+    pictures = [colour_code((0.4 + 0.2 * k) * forward_motion(), 1.0) for k in range(8)]
+    alone = [numbers(estimate(picture, network=network, camera=CAMERA)) for picture in pictures]
+    with ThreadPoolExecutor(4) as pool:
+        together = pool.map(lambda one: numbers(estimate(one, network=network, camera=CAMERA)), 2 * pictures)
+        assert list(together) == 2 * alone
