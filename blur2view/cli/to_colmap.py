@@ -106,7 +106,7 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
     if not one.num_matches:
         return f"{name}: {one.action} {one.config}, no matches: {one.reason}"
     time = f"open first (confidence {one.time_confidence:.0%})" if one.time_known else "open or close first"
-    counts = f"{one.num_inliers} inliers of {one.num_matches} matches"
+    counts = f"{one.num_inliers} of {one.num_matches} matches fit"
     known = "translation known" if one.translation_known else "translation undecided"
     line = f"{name}: {one.action} {one.config}, {known}, {counts}, {time}"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line
