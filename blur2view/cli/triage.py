@@ -100,16 +100,17 @@ def run(options: TriageOptions) -> int:
             return finished.exit_code
         paths = [one for one in finished.taken if not options.inputs.is_folder(one)]
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
-        if keep is not None:
+        whole = finished.end is End.WHOLE
+        if keep is not None and (whole or not options.selects):
             write_text(keep, list_text([names[one] for one in kept]))
             if manifest is not None:
                 manifest.append_target(keep)
-        if options.extract is not None and finished.end is End.WHOLE:
+        if options.extract is not None and whole:
             chosen = {one: files[one] for one in kept}
             _check_folder(options, chosen.values(), path)
             extract(options.extract, chosen)
     if options.verbosity > QUIET:
-        print(summary(finished.rows, options, len(kept), has_table=finished.has_table))
+        print(summary(finished.rows, options, len(kept), has_table=finished.has_table, whole=whole))
         if not kept and (keep is not None or options.extract is not None):
             print(f"nothing is kept: {hint(finished.rows, options)}")
     return finished.exit_code
@@ -180,12 +181,16 @@ def hint(rows: Sequence[Row], options: TriageOptions) -> str:
     return f"the sharpest has a median of {min(lengths):.3g} px, --max-smear is {options.max_smear}"
 
 
-def summary(rows: Sequence[Row], options: TriageOptions, kept: int, *, has_table: bool) -> str:
-    """Return one line: how many photographs are of which use, and what was written."""
+def summary(rows: Sequence[Row], options: TriageOptions, kept: int, *, has_table: bool, whole: bool) -> str:
+    """Return one line: how many photographs are of which use, and what was written.
+
+    A run that was ended early extracts nothing, and chooses nothing of neighbours.
+    """
     counts = Counter(row.use for row in rows)
     parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
     parts += f", {counts['']} failed" if counts[""] else ""
     parts += f"; {kept} kept" if options.keep is not None or options.extract is not None else ""
-    written = (options.csv if has_table else None, options.keep, options.extract if kept else None)
+    keep = options.keep if whole or not options.selects else None
+    written = (options.csv if has_table else None, keep, options.extract if kept and whole else None)
     files = " and ".join(printable(str(path)) for path in written if path is not None)
     return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")

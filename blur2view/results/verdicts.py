@@ -72,7 +72,8 @@ def sentence(
             by = _amount(geometry, exposure_s) if posed else f"by {blur.length}"
             return f"Turned {by} or moved past something flat: cannot tell"
     if posed:
-        return f"Camera moved {_direction(geometry)}, turned {_amount(geometry, exposure_s)}"
+        flat = "; perhaps all flat" if config is Configuration.PLANAR and open_ else ""
+        return f"Camera moved {_direction(geometry)}, turned {_amount(geometry, exposure_s)}{flat}"
     if config is Configuration.PLANAR:
         return f"Camera moved{', perhaps' if open_ else ''} past something flat; {blur}"
     return f"Camera moved past near and far things; {blur}"

@@ -188,7 +188,7 @@ def _reason(labels: NDArray[np.uint8], median_px: float, *, with_lines: bool) ->
     if (labels == MotionLabel.UNOBSERVABLE).all():
         return "nothing to measure against: no smear of the camera's motion is read"
     still = median_px < STILL_PX
-    field = "the camera stands still" if still else f"a smooth motion of {median_px:.0f} px (median)"
+    field = "a camera that stands still" if still else f"a smooth motion of {median_px:.0f} px (median)"
     lines = " and the epipolar lines of the camera's F" if with_lines else ""
     moves, stays = ((labels == label).mean() for label in (MotionLabel.MOVING, MotionLabel.STATIC))
     reason = f"measured against {field}{lines}"

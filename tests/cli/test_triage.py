@@ -543,3 +543,16 @@ def test_limit_in_per_cent_follows_the_size(frames: Path, tiny_model: Path, tmp_
         limit = f"{factor * float(one['smear_percent'])}%"
         assert call("triage", tiny_model, moving, "--csv", sheet, "--overwrite", "--max-smear", limit) == 0
         assert table(sheet)[0]["use"] == use
+
+
+def test_a_run_that_is_ended_early_extracts_nothing_and_keeps_an_earlier_choice(
+    frames: Path, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep, folder = tmp_path / "keep.txt", tmp_path / "chosen"
+    words = ["--best", "1", "--keep", keep, "--extract", folder]
+    assert call("triage", tiny_model, frames, *words) == 0
+    whole = keep.read_text()
+    (frames / "0.png").write_bytes(b"no picture")
+    assert call("triage", tiny_model, frames, tmp_path / "none.png", *words, "--max-failures", "1") == 1
+    assert keep.read_text() == whole
+    assert str(folder) not in capsys.readouterr().out.splitlines()[-1]

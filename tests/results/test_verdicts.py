@@ -101,12 +101,12 @@ SAID = [
     (
         geometry("PLANAR", F, H, YAW, SIDEWAYS),
         smears([9, 0]),
-        "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees",
+        "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees; perhaps all flat",
     ),
     (
         geometry("PLANAR", F, H, YAW),
         smears([9, 0]),
-        "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees",
+        "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees; perhaps all flat",
     ),
     (
         geometry("PLANAR_OR_PANORAMIC", None, H),
