@@ -100,14 +100,14 @@ def run(options: TriageOptions) -> int:
             return finished.exit_code
         paths = [one for one in finished.taken if not options.inputs.is_folder(one)]
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
-        whole = finished.end is End.WHOLE
+        whole, chosen = finished.end is End.WHOLE, {one: files[one] for one in kept}
+        if whole:
+            _check_folder(options, chosen.values(), path)
         if keep is not None and (whole or not options.selects):
             write_text(keep, list_text([names[one] for one in kept]))
             if manifest is not None:
                 manifest.append_target(keep)
         if options.extract is not None and whole:
-            chosen = {one: files[one] for one in kept}
-            _check_folder(options, chosen.values(), path)
             extract(options.extract, chosen)
     if options.verbosity > QUIET:
         print(summary(finished.rows, options, len(kept), has_table=finished.has_table, whole=whole))

@@ -123,7 +123,7 @@ class EstimatingWork(Work[Target, Kept]):
             with suppress(Blur2ViewError):  # of one that cannot be read, which has a line of its own
                 there = neighbour.path, neighbour.encoded
                 pair = (there, here) if neighbour.steps < 0 else (here, there)
-                own, other = _matched(*pair)[:: neighbour.steps]
+                own, other = _matched(*pair, self.run.max_memory_gib)[:: neighbour.steps]
                 motions.append(neighbour_motion(own, other, neighbour.steps, camera))
         return replace(one, estimate=in_time(one.estimate, motions))
 
@@ -138,15 +138,16 @@ Content = tuple[Path, bytes]
 
 
 @lru_cache(maxsize=2)
-def _matched(earlier: Content, later: Content) -> tuple[Array, Array]:
+def _matched(earlier: Content, later: Content, max_memory_gib: float) -> tuple[Array, Array]:
     """Return matched pixels of two photographs, which each of them asks for."""
-    return match_features(_features(*earlier), _features(*later))
+    first, second = (_features(*one, max_memory_gib) for one in (earlier, later))
+    return match_features(first, second)
 
 
 @lru_cache(maxsize=3)
-def _features(path: Path, content: bytes) -> Features:
+def _features(path: Path, content: bytes, max_memory_gib: float) -> Features:
     """Return the features of a photograph."""
-    return features_of(read_image(path, content=content))
+    return features_of(read_image(path, max_memory_gib=max_memory_gib, content=content))
 
 
 NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}

@@ -40,9 +40,10 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
     """Return the neighbours of each photograph, the earlier one first.
 
     Of a frame those beside it in its video; with ``sequence`` of other photographs those that are named
-    beside them; if it is False none.
+    beside them and lie in the same folder; if it is False none.
     """
     files = [path for path in paths if frame_of(path) is None] if sequence else []
+    named = dict(enumerate(files)).get
     place = {path: index for index, path in enumerate(files)}
     found: dict[Path, tuple[Neighbour, ...]] = {}
     for path in paths:
@@ -50,8 +51,8 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
         for steps in (-1, 1) if sequence is not False else ():
             if (frame := frame_of(path)) is not None and frame[1] + steps >= 0:
                 beside[steps] = frame_path(frame[0], frame[1] + steps)
-            elif path in place and 0 <= place[path] + steps < len(files):
-                beside[steps] = files[place[path] + steps]
+            elif path in place and (other := named(place[path] + steps)) and other.parent == path.parent:
+                beside[steps] = other
         found[path] = tuple(Neighbour(path=other, steps=steps) for steps, other in beside.items())
     return found
 

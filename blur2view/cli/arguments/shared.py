@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -101,22 +100,28 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def number_and_unit(text: str, *units: str) -> tuple[str, str]:
+    """Return a text without the first of these units that it ends with, and that unit, empty if none."""
+    unit = next((one for one in units if text.endswith(one)), "")
+    return text.removesuffix(unit), unit
+
+
 def seconds(text: str) -> float:
     """Return seconds, of a number, a fraction as 1/25 or milliseconds as 40ms; a long time needs its unit."""
-    number, unit = re.fullmatch(r"(.*?)(ms|s)?", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    number, unit = number_and_unit(text, "ms", "s")
     above, slash, below = number.partition("/")
     try:
         value = float(above) / (float(below) if slash else 1.0) / (1000 if unit == "ms" else 1)
     except (ValueError, ZeroDivisionError):
         raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
-    if unit is None and LONG_S < value < math.inf:
+    if not unit and LONG_S < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
     return value
 
 
 def pixels(text: str) -> float:
     """Return a focal length in pixels; as few as millimetres would be need their unit."""
-    number, unit = re.fullmatch(r"(.*?)(px|mm)?", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    number, unit = number_and_unit(text, "px", "mm")
     try:
         value = float(number)
     except ValueError:
