@@ -33,7 +33,7 @@ def draw_panel(
     """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
-    said = wrap(sentence(geometry, matches, grid.shape[1], exposure_s), room, HEAD_SIZE)
+    said = wrap(sentence(geometry, matches, grid.size, exposure_s), room, HEAD_SIZE)
     small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
     height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(said) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)

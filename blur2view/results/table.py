@@ -114,7 +114,7 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=elapsed_s,
-            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1]),
+            meaning=sentence(geometry, estimate.matches, estimate.grid.size),
         )
 
     @classmethod
