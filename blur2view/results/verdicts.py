@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 # Configuration -> kind of verdict: its colour, and its place in the order.
 KINDS = {
-    Configuration.CALIBRATED: "found",
-    Configuration.UNCALIBRATED: "found",
-    Configuration.MULTIPLE: "open",
+    Configuration.CALIBRATED: "proven",
+    Configuration.UNCALIBRATED: "proven",
+    Configuration.MULTIPLE: "undecided",
     Configuration.PLANAR_OR_PANORAMIC: "flat",
     Configuration.PLANAR: "flat",
     Configuration.PANORAMIC: "flat",
@@ -33,9 +33,9 @@ DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 
 def kind(geometry: TwoViewGeometry) -> str:
-    """Return the kind of a verdict: found, open, flat or none."""
+    """Return the kind of a verdict: proven, undecided, flat or none."""
     beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.OPEN
-    return "open" if beside_H else KINDS[geometry.config]
+    return "undecided" if beside_H else KINDS[geometry.config]
 
 
 def meaning(one: FileEstimate) -> str:

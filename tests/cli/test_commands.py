@@ -80,7 +80,9 @@ def test_summary_is_two_lines(
     assert first.startswith(f"{moving}: Camera moved")
     facts = json.loads((out / "moving.json").read_text())
     assert f"{facts['num_inliers']} of {facts['num_matches']} smears fit" in second
-    assert "epipole (" in second and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
+    assert "moved to or from (" in second and second.endswith(
+        f"wrote {out / 'moving'}.{{json,png,smear.npz}}"
+    )
 
 
 def test_verbose_summary_has_reason_matrix_costs_and_timings(

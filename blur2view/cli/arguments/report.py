@@ -9,7 +9,7 @@ ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
 Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of the
 photographs, sortable by verdict, length of the smears and name; for each the picture with smears, inliers,
-epipolar lines, sigma and motion mask as layers, the verdict with its reason, the models that competed, F, the
+epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models that competed, F, the
 timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card with its
 reason. It needs a browser of 2023 or later.
 """
@@ -20,10 +20,11 @@ pinch, Ctrl and wheel: zoom; also by the keys + and -
 arrow keys: walk from smear to smear
 """
 TERMS = """
-SErrMin: squared Sampson distance of a smear's ends, in the better of both orders, squared pixels
-sqrt SErrMin: its root: the distance in pixels that --max-error is compared with
+distance from lines: sqrt SErrMin, the root of the squared Sampson distance of a smear's ends from their
+    epipolar lines, in the better of both orders: pixels, compared with --max-error
+epipole: where epipolar lines meet: the camera moved towards it or from it
 P(moves): probability that a pixel moves by itself, of the motion mask
-sigma: standard deviation of a smear that the network predicts, pixels
+uncertainty: standard deviation (sigma) of a smear that the network predicts, pixels
 """
 EXAMPLES = (
     "blur2view report clip.mp4 --every 10 -o report.html",
