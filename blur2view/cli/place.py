@@ -6,7 +6,7 @@ import tempfile
 from operator import methodcaller
 from pathlib import Path
 
-from blur2view.cli.model_options import PlaceOptions
+from blur2view.cli.options import PlaceOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import (
     PROJECT_FILE,

@@ -30,7 +30,7 @@ def draw_panel(
     geometry: TwoViewGeometry,
     exposure_s: float | None = None,
 ) -> Picture:
-    """Return the panel: the caption on the left, the orientation key and the map of uncertainty on the right."""
+    """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
     verdict = wrap(sentence(geometry, matches, grid.size, exposure_s), room, HEAD_SIZE)

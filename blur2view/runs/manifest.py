@@ -167,7 +167,11 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _is_whole(target, self._targets.get(target.name, ""))
+        return _is_whole(target, self.digest_of(target))
+
+    def digest_of(self, target: Path) -> str:
+        """Return the digest that was appended last for what is made of all photographs; empty if none was."""
+        return self._targets.get(target.name, "")
 
     def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
         """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
@@ -180,9 +184,9 @@ class Manifest:
         line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
         self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
 
-    def append_target(self, target: Path) -> None:
-        """Append that a call wrote a file of all photographs, such as a database."""
-        self._write({"target": target.name, "sha256": file_digest(target)})
+    def append_target(self, target: Path, digest: str = "") -> None:
+        """Append that a call makes something of all photographs: of a file its own digest by default."""
+        self._write({"target": target.name, "sha256": digest or file_digest(target)})
 
     def _read(self) -> None:
         """Note the lines of earlier calls; one that was cut off is dropped."""

@@ -18,7 +18,7 @@ from blur2view.runs.job import Job, Made, Outcome, Work, file_digest
 from blur2view.runs.manifest import FORMAT, Manifest, Settings
 
 SETTINGS = Settings(command="estimate", version="1", options={"seed": 0, "network": "ab"})
-ENTRY = Entry(name="a.jpg", kind="found", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
+ENTRY = Entry(name="a.jpg", kind="proven", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
 MADE = Made(kept=ENTRY, summary="two\nlines", row=Row(verdict="V", inliers=3))
 Target = ResultFiles | None
 

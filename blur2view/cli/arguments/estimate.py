@@ -30,7 +30,8 @@ FILES = """
     --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
     sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
 <stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
-    lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of uncertainty (sigma)
+    lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
+    uncertainty (sigma)
 """
 EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",

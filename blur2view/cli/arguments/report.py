@@ -9,9 +9,9 @@ ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
 Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of the
 photographs, sortable by verdict, length of the smears and name; for each the picture with smears, inliers,
-epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models that competed, F, the
-timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card with its
-reason. It needs a browser of 2023 or later.
+epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models that competed,
+F, the timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card
+with its reason. It needs a browser of 2023 or later.
 """
 CONTROLS = """
 click or tap: a smear: its ends and, where there is no H, both epipolar lines

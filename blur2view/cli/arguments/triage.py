@@ -23,9 +23,11 @@ USES = """
 sharp: the median of all smears of the picture is at most --max-smear; kept
 blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
     to-colmap); kept with --blurred only
-unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED), or nothing shows texture; kept
-    by --best and --every-best only
-near the limit: within a tenth of it a photograph is sharp if the one before it in its video or folder is
+unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
+    only
+unclear: the median is below its own standard deviation, or nothing shows texture: smooth or out of focus,
+    perhaps sharp; kept as unusable ones
+near the limit: within a tenth of it a frame is sharp if the one before it in its video is
 the same photographs of another size: give the limit in per cent of the diagonal. Frames that were compressed
     much again have shorter smears than those of their video; --extract compresses nothing
 """
@@ -106,6 +108,13 @@ def describe(parser: shared.CommandParser) -> None:
         type=shared.positive,
         metavar="N",
         help="keep the sharpest of every N neighbours, and of each view among them",
+    )
+    add(
+        "--sequence",
+        dest="in_order",
+        action="store_true",
+        help="the photographs of a folder are the frames of a video in this order: near the limit each is as "
+        "sharp as the one before, as frames of a video are anyway",
     )
     add(
         "--overwrite",
