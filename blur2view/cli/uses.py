@@ -55,8 +55,8 @@ def use_of(row: Row, length: float | None, limit: float, before: str = "") -> st
     """Return what a photograph is of use for, empty if it failed.
 
     Sharp if its median smear is at most the limit; within `NEAR` of it if the frame before is. A longer one
-    is of use, as views of its exposure, if F or H explains its smears. Else it is unusable, or unclear where the
-    smear is not told from none: without texture, smooth or out of focus.
+    is of use, as views of its exposure, if F or H explains its smears. Else it is unusable, or unclear where
+    there may be no smear: without texture, smooth or out of focus.
     """
     if row.error:
         return ""

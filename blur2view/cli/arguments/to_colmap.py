@@ -17,6 +17,8 @@ mapper's options, as its defaults refuse such short baselines, and help("blur2vi
 to map.
 """
 WRITTEN = """
+NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
+    COLMAP with --image_path of that folder; with --link the name in your database
 a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
     COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
     as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
@@ -35,7 +37,7 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
 --format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
     blur2view.colmap.text_formats has both commands
 --format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
-open or close first: one photograph does not show the direction of time; neighbours in a video do, by the
+order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
 EXAMPLES = (

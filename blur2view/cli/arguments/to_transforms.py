@@ -22,7 +22,7 @@ instant-ngp: transform_matrix_start and _end at shutter-open and shutter-close; 
 nerfstudio: camera_linear_velocity (units of the model per second) and camera_angular_velocity (radians per
     second) in the camera's axes; exposure_time, rolling_shutter_time 0; ply_file_path: the model's points,
     sparse_pc.ply beside the file
-open or close first: a photograph does not show it, nor does it matter to one blurred by a global shutter
+order in time: which view came first does not matter to a photograph blurred by a global shutter
 """
 EXAMPLES = (
     "blur2view to-transforms with_views",
