@@ -22,7 +22,7 @@ from blur2view.output_files import below_shared_folder, check_file, prepared, wr
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, source_of
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
@@ -274,7 +274,7 @@ def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError 
     """Return the jobs of a command that writes no files of single photographs."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
     jobs = (
-        Job(index=index, path=path, target=None, neighbours=neighbours, source=source_of(neighbours))
+        Job(index=index, path=path, target=None, neighbours=neighbours)
         for index, (path, neighbours) in enumerate(beside.items())
     )
     return [(job, None) for job in jobs]

@@ -168,7 +168,7 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     said = "2 photographs (moving.png, still.png): the views are there already; --replace makes them anew"
     assert out.splitlines() == [said, f"{project}: nothing to write"]
     code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
-    assert code == 0 and "moving.png: replace " in out and "backup" not in out
+    assert code == 0 and "moving.png: replace, " in out and "backup" not in out
     assert user_rows(project) == before
     assert len(list(project.parent.glob("*.bak"))) == 1
 
