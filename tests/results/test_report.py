@@ -102,9 +102,9 @@ def test_masks_are_made_with_the_seed_of_the_call(
 ) -> None:
     noted: list[float] = []
 
-    def mask_of(found: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
+    def mask_of(estimate: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
         noted.append(rng.random())
-        return segment(found, image, rng)
+        return segment(estimate, image, rng)
 
     monkeypatch.setattr(report_command, "segment", mask_of)
     assert call(moving, "--seed", 5, "--jobs", 1) == 0

@@ -61,7 +61,7 @@ def turned_by(rotation: Any) -> Any:
 
 
 PAN, ROLLED = turned_by([0, 0.04, 0]), turned_by(ROLL)
-SAID = [
+CASES = [
     (
         geometry("DEGENERATE"),
         smears([0.3, 0], still_share=0.9),
@@ -141,17 +141,17 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("found", "matches", "said"), SAID, ids=[said for _, _, said in SAID])
+@pytest.mark.parametrize(("given", "matches", "expected"), CASES, ids=[expected for _, _, expected in CASES])
 def test_the_sentence_says_what_is_known_and_no_more(
-    found: TwoViewGeometry, matches: SmearMatches, said: str
+    given: TwoViewGeometry, matches: SmearMatches, expected: str
 ) -> None:
-    assert sentence(found, matches, SIZE) == said
-    assert sentence(found.reversed(), matches, SIZE) == said  # time has no arrow
-    assert len(f"{said} [{found.config.name}]") <= 100
+    assert sentence(given, matches, SIZE) == expected
+    assert sentence(given.reversed(), matches, SIZE) == expected  # time has no arrow
+    assert len(f"{expected} [{given.config.name}]") <= 100
 
 
 def test_every_configuration_is_among_them() -> None:
-    assert {found.config for found, _, _ in SAID} == set(KINDS)
+    assert {given.config for given, _, _ in CASES} == set(KINDS)
 
 
 @pytest.mark.parametrize(
@@ -164,14 +164,14 @@ def test_a_roll_is_what_moves_the_corners_more_than_the_middle_also_without_a_fo
     H = turned_by(rotation)  # at 400 pixels from the middle a roll moves half as far as a pan of its angle
     for pose in (None, np.array(rotation)):
         for smear in ([32, 0], turning):
-            said = sentence(geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
-            assert said.startswith(f"Camera {way}")
+            expected = sentence(geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
+            assert expected.startswith(f"Camera {way}")
 
 
 def test_with_the_exposure_time_a_turn_has_its_rate() -> None:
     turned = geometry("PANORAMIC", F, turned_by(YAW), YAW)
-    said = "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
-    assert sentence(turned, smears([32, 0]), SIZE, 0.04) == said
+    expected = "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
+    assert sentence(turned, smears([32, 0]), SIZE, 0.04) == expected
 
 
 def test_terminal_files_table_and_report_say_the_same(
@@ -188,5 +188,5 @@ def test_terminal_files_table_and_report_say_the_same(
         assert row["meaning"] == document["meaning"]
     assert "rad/s" in lines[0] and "Sharp" in lines[1]
     one = made_up(F=F)
-    said = sentence(one.estimate.geometry, one.estimate.matches, one.estimate.grid.size)
-    assert Entry.of(one).text == said
+    expected = sentence(one.estimate.geometry, one.estimate.matches, one.estimate.grid.size)
+    assert Entry.of(one).text == expected

@@ -32,7 +32,7 @@ def paragraph(text: str) -> str:
 def entries(text: str) -> list[tuple[str, str]]:
     """Return names and explanations of a text: "name: explanation", whose other lines are indented."""
     whole = filter(None, re.sub(r"\n +", " ", text).splitlines())
-    return [(name, told) for name, _, told in (line.partition(": ") for line in whole)]
+    return [(name, text) for name, _, text in (line.partition(": ") for line in whole)]
 
 
 def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:

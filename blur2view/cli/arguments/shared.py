@@ -128,8 +128,10 @@ def pixels(text: str) -> float:
         raise argparse.ArgumentTypeError(f"expected pixels as 800, got {text}") from None
     if unit != "px" and (unit or 0 < value < SHORT_PX):
         share = f"{value:g} mm of 35-mm film are {value / FILM_MM:.2f} of the picture's width"
-        doubt = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
-        raise argparse.ArgumentTypeError(f"{doubt} {share}; write pixels, as {value:g}px, or --camera exif")
+        query = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
+        raise argparse.ArgumentTypeError(
+            f"{query} {share}; write pixels, as {value:g}px, or --camera exif"
+        )
     return value
 
 

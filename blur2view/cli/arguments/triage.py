@@ -64,11 +64,11 @@ def amount(text: str) -> Amount:
 
 def best(text: str) -> Amount:
     """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
-    found = amount(text)
-    whole = found.number.is_integer() or found.percent
-    if not whole or not 0 < found.number <= (100 if found.percent else math.inf):
+    value = amount(text)
+    whole = value.number.is_integer() or value.percent
+    if not whole or not 0 < value.number <= (100 if value.percent else math.inf):
         raise argparse.ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
-    return found
+    return value
 
 
 def describe(parser: shared.CommandParser) -> None:

@@ -121,9 +121,9 @@ function gridPieces(view, photo) {
 }
 
 function drawSmears(context, view, pieces) {
-  const sure = pieces.filter((piece) => !piece.faint);
-  strokePieces(context, view, sure, 4, "rgb(0 0 0 / 0.55)");
-  for (const [list, alpha] of [[pieces.filter((piece) => piece.faint), 0.4], [sure, 1]]) {
+  const certain = pieces.filter((piece) => !piece.faint);
+  strokePieces(context, view, certain, 4, "rgb(0 0 0 / 0.55)");
+  for (const [list, alpha] of [[pieces.filter((piece) => piece.faint), 0.4], [certain, 1]]) {
     for (let bucket = 0; bucket < HUES; bucket++) {
       strokePieces(context, view, list.filter((piece) => piece.bucket === bucket), 2, hueColour(bucket, alpha));
     }

@@ -155,7 +155,7 @@ class Viewer {
     const row = within(from.row + nodes * down, grid.rows);
     const column = within(from.column + nodes * right, grid.columns);
     this.choose(smearAt(this.photo, row, column));
-    byId("said").textContent = sentenceOf(this.chosen);
+    byId("spoken").textContent = sentenceOf(this.chosen);
   }
 
   zoom(how, about) {
