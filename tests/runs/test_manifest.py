@@ -121,10 +121,8 @@ def test_a_neighbour_is_part_of_the_source_and_is_read_once(
 
     monkeypatch.setattr(manifests, "file_digest", noted)
     beside = neighbours_of([tmp_path / name for name in names], sequence=True)
-    jobs = [
-        Job(index=k, path=path, target=None, digest="12", neighbours=beside[path])
-        for k, path in enumerate(beside)
-    ]
+    start = replace(job_in(tmp_path), target=None)
+    jobs = [replace(start, path=path, neighbours=near) for path, near in beside.items()]
     assert read == []  # nothing before the first photograph
     with Manifest(tmp_path / "m.jsonl", SETTINGS, resume=False) as manifest:
         for job in jobs:
