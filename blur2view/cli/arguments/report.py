@@ -3,7 +3,8 @@
 from argparse import SUPPRESS
 from pathlib import Path
 
-from blur2view.cli.arguments import help_text, series, shared
+from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 
 ABOUT = "write one HTML page that shows the result of each photograph"
 DESCRIPTION = """
@@ -32,25 +33,26 @@ EXAMPLES = (
 )
 
 
-def describe(parser: shared.CommandParser) -> None:
+OUTPUT = """
+-o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
+--overwrite: which does nothing here
+--no-mask: without the motion mask: faster
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
-    add = output.add_argument
-    add(
-        "-o",
-        "--output",
-        type=shared.output_path,
-        default=Path("report.html"),
-        metavar="HTML",
-        help="the page (default: %(default)s); one of an earlier call is replaced, unless all fail",
+    help_text.add_options(
+        output,
+        OUTPUT,
+        output={"default": Path("report.html")},
+        overwrite={"action": "store_true", "help": SUPPRESS},
     )
-    add("--overwrite", action="store_true", help=SUPPRESS)
-    add("--no-mask", dest="mask", action="store_false", help="without the motion mask: faster")
-    series.add_sequence(add)
-    shared.add_timings(add)
-    shared.add_table(add)
+    shared.add_sequence(output)
+    help_text.add_options(output, shared.TIMINGS + shared.TABLE)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     parser.epilog = help_text.epilog(
