@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.rows import (
     CameraColumns,
-    Pair,
     add_camera,
     add_image,
     camera_columns,
@@ -140,8 +139,7 @@ def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: in
     first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
     put_keypoints(database, first, views.points_open)
     put_keypoints(database, last, views.points_close)
-    pair = Pair(matched=matched(views), inliers=inliers(views), geometry=views.geometry)
-    put_pair(database, first, last, pair)
+    put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
     mark_views(database, views, (first, last))
 
 
