@@ -102,6 +102,11 @@ def _add_views(add: Any) -> None:
     """Describe what the views are."""
     add("--skip-degenerate", action="store_true", help="leave out photographs without F")
     add(
+        "--skip-movers",
+        action="store_true",
+        help="with --link: leave features on what moves by itself unmatched, as blur2view segment marks it",
+    )
+    add(
         "--corrected",
         action="store_true",
         help="move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at "
