@@ -102,7 +102,7 @@ class FlowFit(Generic[Family]):
         moved = velocity_basis(middle) @ _entries(A)
         third = moved @ A[:2, :2].T - middle * (moved @ A[2, :2])[:, None]
         chord = moved + (homogeneous(middle) @ (0.25 * A[2]))[:, None] * third
-        return np.einsum("nij,nj->ni", self.data.whitening, chord)
+        return np.asarray(np.einsum("nij,nj->ni", self.data.whitening, chord))
 
     @cached_property
     def sign(self) -> Array:
