@@ -233,8 +233,15 @@ def polar_samples(cepstrum: int, directions: range = range(DIRECTIONS)) -> Float
         result -= real_outer((y * trend) @ wave_y, (x * trend) @ wave_x)
     result *= taper
     result /= total
-    rounded = result.reshape(len(result), -1).T.astype(np.float16)
-    return rounded.astype(np.float32)
+    return as_float16(result).reshape(len(result), -1).T.astype(np.float32)
+
+
+def as_float16(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values below 1 rounded as by NumPy's float16, whose conversion takes ten times as long."""
+    split = values * (2.0**42 + 1)  # Veltkamp's splitting: the upper 11 of 53 bits
+    upper = split - (split - values)
+    least = 1.5 * 2.0**28  # its neighbours are 2^-24 away, as are float16's numbers below 2^-14
+    return np.where(np.abs(values) < 2.0**-14, values + least - least, upper)
 
 
 def real_outer(y: NDArray[np.complex128], x: NDArray[np.complex128]) -> NDArray[np.float64]:
