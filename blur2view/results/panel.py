@@ -33,14 +33,14 @@ def draw_panel(
     """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
-    said = wrap(sentence(geometry, matches, grid.shape[1], exposure_s), room, HEAD_SIZE)
+    head = wrap(sentence(geometry, matches, grid.shape[1], exposure_s), room, HEAD_SIZE)
     small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
-    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(said) + LEADING_PX * len(small))
+    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(head) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    for index, line in enumerate(said):
+    for index, line in enumerate(head):
         write(panel, line, (10, 24 + HEAD_LEADING_PX * index), size=HEAD_SIZE)
-    top = 24 + HEAD_LEADING_PX * len(said)
+    top = 24 + HEAD_LEADING_PX * len(head)
     for index, line in enumerate(small):
         write(panel, line, (10, top + LEADING_PX * index), colour=FAINT)
     return panel
