@@ -146,6 +146,14 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
         }
 
 
+def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
+    database, model = project(tmp_path, list(range(FRAMES)))
+    with closing(sqlite3.connect(database)) as opened:
+        opened.execute(f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
+        opened.commit()
+    assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
+
+
 def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:
     database, model = project(tmp_path, [0, 1])
     with closing(sqlite3.connect(database)) as opened:
