@@ -190,7 +190,7 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: S
     link(path, "a_001.jpg", replace=True)
     assert user_rows(path) == before
     assert is_kept(path)
-    assert not [line for line in check_database(path) if "#" in line]  # what is said of our views
+    assert not [line for line in check_database(path) if "#" in line]  # about our views
 
 
 def test_views_follow_the_camera_of_their_photograph(path: Path) -> None:

@@ -20,7 +20,7 @@ SIZE = (160, 120)
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
+def result() -> tuple[Estimate, np.ndarray, np.ndarray]:
     """Give an estimate from an exact field, and the true ends of every pixel's smear (H, W, 2) twice."""
     scene = make_scene(np.random.default_rng(3), count=2000, length_px=20, rotation_share=0.5)
     width, height = SIZE
@@ -46,8 +46,8 @@ def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
     return estimate, displacement, ends.reshape(height, width, 2, 2)
 
 
-def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, displacement, _ = found
+def test_features_move_by_half_of_their_smear(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, displacement, _ = result
     keypoints = np.random.default_rng(5).integers(5, 100, (200, 2)).astype(float)
     linked = keypoint_views("a.jpg", keypoints, estimate)
     views = linked.views
@@ -66,8 +66,8 @@ def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray,
     assert np.median(sampson(F, views.points_open, views.points_close)[inliers]) < 0.05
 
 
-def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_only_certain_smears_are_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     smears = estimate.grid.smears()
     sigma, length = smears.sigma_px.copy(), smears.length_px
     sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
@@ -78,8 +78,8 @@ def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndar
     assert not linked.views.geometry.inlier_mask[0]
 
 
-def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_what_lies_outside_stays_and_is_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     keypoints = np.array(
         [[-3.0, 5.0], [159.4, 119.4], [159.6, 5.0], [np.nan, 4.0], [np.inf, 1e30], [50.0, 50.0]]
     )
@@ -92,30 +92,30 @@ def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarr
     assert linked.usable[5]
 
 
-def test_features_on_excluded_pixels_are_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+def test_features_on_excluded_pixels_are_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
     keypoints = np.array([[79.4, 50.0], [79.6, 50.0], [-0.5, 3.0], [159.4, 3.0]])
     right = np.zeros(SIZE[::-1], bool)
     right[:, 80:] = True
-    linked = keypoint_views("a.jpg", keypoints, found[0], excluded=right)
+    linked = keypoint_views("a.jpg", keypoints, result[0], excluded=right)
     assert linked.usable.tolist() == [True, False, True, False]
     assert not linked.views.geometry.inlier_mask[[1, 3]].any()
 
 
-def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_without_geometry_nothing_is_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)
     linked = keypoint_views("a.jpg", np.full((3, 2), 50.0), replace(estimate, geometry=unknown))
     assert not linked.usable.any() and not linked.views.geometry.inlier_mask.any()
 
 
-def test_inliers_are_judged_by_their_own_errors_across(
-    found: tuple[Estimate, np.ndarray, np.ndarray],
+def test_inliers_are_measured_by_their_own_errors_across(
+    result: tuple[Estimate, np.ndarray, np.ndarray],
 ) -> None:
-    exact = found[0]
+    exact = result[0]
     smears = exact.grid.smears()
     directions = np.full(exact.grid.shape, 1e-4)
     directions[:, 80:] = 1.0  # to the right directions are not known
-    # turned smears fit only where directions are said to be unsure
+    # turned smears fit only where directions are stated to be uncertain
     turned = smears.displacement[..., ::-1] * np.array([1, -1], np.float32)
     estimate = replace(exact, grid=grid_of(turned, smears.sigma_px, directions))
     keypoints = exact.matches.midpoint

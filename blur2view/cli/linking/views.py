@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.camera.exif import ExifFacts, read_exif
+from blur2view.camera.exif import ExifValues, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
@@ -213,7 +213,7 @@ def _camera(
     photograph: NamedPhotograph,
     run: Run,
     size: tuple[int, int],
-    exif: ExifFacts,
+    exif: ExifValues,
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
     stated = run.intrinsics.of(photograph.path, size, exif)
