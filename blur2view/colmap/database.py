@@ -144,7 +144,9 @@ def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: in
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of all points if their order is known up to time reversal, else of none."""
+    """Return the indices of the usable points if their order is known up to time reversal, else of none."""
+    if views.usable is not None:
+        return np.flatnonzero(views.usable)
     known = views.geometry.F is not None or views.geometry.H is not None
     return np.arange(len(views.points_open) if known else 0)
 
