@@ -57,19 +57,10 @@ class Intrinsics:
         return callable(self.camera)
 
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
-        """Return the camera of one photograph.
+        """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 
         Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
         a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
-
-        Parameters
-        ----------
-        path : Path
-            The photograph.
-        image_size : (int, int)
-            Width and height, upright.
-        exif : ExifValues
-            Of the photograph.
 
         Raises
         ------
