@@ -76,8 +76,10 @@ def test_summary_is_two_lines(
     assert first.startswith(f"{moving}: Camera moved")
     document = json.loads((out / "moving.json").read_text())
     assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
-    assert "moved to or from (" in second and second.endswith(
-        f"wrote {out / 'moving'}.{{json,png,smear.npz}}"
+    assert (
+        "moved to or from (" in second
+        and "the epipole, unless the shutter rolls;" in second
+        and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
     )
 
 
