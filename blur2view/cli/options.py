@@ -152,12 +152,13 @@ class ToColmapOptions(PhotographOptions):
     backup: bool
     dry_run: bool
     skip_degenerate: bool
+    skip_movers: bool
     corrected: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if not self.link and (self.replace or not self.backup):
-            raise ValueError("--replace and --no-backup go with --link")
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
         if self.link and self.corrected:

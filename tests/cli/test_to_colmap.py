@@ -22,6 +22,7 @@ from tests.support.colour_code import colour_code, write_picture
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
+ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
 
 
@@ -171,6 +172,22 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     assert code == 0 and "moving.png: replace, " in out and "backup" not in out
     assert user_rows(project) == before
     assert len(list(project.parent.glob("*.bak"))) == 1
+
+
+def test_features_on_movers_are_left_unmatched_on_demand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture, project = ROOT / "models" / "sample_mover.jpg", tmp_path / "project.db"
+    with Image.open(picture) as opened:
+        make_project(project, ProjectOptions(images=1, features=400, size=opened.size))
+    with closing(sqlite3.connect(project)) as database:
+        database.execute(f"UPDATE images SET name = '{picture.name}'")
+        database.commit()
+    counts = []
+    for words in ([], ["--skip-movers", "--replace"]):
+        assert cli.main(["to-colmap", str(picture), "--db", str(project), "--link", "--json", *words]) == 0
+        counts.append(json.loads(capsys.readouterr().out)["photographs"][0]["num_matches"])
+    assert 0.8 * counts[0] < counts[1] < 0.95 * counts[0]  # an eighth of the picture moves
 
 
 def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_path: Path) -> None:

@@ -63,6 +63,7 @@ OUTPUT = """
 """
 VIEWS = """
 --skip-degenerate: leave out photographs without F
+--skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
 --corrected: move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at the
     pose that was estimated; not with --link
 """
