@@ -159,9 +159,7 @@ def run(parsed: argparse.Namespace) -> int:
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
     parser = CommandParser(
-        prog="blur2view",
-        description=paragraph(DESCRIPTION),
-        epilog=table("exit codes", EXIT_CODES),
+        prog="blur2view", description=paragraph(DESCRIPTION), epilog=table("exit codes", EXIT_CODES)
     )
     parser.add_argument(
         COMPLETION,

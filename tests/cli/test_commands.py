@@ -21,13 +21,7 @@ from blur2view.results.overlay import draw_overlay
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
-from tests.support.colour_code import (
-    HEIGHT,
-    WIDTH,
-    colour_code,
-    forward_motion,
-    write_picture,
-)
+from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion, write_picture
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
