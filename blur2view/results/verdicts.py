@@ -139,9 +139,8 @@ def _pan_and_roll(H: Array, size: tuple[int, int]) -> tuple[Array, float]:
     to_middle[:2, 2] = (1 - np.array(size)) / 2
     centred = to_middle @ H @ np.linalg.inv(to_middle)
     centred = centred / centred[2, 2]
-    pan = centred[:2, 2]
-    (a, b), (c, d) = centred[:2, :2] - np.outer(pan, centred[2, :2])  # the derivative there
-    return pan, abs(float(np.arctan2(c - b, a + d)))
+    (a, b), (c, d) = centred[:2, :2]
+    return centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
