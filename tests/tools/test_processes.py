@@ -4,7 +4,6 @@ import os
 
 import cv2
 import pytest
-
 from tools.evaluation.processes import THREAD_COUNTS, single_threaded_pool
 
 
