@@ -126,7 +126,7 @@ def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes:
 
 @torch.no_grad()
 def predict(run: VariantRun, images: Tensor) -> tuple[AnyArray, AnyArray]:
-    """Return displacements (N, h, w, 2) and sigmas (N, h, w) of images (N, 3, H, W) by the averaged network."""
+    """Return displacements (N, h, w, 2) and sigmas (N, h, w) of images (N, 3, H, W)."""
     network, device = run.average.eval(), next(run.average.parameters()).device
     raw = torch.cat([network(images[k : k + 16].to(device)).cpu() for k in range(0, len(images), 16)])
     return decoded(raw, run.variant.representation)
@@ -142,11 +142,8 @@ def judged(displacement: AnyArray, sigma: AnyArray, truth: Tensor) -> dict[str, 
     target = truth.permute(0, 2, 3, 1).numpy()
     seen = target[..., 2] > 0
     found, true, sigma = displacement[seen], target[seen][:, :2], sigma[seen]
-    error, length, angle_deg = (
-        epe_s(found, true),
-        np.linalg.norm(true, axis=1),
-        direction_error_deg(found, true),
-    )
+    error, angle_deg = epe_s(found, true), direction_error_deg(found, true)
+    length = np.linalg.norm(true, axis=1)
     certain, long = sigma <= np.quantile(sigma, 0.5, method="lower"), length >= DIRECTION_MIN_PX
     _, by_sigma, by_error = sparsification_curve(error, sigma)
     figures = {

@@ -12,7 +12,7 @@ from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateOptions, Kind, draw_scene, with_shared_errors
-from tools.evaluation.degeneracy import RIGHT, Named, erring, name_scene, outcome, table
+from tools.evaluation.degeneracy import RIGHT, Named, confusions, erring, name_scene, outcome
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -99,7 +99,7 @@ def test_table_counts_what_is_right() -> None:
         Named(kind=kind, outcome=RIGHT[kind][0], rho=0.0, seconds=0.0) for kind in KINDS for _ in range(3)
     ]
     rows += [Named(kind="plane", outcome="general", rho=0.0, seconds=0.0)]
-    lines = table(rows)
+    lines = confusions(rows)
     assert len(lines) == 2 + len(KINDS) + 1
     assert "| 75.0 |" in next(line for line in lines if line.startswith("| plane"))
     assert lines[-1].endswith(f"| {100 * 18 / 19:.1f} |")

@@ -121,9 +121,8 @@ def test_table_and_panel_hold_the_scene() -> None:
     figures = judge(scene(), found, mask)
     one = Judged(scene=scene(), image=photo(with_mover()), mask=mask, figures=figures)
     rows = split_rows("test", [one])
-    assert len(rows) == 2 and rows[0].startswith("| test, movers of 1 % or more | 1 |")
-    assert f"{figures.iou:.3f}" in rows[0]
-    assert rows[-1].count("| -") == 8  # no scene without movers
+    assert rows[0][:3] == ("test, movers of 1 % or more", "1", f"{figures.iou:.3f}")
+    assert rows[1][2:] == ("-",) * 8  # no scene without movers
     assert panel([one]).shape == (HEIGHT // 2, 3 * WIDTH // 2, 3)
 
 
@@ -162,8 +161,6 @@ def test_mover_scenes_hold_movers(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for one in scenes:
         assert 0.02 <= (one.valid & ~one.static).mean() <= mover_scenes.LARGEST
         assert cv2.imread(str(one.image_path)) is not None
-    with pytest.raises(SystemExit, match="not empty"):
-        mover_scenes.write_mover_scenes(tmp_path, 2, options)
 
 
 def test_mover_scenes_give_up_where_no_seed_suits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,9 +102,7 @@ def test_batch_depends_only_on_seed_and_number() -> None:
     scenes = coded_scenes()
     stream = CropStream(scenes, seed=3, batch=2, side=SIDE)
     batches = [pair for _, pair in zip(range(4), stream, strict=False)]
-    for expected, found in zip(
-        batches[3], CropStream(scenes, seed=3, batch=2, side=SIDE).make(3), strict=True
-    ):
+    for expected, found in zip(batches[3], stream.make(3), strict=True):
         assert torch.equal(expected, found)
     assert not torch.equal(batches[0][0], batches[1][0])
     assert not torch.equal(batches[0][0], CropStream(scenes, seed=4, batch=2, side=SIDE).make(0)[0])

@@ -102,10 +102,8 @@ def test_double_angle_is_that_of_the_package() -> None:
 def fields(seed: int, count: int = 2, cells: int = 6) -> np.ndarray:
     """Draw displacements (count, cells, cells, 2) of 0.1 to 40 px."""
     rng = np.random.default_rng(seed)
-    angle, length = (
-        rng.uniform(0, 2 * np.pi, (count, cells, cells)),
-        rng.uniform(0.1, 40, (count, cells, cells)),
-    )
+    shape = count, cells, cells
+    angle, length = rng.uniform(0, 2 * np.pi, shape), rng.uniform(0.1, 40, shape)
     return np.stack([np.cos(angle), np.sin(angle)], -1) * length[..., None]
 
 
