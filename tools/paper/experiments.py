@@ -3,8 +3,8 @@
     python -m tools.paper.experiments --photos KODAK
 
 renders what is missing (training scenes: 25 minutes of two cores), trains 27 networks (two hours), estimates
-Table 2 (11 minutes of one core). Renderings and Table 2 go on where they were, trainings with the first seed that
-is not finished; ``--stages report`` writes the file from what is there.
+Table 2 (11 minutes of one core). Renderings and Table 2 go on where they were, trainings with the first seed
+that is not finished; ``--stages report`` writes the file from what is there.
 """
 
 from __future__ import annotations
