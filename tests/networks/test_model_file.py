@@ -58,19 +58,15 @@ def endless_network() -> onnx.ModelProto:
     return model
 
 
-def with_domain(domain: str) -> onnx.ModelProto:
-    """Return the tiny network with a node of somebody else's."""
+def foreign_network(domain: str = "", function: bool = False, features: bool = False) -> onnx.ModelProto:
+    """Return the tiny network with somebody else's node, or a function, or any number of features."""
     model = colour_code_network()
     model.graph.node[0].domain = domain
-    return model
-
-
-def with_function() -> onnx.ModelProto:
-    """Return the tiny network with a function of its own, whose body may hold anything."""
-    model = colour_code_network()
-    opset = [helper.make_opsetid("", 17)]
-    node = helper.make_node("Identity", ["x"], ["y"])
-    model.functions.append(helper.make_function("own", "Relu", ["x"], ["y"], [node], opset))
+    if function:
+        node, opset = helper.make_node("Identity", ["x"], ["y"]), [helper.make_opsetid("", 17)]
+        model.functions.append(helper.make_function("own", "Relu", ["x"], ["y"], [node], opset))
+    if features:
+        model.graph.input[3].type.tensor_type.shape.dim[4].dim_param = "C"
     return model
 
 
@@ -90,9 +86,10 @@ def with_function() -> onnx.ModelProto:
         (renamed_network("logits", "smear").SerializeToString(), "other inputs or outputs than grey, cep"),
         (renamed_network("scales", "image").SerializeToString(), "other inputs or outputs than grey, cep"),
         (endless_network().SerializeToString(), "operators that no blur2view network has .*Loop"),
-        (with_domain("com.microsoft").SerializeToString(), "operators .*com.microsoft.Slice"),
-        (with_domain("\x1b[31m\n").SerializeToString(), r"operators .*x1b\[31m.n.Slice"),
-        (with_function().SerializeToString(), "operators .*function"),
+        (foreign_network("com.microsoft").SerializeToString(), "operators .*com.microsoft.Slice"),
+        (foreign_network("\x1b[31m\n").SerializeToString(), r"operators .*x1b\[31m.n.Slice"),
+        (foreign_network(function=True).SerializeToString(), "operators .*function"),
+        (foreign_network(features=True).SerializeToString(), "does not fix the number of its features"),
         (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),
         (colour_code_network(stride="16").SerializeToString(), "windows 16 px apart instead of 32"),
         (colour_code_network(multiple_of="4000000000").SerializeToString(), "instead of 32"),

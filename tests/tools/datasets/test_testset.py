@@ -61,17 +61,3 @@ def test_same_scene_gives_same_files_and_a_finished_one_is_kept(folder: Path, tm
     before = (tmp_path / "0000.png").stat().st_mtime_ns
     testset.write_scene(0, tmp_path, OPTIONS)
     assert (tmp_path / "0000.png").stat().st_mtime_ns == before
-
-
-def test_rotation_is_read_back_without_a_fundamental(tmp_path: Path) -> None:
-    shape = (2, 3)
-    arrays = {
-        "displacement": np.zeros((*shape, 2)),
-        "valid": np.ones(shape, bool),
-        "static": np.ones(shape, bool),
-    }
-    pose = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": np.zeros((0, 3))}
-    np.savez(tmp_path / "0007.npz", **arrays, **pose, kind=np.array("rotation"))  # type: ignore[arg-type]
-    (scene,) = testset.read_test_set(tmp_path)
-    assert scene.F is None and scene.kind == "rotation" and scene.image_path.name == "0007.png"
-    np.testing.assert_array_equal(scene.midpoints[1, 2], [9.5, 5.5])
