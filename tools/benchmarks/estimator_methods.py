@@ -19,7 +19,7 @@ from blur2view.camera.camera import Camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.estimators import baselines
-from tools.estimators.paper import paper_two_view
+from tools.estimators.paper import paper_of_matches
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +99,7 @@ METHODS: dict[str, Method] = {
     "ours, no image size": without_size,
     "ours, K given": with_camera,
     "two-parameter F": lambda problem: baselines.two_parameter_fundamental(problem.matches),
-    PAPER: lambda problem: paper_two_view(problem.matches).F,
+    PAPER: lambda problem: paper_of_matches(problem.matches),
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
     **TRUE_ORDER,

@@ -64,14 +64,10 @@ def resized(linear: Array, displacement: Array, labels: Array, side: int) -> tup
 
 
 def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tuple[Array, Array]:
-    """Make one augmented training pair.
+    """Make one augmented training pair, float32.
 
-    Returns
-    -------
-    image : ndarray of shape (3, side, side)
-        float32 RGB in [0, 1].
-    target : ndarray of shape (3, side / 4, side / 4)
-        float32, finite: displacement x, y in pixels and validity (0 or 1).
+    An image (3, side, side) in [0, 1], and its finite target (3, side / 4, side / 4): displacement x, y in
+    pixels and validity (0 or 1).
     """
     linear, displacement, labels = cut(rng, scenes, index, side)
     turns, mirror = int(rng.integers(4)), bool(rng.random() < 0.5)

@@ -62,18 +62,9 @@ def paper_loss(
 ) -> Tensor:
     """Return the loss of a batch, a scalar.
 
-    Parameters
-    ----------
-    raw : Tensor of shape (N, 3, h, w)
-        The network's v and w.
-    target : Tensor of shape (N, 3, h, w)
-        Displacement in pixels and the cross-check map (0 or 1). Where a displacement is not finite the map
-        is taken to be 0, and the likelihood is left out in either case.
-    representation : {"local", "restricted", "double"}
-    cross_check : bool
-        Whether the map is used.
-    alpha : float
-        What 1 / sigma^2 may be where the map is 0.
+    ``raw`` (N, 3, h, w) are the network's v and w, ``target`` (N, 3, h, w) displacements in pixels and the
+    cross-check map (0 or 1), which counts as 0 where a displacement is not finite; the likelihood is left out
+    there. ``alpha`` is what 1 / sigma^2 may be where the map is 0.
     """
     finite = torch.isfinite(target[:, :2]).all(1, keepdim=True)
     d = torch.where(finite, target[:, :2], 0.0)

@@ -20,22 +20,21 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets.testset import TestScene
-from tools.estimators.paper import paper_two_view
+from tools.estimators.paper import paper_of_matches
 from tools.metrics import PAPER_INLIER
 from tools.pages import append_line, finished_lines, table
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
-ESTIMATORS: dict[str, Callable[[SmearMatches, np.random.Generator], TwoViewGeometry]] = {
-    "paper": lambda matches, rng: paper_two_view(matches, rng=rng),
-    "ours": lambda matches, rng: estimate_two_view(matches, rng=rng),
+ESTIMATORS: dict[str, Callable[[SmearMatches], AnyArray | None]] = {
+    "paper": paper_of_matches,
+    "ours": lambda matches: estimate_two_view(matches).F,
 }
 CUTOFF = 3.0
 """Standard deviations beyond which a smear counts as an outlier when answers are compared."""
@@ -88,7 +87,7 @@ def estimates(scene: TestScene, grid: SmearGrid, model_id: str, known: set[Any])
             if (model_id, scene.name, name, beta) in known:
                 continue
             matches, began = select_matches(grid, SelectOptions(beta=beta)), time.perf_counter()
-            F = estimator(matches, np.random.default_rng(0)).F
+            F = estimator(matches)
             yield Found(
                 model_id=model_id,
                 scene=scene.name,

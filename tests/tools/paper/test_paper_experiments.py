@@ -15,7 +15,7 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tools.datasets import testset
 from tools.datasets.testset import TestScene, read_test_set
-from tools.estimators.paper import PaperOptions, paper_two_view
+from tools.estimators.paper import PaperOptions, paper_of_matches
 from tools.pages import write_json
 from tools.paper import experiments as paper
 from tools.paper import paper_report, paper_summary, paper_tables
@@ -80,8 +80,8 @@ def test_table_2_is_resumed(
     scene: TestScene, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = {
-        "paper": lambda matches, rng: paper_two_view(matches, PaperOptions(max_iterations=2), rng),
-        "ours": lambda matches, rng: estimate_two_view(matches, EstimatorOptions(max_iterations=2), rng),
+        "paper": lambda matches: paper_of_matches(matches, PaperOptions(max_iterations=2)),
+        "ours": lambda matches: estimate_two_view(matches, EstimatorOptions(max_iterations=2)).F,
     }
     monkeypatch.setattr(paper_tables, "ESTIMATORS", quick)
     work, network = tmp_path / "work" / "table2.jsonl", SmearNetwork(tiny_model)
