@@ -38,10 +38,10 @@ def sources() -> Sources:
 
 @pytest.fixture(scope="module")
 def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
-    """Return a folder of two shards of four examples."""
+    """Return a folder of two shards of two examples."""
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
+        patch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
         write_shards(folder, range(2), sources)
     return folder
 
@@ -49,7 +49,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
 def test_shard_depends_on_its_number_alone(
     shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
+    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
     assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
     for key in again:
@@ -60,8 +60,8 @@ def test_shard_depends_on_its_number_alone(
 def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> None:
     shard = load_shard(shards / "000001.npz")
     for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
-        assert shard[f"C{k}"].shape == (4, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (4, h, w, 5)
-        assert shard[f"d{k}"].shape == (4, h, w, 16, 2) and shard[f"v{k}"].shape == (4, h, w, 16)
+        assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
+        assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
     assert all(np.isfinite(array).all() for array in shard.values())
 
 
