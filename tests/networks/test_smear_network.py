@@ -50,6 +50,13 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
     np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
 
 
+def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
+    angle = np.radians(60 + np.arange(256) / 4)  # even steps, so interpolation is exact
+    true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
+    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), pyramid=ONE).at_pixels()
+    assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
+
+
 @pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
@@ -159,8 +166,7 @@ def test_values_that_are_no_shares_of_white_are_refused(tiny_model: Path, value:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"overlap_px": -1}, {"overlap_px": 700}, {"tile_px": 0, "overlap_px": 0}, {"max_pixels": 0}],
+    "options", [{"overlap_px": -1}, {"overlap_px": 700}, {"tile_px": 0, "overlap_px": 0}, {"max_pixels": 0}]
 )
 def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
     with pytest.raises(ValueError, match="must be"):

@@ -43,7 +43,7 @@ def read(results: Path, name: str) -> Any:
 
 def comparison(table2: Any, evaluation: Any) -> list[str]:
     """Return our figures under the published ones."""
-    cells = []
+    cells: list[tuple[str, ...]] = []
     for name, epe_s_px, inliers, true in PUBLISHED:
         shares = f"{inliers / 100:.3f}", f"{true / 100:.3f}", f"{inliers / true:.2f}"
         cells.append((f"{name}, as published", f"{epe_s_px:.3f}", "-", *shares))

@@ -11,16 +11,7 @@ import pytest
 
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
-from tests.support.motion_scenes import (
-    BOX,
-    HEIGHT,
-    SIDEWAYS,
-    WIDTH,
-    estimate_of,
-    photo,
-    sideways,
-    with_mover,
-)
+from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, estimate_of, photo, sideways, with_mover
 from tools.datasets import mover_scenes, testset
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.segmentation import (

@@ -15,14 +15,7 @@ from tools.metrics import epe_s
 from tools.paper import crops, paper_variants
 from tools.paper.crops import TrainOptions
 from tools.paper.networks import START_SIGMA, StemUNet
-from tools.paper.paper_loss import (
-    Representation,
-    decoded,
-    double_angle,
-    paper_loss,
-    rightward,
-    sigma_of,
-)
+from tools.paper.paper_loss import Representation, decoded, double_angle, paper_loss, rightward, sigma_of
 from tools.paper.paper_variants import SIX
 from tools.rendering.render import RenderOptions
 

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from tools.rendering import stencils
-from tools.rendering.scene import (
-    Layer,
-    Plane,
-    sample_grid,
-    sample_intrinsics,
-    sample_layers,
-)
+from tools.rendering.scene import Layer, Plane, sample_grid, sample_intrinsics, sample_layers
 from tools.rendering.textures import photographs
 
 SIZE = (160, 128)

@@ -11,7 +11,7 @@ import torch
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.training import reader_data, train_reader
 from tools.training.reader import Reader
-from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, procedural, write_shards
+from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, write_shards
 from tools.training.train_reader import (
     Pool,
     ReaderTraining,
@@ -86,11 +86,6 @@ def test_photographs_are_read_by_name_and_large_ones_halved(tmp_path: Path) -> N
         assert cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((32, side, 3), shade, np.uint8))
     first, second = load_photos([tmp_path])
     assert (first.shape, second.shape) == ((16, 1600, 3), (32, 40, 3)) and first.max() == 10
-
-
-def test_procedural_textures_are_pictures() -> None:
-    for picture in procedural(np.random.default_rng(0), 2):
-        assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.std() >= 0
 
 
 def test_mirrored_twice_is_the_identity(shards: Path) -> None:
