@@ -25,8 +25,6 @@ from blur2view.networks.spectra import (
     TREND,
     WINDOW,
     in_batches,
-    power_spectra,
-    windows_of,
 )
 from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
@@ -49,6 +47,8 @@ PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
+MARGIN = 2
+"""Rows before lag 0 that a cubic interpolation needs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,15 +98,16 @@ class Correction:
         return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
 
 
-def refine_on_cepstrum(cells: Floats, octaves: list[Floats], threads: int = 1) -> Floats:
+def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
     """Return smears with those that are long and sure moved to their peaks in the cepstrum.
 
     Parameters
     ----------
     cells : ndarray of shape (h, w, 4)
         As of :func:`blur2view.smears.likelihood.read_smears`, of cells of 32 px.
-    octaves : list of ndarray
-        The grey picture (32 h, 32 w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
+    spectra : list of ndarray
+        :func:`blur2view.networks.spectra.power_spectra` (h, w, 96, 49) of the picture and its smaller copies,
+        which halve it.
     threads : int
         That share the work; the result is the same.
 
@@ -115,14 +116,14 @@ def refine_on_cepstrum(cells: Floats, octaves: list[Floats], threads: int = 1) -
     ndarray of shape (h, w, 4), float32
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
-    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(octaves) - 1)
+    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
     moved = cells.copy()
-    for k, grey in enumerate(octaves):
+    for k, power in enumerate(spectra):
         own = octave == k
         prior = prior_of(cells, own, k)
         if not prior.usable.any():
             continue
-        correction = correction_of(*sampled_peaks(grey, prior, threads), prior).at_cells(2**k)
+        correction = correction_of(*sampled_peaks(power, prior, threads), prior).at_cells(2**k)
         own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
         moved[own] = corrected(cells, correction)[own]
     return moved
@@ -152,13 +153,13 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
     )
 
 
-def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
+def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
     """Return how deep the cepstra are about the smears, and about their halves, in deviations.
 
     (h, w, 33, 25) and (h, w, 221), by rotation and scale of each window's own smear, summed over neighbours;
     zero where there is no usable one near. Every second window alone: rho of F is 1.1 times as large.
     """
-    windows, usable = windows_of(grey), prior.usable
+    usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
     peaks = np.zeros((*usable.shape, len(steps)), np.float32)
@@ -167,7 +168,7 @@ def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Flo
 
     def sample(part: slice) -> None:
         cells = rows[part], columns[part]
-        peaks[cells] = -values_at(cepstra_of(windows[cells]), prior.smear[cells][:, None] * steps)
+        peaks[cells] = -values_at(cepstra_of(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
@@ -177,44 +178,75 @@ def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Flo
 
 
 def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
-    """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
-    middle = WINDOW // 2
-    inside = np.abs(lags.imag) < middle - 1  # or it would be read off the cepstrum below
-    x = np.where(inside, lags.real + middle, -WINDOW)
-    y = lags.imag + middle + WINDOW * np.arange(len(cepstra), dtype=np.float32)[:, None]
+    """Return the values of halves of cepstra (n, 50, 96) at lags x + iy, (n, m), each its own; 0 outside."""
+    lags = np.where(lags.imag < 0, -lags, lags)  # a cepstrum is even
+    inside = lags.imag < WINDOW // 2 - 1  # or it would be read off the cepstrum below
+    x = np.where(inside, lags.real + WINDOW // 2, -WINDOW)
+    y = lags.imag + MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
     values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
     return np.asarray(values, np.float32)
 
 
-def cepstra_of(windows: Floats) -> Floats:
-    """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
-    taper, trendless, ring = filters()
-    power = np.log(power_spectra(windows) + np.float32(NOISE_FLOOR))
-    cepstra = np.asarray(np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)), np.float32) * trendless
-    flat = cepstra.reshape(len(cepstra), -1)
-    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
+def cepstra_of(power: Floats) -> Floats:
+    """Return the halves (n, 50, 96) of the cepstra of power spectra, of mean 0 and deviation 1.
+
+    Lags -2 to 47 along y and -48 to 47 along x: the inverse transform as two products of matrices.
+    """
+    f = filters()
+    parts = f.down @ (np.log(power + np.float32(NOISE_FLOOR)) * f.taper)  # (n, 2 * 50, 49)
+    side_by_side = parts.reshape(len(power), 2, len(f.trendless), -1).transpose(0, 2, 1, 3)
+    cepstra = side_by_side.reshape(-1, len(f.across)) @ f.across
+    flat = cepstra.reshape(len(power), -1)
+    flat *= f.trendless.ravel()
+    mean, square = (flat @ f.ring)[:, None], ((flat * flat) @ f.ring)[:, None]
     flat -= mean
     flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    return cepstra
+    return flat.reshape(len(power), *f.trendless.shape)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filters:
+    """What makes the half of a cepstrum of a log power spectrum.
+
+    Attributes
+    ----------
+    taper : ndarray of shape (96, 49)
+        Of the spectrum.
+    down, across : ndarray of shape (2 * 50, 96), (2 * 49, 96)
+        The inverse transform: cosines and sines along y, then along x.
+    trendless : ndarray of shape (50, 96)
+        Factors by lag: 0 where a spectrum's trend is, 1 where peaks are.
+    ring : ndarray of shape (50 * 96,)
+        Weights of the mean over CEPSTRUM_RANGE_PX.
+    """
+
+    taper: Floats
+    down: Floats
+    across: Floats
+    trendless: Floats
+    ring: Floats
 
 
 @functools.cache
-def filters() -> tuple[Floats, Floats, Floats]:
-    """Return the taper of log spectra, which puts lag 0 in the middle, and factors by lag.
-
-    These are 0 where a spectrum's trend is and 1 where peaks are, (96, 96), and the weights of the mean over
-    CEPSTRUM_RANGE_PX, (96 * 96,).
-    """
-    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
-    radius = np.hypot(rows, columns)
+def filters() -> Filters:
+    """Return them."""
+    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(WINDOW // 2 + 1)
+    x, y = np.arange(-WINDOW // 2, WINDOW // 2), np.arange(-MARGIN, WINDOW // 2)[:, None]
+    radius = np.hypot(rows[:, None], columns)
     taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper *= np.where((rows + columns) % 2, -1, 1)
-    lag = np.arange(-WINDOW // 2, WINDOW // 2)
-    distance = np.hypot(lag[:, None], lag)
-    trendless = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
-    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
-    high, far, mean = (f.astype(np.float32) for f in (taper, trendless, ring.ravel() / ring.sum()))
-    return high, far, mean
+    taper *= np.where(columns % (WINDOW // 2), 2, 1) / WINDOW**2  # the other half plane is the same
+    down, across = 2 * np.pi / WINDOW * y * rows, 2 * np.pi / WINDOW * columns[:, None] * x
+    distance = np.hypot(y, x)
+    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1]) & (y >= 0)
+    ring = ring * np.where(y, 1, 0.5)
+    arrays = {
+        "taper": taper,
+        "down": np.concatenate([np.cos(down), np.sin(down)]),
+        "across": np.concatenate([np.cos(across), -np.sin(across)]),
+        "trendless": 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2),
+        "ring": ring.ravel() / ring.sum(),
+    }
+    return Filters(**{name: array.astype(np.float32) for name, array in arrays.items()})
 
 
 def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:

@@ -183,19 +183,21 @@ def with_constants(**constants: object) -> onnx.ModelProto:
     return model
 
 
-def with_pooling(size: int, strides: int = 16) -> onnx.ModelProto:
-    """Return the tiny network with other means of cells."""
+def with_pooling(place: int, size: int) -> onnx.ModelProto:
+    """Return the tiny network with other means of cells (0) or of their neighbours (1)."""
     model = colour_code_network()
-    pool = next(node for node in model.graph.node if node.op_type == "AveragePool")
-    pool.attribute[0].ints[:], pool.attribute[1].ints[:] = [size] * 2, [strides] * 2
+    pool = [node for node in model.graph.node if node.op_type == "AveragePool"][place]
+    for attribute in pool.attribute:
+        if attribute.name in ("kernel_shape", "strides"):
+            attribute.ints[:] = [size] * 2
     return model
 
 
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        (with_pooling(400), r"cannot be run on 96x64 pixels"),  # a window larger than the picture
-        (with_pooling(8, 8), r"gives shape \(1, 4, 6, 32, 2"),
+        (with_pooling(1, 32), "cannot be run on 96x64 pixels"),  # of more cells than the picture has
+        (with_pooling(0, 8), r"gives shape \(1, 4, 6, 32, 2"),
         (with_constants(bins=[0, 0, 0, 16, 40], none=np.zeros((40, 2))), r"gives shape \(1, 2, 3, 16, "),
         (with_constants(none=np.zeros((20, 3))), r"gives shape \(1, 2, 3, 32, 3\)"),
         (with_constants(scale=[np.nan]), "not finite"),
