@@ -116,10 +116,7 @@ def computing(*nodes: onnx.NodeProto, **constants: np.typing.NDArray[np.generic]
         (renamed_network("scales", "image").SerializeToString(), "other inputs or outputs than grey, cep"),
         (endless_network().SerializeToString(), "what no blur2view network has .*Loop"),
         (foreign_network("com.microsoft").SerializeToString(), "what no .*com.microsoft.Slice"),
-        (
-            foreign_network("\x1b[31m\n").SerializeToString(),
-            r"what no .*x1b\[31m.n.Slice",
-        ),
+        (foreign_network("\x1b[31m\n").SerializeToString(), r"what no .*x1b\[31m.n.Slice"),
         (foreign_network(function=True).SerializeToString(), "what no blur2view network has .*a function"),
         (with_attribute(value=with_weights_elsewhere()).SerializeToString(), "weights in another file"),
         (with_attribute(kernel_shape=[3, 4000]).SerializeToString(), "an integer of 4000"),
