@@ -46,6 +46,7 @@ def test_features_get_lost_by_blur_and_the_limit_leaves_half(tmp_path: Path) -> 
     sharp = texture()
     assert laplacian_variance(sharp) > 4 * laplacian_variance(cv2.blur(sharp, (9, 9)))
     cv2.imwrite(str(tmp_path / "a.png"), (sharp * 255).astype(np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), np.zeros((40, 40), np.uint8))  # too small, left out
     left = features_left(tmp_path)
     assert left[0] == 1 and left[-1] < 0.5 < left[1]
     limit = limit_of(left)

@@ -38,7 +38,7 @@ def test_reversed_rates_point_the_other_way(tmp_path: Path) -> None:
     (tmp_path / "rates.csv").write_text(table_text(rows))
     found = rates.rates_of_table(tmp_path / "rates.csv")
     assert len(found) == 40 and 120 not in found and len(rates.averaged(found)) == 40 - 4 - 4
-    assert "| 40 | 0.0% | -1.000 | -1.000 | -1.000 |" in rates.page(found, true).splitlines()[2]
+    assert "| 40 | 0.0% | -1.000 | -1.000 | -1.000 |" in rates.page(true, found).splitlines()[2]
     assert "| 41 | 100.0% | 1.000 | 1.000 | 1.000 |" in rates.page(true, true)
 
 
