@@ -58,18 +58,9 @@ SAMPLE = 1000
 
 
 def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
-    """Return how far true smears are from the homography of most of them, and their lengths.
+    """Return how far true smears (h, w, 2), where chosen, are from the homography of most, and their lengths.
 
-    Parameters
-    ----------
-    displacement : ndarray of shape (h, w, 2)
-    chosen : ndarray of bool, shape (h, w)
-    K : ndarray of shape (3, 3)
-
-    Returns
-    -------
-    deviation, length : ndarray of shape (M,)
-        Of at most SAMPLE of the smears, focal lengths; the same if no homography is found.
+    Both (M,), of at most SAMPLE of the smears, in focal lengths; the same if no homography is found.
     """
     rows, columns = chosen.shape
     points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
