@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks import octaves
+from blur2view.networks.octaves import octave_count
 from blur2view.networks.smear_network import SmearNetwork, predict
 from blur2view.networks.tiles import TileOptions
 from tests.support.grey_code import BINS, CODE_LENGTH_PX, grey_code, grey_code_network
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
-ONE = PyramidOptions(levels=1)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def error_deg(field: NDArray[np.floating], directions_deg: NDArray[np.floating])
 
 def test_cell_centres_are_where_the_convention_says(grey_model: Path) -> None:
     true = np.broadcast_to(60 + np.arange(256.0) / 4, (96, 256))  # even steps, so interpolation is exact
-    field = SmearNetwork(grey_model).predict(grey_code(true), pyramid=ONE).at_pixels()
+    field = SmearNetwork(grey_model).predict(grey_code(true), levels=1).at_pixels()
     centres = np.arange(15, 256, 32)
     assert error_deg(field.displacement, true)[48, centres].max() < 0.5
 
@@ -58,7 +58,7 @@ def test_tiny_pictures_are_read(grey_model: Path, size: tuple[int, int]) -> None
 def test_smaller_octaves_are_read_and_joined(grey_model: Path, size: tuple[int, int]) -> None:
     true, network = fan(*size), SmearNetwork(grey_model)
     field = network.predict(grey_code(true)).at_pixels()
-    assert PyramidOptions().count(size) == 3
+    assert octave_count(size) == 3
     inner = slice(64, -64), slice(64, -64)
     assert np.median(error_deg(field.displacement, true)[inner]) < 4
     # each octave says 8 of its own pixels, so together they say more than the first
@@ -94,17 +94,11 @@ def test_network_without_a_fixed_number_of_features_is_refused(tmp_path: Path) -
         SmearNetwork(tmp_path / "wrong.onnx")
 
 
-def test_octaves_may_be_smaller_than_a_window(grey_model: Path) -> None:
-    options = PyramidOptions(smallest_px=16)
+def test_octaves_may_be_smaller_than_a_window(grey_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(octaves, "SMALLEST_PX", 16)
     for side in (64, 100, 128):
-        assert SmearNetwork(grey_model).predict(grey_code(fan(side, side)), None, options).shape == (
-            side,
-            side,
-        )
-        assert SmearNetwork(threads=1).predict(grey_code(fan(side, side)), None, options).shape == (
-            side,
-            side,
-        )
+        for network in (SmearNetwork(grey_model), SmearNetwork(threads=1)):
+            assert network.predict(grey_code(fan(side, side))).shape == (side, side)
 
 
 def smeared_photograph(length: float, angle_deg: float) -> NDArray[np.float32]:

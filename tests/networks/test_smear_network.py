@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.octaves import PyramidOptions
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
@@ -18,7 +17,6 @@ from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
-ONE = PyramidOptions(levels=1)
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -49,7 +47,7 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
     network = SmearNetwork(tiny_model)
-    whole, tiled = (network.predict(image, options, ONE).at_pixels() for options in (None, TILED))
+    whole, tiled = (network.predict(image, options, 1).at_pixels() for options in (None, TILED))
     assert difference(whole.displacement, tiled.displacement).max() < 1e-3
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
 
@@ -93,7 +91,7 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
     tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
-    whole, tiled = (network.predict(image, options, ONE).cells[..., :2] for options in (None, tiles))
+    whole, tiled = (network.predict(image, options, 1).cells[..., :2] for options in (None, tiles))
     error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
     # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
     seam = np.isin(np.arange(40), [12, 15, 24, 27])
