@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
 from blur2view.results.to_colmap import DATABASE, HLOC
@@ -125,6 +124,7 @@ class TriageOptions(PhotographOptions):
     blurred: bool
     best: Amount | None
     every_best: int | None
+    in_order: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -152,12 +152,13 @@ class ToColmapOptions(PhotographOptions):
     backup: bool
     dry_run: bool
     skip_degenerate: bool
+    skip_movers: bool
     corrected: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if not self.link and (self.replace or not self.backup):
-            raise ValueError("--replace and --no-backup go with --link")
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
         if self.link and self.corrected:
@@ -192,6 +193,41 @@ class ToColmapOptions(PhotographOptions):
     def hloc(self) -> bool:
         """Whether hloc's files are written."""
         return self.format == HLOC
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToTransformsOptions:
+    """Those of ``blur2view to-transforms``."""
+
+    model: Path
+    photographs: Path | None
+    exposure: float
+    output: Path
+    dialect: str
+    overwrite: bool
+    verbosity: int
+
+    def __post_init__(self) -> None:
+        """Refuse an exposure time that is none."""
+        if not 0 < self.exposure < math.inf:
+            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions:
+    """Those of ``blur2view place``."""
+
+    database: Path
+    model: Path
+    photographs: Path
+    fraction: float | None
+    output: Path
+    verbosity: int
+
+    def __post_init__(self) -> None:
+        """Refuse a fraction that is none."""
+        if self.fraction is not None and not 0 < self.fraction < math.inf:
+            raise ValueError(f"--fraction must be positive and finite, got {self.fraction}")
 
 
 Options = PhotographOptions | PlaceOptions | ToTransformsOptions

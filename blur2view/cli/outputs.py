@@ -108,9 +108,7 @@ def _planned(
         )
     for (job, _), files in zip(jobs_of(options), plan, strict=True):
         target = files if isinstance(files, ResultFiles) else None
-        planned = Job(
-            index=job.index, path=job.path, target=target, neighbours=job.neighbours, source=job.source
-        )
+        planned = Job(index=job.index, path=job.path, target=target, neighbours=job.neighbours)
         jobs.append((planned, files if isinstance(files, OutputError) else None))
     return jobs
 

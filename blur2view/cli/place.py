@@ -6,7 +6,7 @@ import tempfile
 from operator import methodcaller
 from pathlib import Path
 
-from blur2view.cli.model_options import PlaceOptions
+from blur2view.cli.options import PlaceOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import (
     PROJECT_FILE,
@@ -29,13 +29,13 @@ FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 def run(options: PlaceOptions) -> int:
     """Return the exit code, after writing the model."""
     names = frame_names(options.photographs)
-    found = find_model(options.model)
+    model = find_model(options.model)
     _refuse_others(options.output)
-    placement = place_views(options.database, found.folder, with_gaps(names), options.fraction)
+    placement = place_views(options.database, model.folder, with_gaps(names), options.fraction)
     _refuse_failure(options, placement)
     _write(options, placement)
     if options.verbosity > QUIET:
-        print(summary(options, found, placement, len(names)))
+        print(summary(options, model, placement, len(names)))
     return DONE
 
 
@@ -84,12 +84,12 @@ def _write(options: PlaceOptions, placement: Placement) -> None:
             raise unwritable(folder, error) from None
 
 
-def summary(options: PlaceOptions, found: FoundModel, placement: Placement, frames: int) -> str:
+def summary(options: PlaceOptions, model: FoundModel, placement: Placement, frames: int) -> str:
     """Return a line about the model if it was chosen, and one about what was placed; with -v what was not."""
     lines = []
-    if found.others:
-        size = f"{found.registered} of {plural(frames, 'frame')}"
-        lines.append(f"{printable(str(found.folder))}: largest of {found.others + 1} models, {size}")
+    if model.others:
+        size = f"{model.registered} of {plural(frames, 'frame')}"
+        lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
     placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
     line = (
         f"{printable(str(options.output))}: {placed}, exposure over frame interval {placement.fraction:.2f}"

@@ -22,7 +22,7 @@ from blur2view.output_files import below_shared_folder, check_file, prepared, wr
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, source_of
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
@@ -58,6 +58,10 @@ class Finished(Generic[Taken]):
         Of a broken run files of all photographs stay as an earlier call left them, but for the table.
     has_table : bool
         Whether it was not asked for, or could be written.
+    skipped : int
+        Photographs that an earlier call has done.
+    seconds : float
+        Time that the run took.
     """
 
     taken: Sequence[Taken] = ()
@@ -65,6 +69,8 @@ class Finished(Generic[Taken]):
     failures: Sequence[FailureDocument] = ()
     end: End = End.WHOLE
     has_table: bool = True
+    skipped: int = 0
+    seconds: float = 0.0
 
     @property
     def exit_code(self) -> int:
@@ -113,7 +119,8 @@ def run_over(
     *,
     take: Callable[[Job[Target], Outcome[Kept]], Taken],
     names: dict[Path, str] | None = None,
-    judge: Callable[[Row], Row] = lambda row: row,
+    classify: Callable[[Row], Row] = lambda row: row,
+    line: Callable[[Path, Row], str] | None = None,
 ) -> Finished[Taken]:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
@@ -131,8 +138,10 @@ def run_over(
         What is kept of every photograph.
     names : dict of Path to str, optional
         What the table calls them, by default what COLMAP does.
-    judge : callable
-        Adds to a row what the command says of it.
+    classify : callable
+        Adds to a row what the photograph is of use for.
+    line : callable, optional
+        What is printed of a photograph and its row: by default the summary of the work, and a closing line.
     """
     jobs = list(jobs)
     names = names or colmap_names(options.inputs)
@@ -147,10 +156,11 @@ def run_over(
         with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
-                row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
+                row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
                 if not outcome.skipped or options.verbosity > SHORT:
-                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                    text = None if line is None or outcome.made is None else line(job.path, row)
+                    _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
                 if outcome.made is None:
                     failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
@@ -170,11 +180,20 @@ def run_over(
     finally:
         bar.close()
     has_table = _write_table(options.csv, rows)
-    if end is End.WHOLE and len(jobs) > 1 and options.prints:
-        print(_total(len(jobs), len(taken), skipped, len(failures), time.monotonic() - start))
+    seconds = time.monotonic() - start
+    if end is End.WHOLE and len(jobs) > 1 and options.prints and line is None:
+        print(_total(len(jobs), len(taken), skipped, len(failures), seconds))
     elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
         print(_how_to_go_on(end, len(taken), len(jobs), manifest), file=sys.stderr)
-    return Finished(taken=taken, rows=rows, failures=failures, end=end, has_table=has_table)
+    return Finished(
+        taken=taken,
+        rows=rows,
+        failures=failures,
+        end=end,
+        has_table=has_table,
+        skipped=skipped,
+        seconds=seconds,
+    )
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:
@@ -193,16 +212,16 @@ def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
         yield job, error if refused is None else ImageError(refused)
 
 
-def _tell(
-    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], use: str, *, short: bool
+def _print_outcome(
+    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], text: str | None, *, short: bool
 ) -> None:
-    """Print a photograph's lines: of many the first of its summary, unless all is wanted."""
+    """Print a text about a photograph, or its summary: of many the first line, unless all is wanted."""
     if outcome.made is None:
         complain(Blur2ViewError(outcome.error), bar.say)
     elif options.prints:
-        lines = outcome.made.summary.split("\n")[: 1 if short and options.verbosity == SHORT else None]
-        text = "\n".join(map(printable, lines))  # a manifest's may hold anything
-        bar.say(f"{text}; {use}" if use else text)
+        lines = (text or outcome.made.summary).split("\n")
+        lines = lines[: 1 if short and options.verbosity == SHORT else None]
+        bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
 
 
 def _warn(
@@ -230,11 +249,11 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
 
 def _how_to_go_on(end: End, done: int, count: int, manifest: Manifest | None) -> str:
     """Return what is said of a run that ended early."""
-    told = f"blur2view: {end.name.lower()}"
+    line = f"blur2view: {end.name.lower()}"
     if count > 1:
-        told += f" after {done} of {plural(count, 'photograph')}"
-        told += "; what is done is kept, the same call with --resume goes on" if manifest else ""
-    return told
+        line += f" after {done} of {plural(count, 'photograph')}"
+        line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
+    return line
 
 
 def _total(count: int, gone_through: int, skipped: int, failed: int, seconds: float) -> str:
@@ -255,7 +274,7 @@ def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError 
     """Return the jobs of a command that writes no files of single photographs."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
     jobs = (
-        Job(index=index, path=path, target=None, neighbours=neighbours, source=source_of(neighbours))
+        Job(index=index, path=path, target=None, neighbours=neighbours)
         for index, (path, neighbours) in enumerate(beside.items())
     )
     return [(job, None) for job in jobs]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.model_options import ToTransformsOptions
+from blur2view.cli.options import ToTransformsOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms

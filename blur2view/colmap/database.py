@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.colmap.connection import open_read_only
+from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.rows import (
     CameraColumns,
-    Pair,
     add_camera,
     add_image,
     camera_columns,
@@ -67,6 +66,9 @@ def refuse_existing(path: Path) -> None:
     """Raise a DatabaseError where something lies at a path, or its folder takes no files."""
     if os.path.lexists(path):
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
+    for log in (f"{path}{suffix}" for suffix in LOGS):
+        if os.path.lexists(log):  # which SQLite would apply to the new database
+            raise DatabaseError(f"{log}: is of a database that is gone; remove it, or choose another --db")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
@@ -110,7 +112,9 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
             database.executescript(f"BEGIN; {TABLES} {VIEWS_TABLE} PRAGMA user_version = {SCHEMA_VERSION};")
             yield database
             database.execute("COMMIT")
-        if not replace:
+        if replace and path.is_file():
+            _finish(path)
+        else:
             refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
     except (sqlite3.Error, OSError) as error:
@@ -120,13 +124,22 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
         beside.unlink(missing_ok=True)
 
 
+def _finish(path: Path) -> None:
+    """Settle the log or journal of a database, or SQLite would apply it to the one that takes its place.
+
+    DatabaseError while another program uses it.
+    """
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA journal_mode = DELETE")
+        database.execute("SELECT 1 FROM sqlite_master")
+
+
 def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: int) -> None:
     """Insert both images of a photograph and their pair."""
     first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
     put_keypoints(database, first, views.points_open)
     put_keypoints(database, last, views.points_close)
-    pair = Pair(matched=matched(views), inliers=inliers(views), geometry=views.geometry)
-    put_pair(database, first, last, pair)
+    put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
     mark_views(database, views, (first, last))
 
 

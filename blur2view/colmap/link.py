@@ -31,7 +31,7 @@ from blur2view.colmap.project import (
     read_image,
     views_are_whole,
 )
-from blur2view.colmap.rows import Pair, add_image, put_keypoints, put_pair, set_camera
+from blur2view.colmap.rows import add_image, put_keypoints, put_pair, set_camera
 from blur2view.colmap.schema import VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
@@ -94,8 +94,10 @@ def _without_image(path: Path, names: dict[str, int], photograph: Path) -> Datab
     """Return why a photograph that the project does not hold is not linked."""
     if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is None:
         return DatabaseError(f"{photograph}: {path} has no image of that name; leave it out")
-    told = "holds its views without the photograph, so that nothing can be linked; choose another --db"
-    return DatabaseError(f"{photograph}: {path} {told}, without --link")
+    return DatabaseError(
+        f"{photograph}: {path} holds its views without the photograph, so that nothing can be linked; "
+        "choose another --db, without --link"
+    )
 
 
 def _plan_one(
@@ -119,8 +121,10 @@ def _plan_one(
     if unchanged and views_are_whole(database, image.image_id, ours):
         return LinkStep(step=Step.KEEP, image=image)
     if any(source is None for _, source in own.values()):
-        told = f"holds views of {name} that were made without --link, of its smears"
-        return DatabaseError(f"{path}: {told}; add --replace to make them anew, of its features")
+        return DatabaseError(
+            f"{path}: holds views of {name} that were made without --link, of its smears; add --replace to "
+            "make them anew, of its features"
+        )
     return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
 
 
@@ -193,9 +197,8 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     }
     # no other image has pairs of an earlier call
     known = {image.image_id, *(number for number, _ in own.values())}
-    for (one, other), geometry in geometries.items():
-        pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        put_pair(database, one, other, pair, replace={one, other} <= known)
+    for pair, geometry in geometries.items():
+        put_pair(database, pair, geometry, matched, inliers, replace=known.issuperset(pair))
     mark_views(database, views, ids, digest(image))
 
 

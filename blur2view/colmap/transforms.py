@@ -186,12 +186,12 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
             "undistort the photographs first with colmap image_undistorter"
         )
     fisheye = camera.model_name in FISHEYE
-    found = {"w": camera.width, "h": camera.height}
+    values = {"w": camera.width, "h": camera.height}
     for name, value in zip(camera.params_info.split(", "), camera.params.tolist(), strict=True):
-        found |= dict.fromkeys(RENAMED.get(name, (name,)), value)
+        values |= dict.fromkeys(RENAMED.get(name, (name,)), value)
     absent = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
     kind = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True} if fisheye else {"camera_model": "OPENCV"}
-    return kind | found | {name: 0.0 for name in absent if name not in found}
+    return kind | values | {name: 0.0 for name in absent if name not in values}
 
 
 def _world_from_camera(image: Any) -> Array:

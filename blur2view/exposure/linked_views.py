@@ -45,12 +45,17 @@ class KeypointViews:
 
 
 def keypoint_views(
-    name: str, keypoints: Array, estimate: Estimate, options: EstimatorOptions | None = None
+    name: str,
+    keypoints: Array,
+    estimate: Estimate,
+    options: EstimatorOptions | None = None,
+    excluded: NDArray[np.bool_] | None = None,
 ) -> KeypointViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    What lies beyond the picture stays where it is and is not usable; what is not finite is put at 0.
-    ``options`` are those of the estimate: what counts as an inlier.
+    What lies beyond the picture stays where it is and is not usable; what is not finite is put at 0. Nor is
+    usable what lies on pixels (H, W) that are ``excluded``, as they move by themselves. ``options`` are those
+    of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
@@ -68,6 +73,9 @@ def keypoint_views(
     first, last = ends[index, swapped.astype(int)], ends[index, 1 - swapped.astype(int)]
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
     usable = inside & certain & (geometry.F is not None or geometry.H is not None)
+    if excluded is not None:
+        columns, rows = np.rint(points).astype(int).T
+        usable &= ~excluded[rows, columns]
     fits = usable & _fits(order, ends, sampson, options)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     views = replace(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
-from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, session_errors
+from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, patient, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
 from blur2view.networks.spectra import polar_cepstra, power_spectra
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
@@ -66,9 +66,13 @@ class OctaveReader:
 
     def _run(self, *inputs: Floats) -> list[Floats]:
         """Return the network's outputs; ModelError if it cannot be run."""
-        try:
-            outputs: list[Floats] = self.session.run(None, dict(zip(INPUTS, inputs, strict=True)))
-        except session_errors():
-            height, width = inputs[0].shape[2:]
-            raise ModelError(f"{self.path}: cannot be run on {width}x{height} pixels; {REMEDY}") from None
+        height, width = inputs[0].shape[2:]
+        with patient(height * width // STEP**2) as options:
+            try:
+                outputs: list[Floats] = self.session.run(
+                    None, dict(zip(INPUTS, inputs, strict=True)), options
+                )
+            except session_errors():
+                why = "takes too long" if options.terminate else "cannot be run"
+                raise ModelError(f"{self.path}: {why} on {width}x{height} pixels; {REMEDY}") from None
         return outputs

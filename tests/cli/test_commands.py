@@ -40,22 +40,23 @@ def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None
     assert run(moving, "-o", out) == 0
     assert sorted(path.name for path in out.iterdir()) == ["moving.json", "moving.png", "moving.smear.npz"]
 
-    facts = json.loads((out / "moving.json").read_text())
-    assert facts["config"] == "UNCALIBRATED" and facts["reason"]
-    F = np.array(facts["F"])
+    document = json.loads((out / "moving.json").read_text())
+    assert document["config"] == "UNCALIBRATED" and document["reason"]
+    F = np.array(document["F"])
     assert F.shape == (3, 3) and np.isclose(np.linalg.norm(F), 1)
-    assert 0 < facts["num_inliers"] <= facts["num_matches"]
-    assert (facts["width"], facts["height"]) == (WIDTH, HEIGHT)
-    assert facts["model_id"] == "colour-code" and facts["seed"] == 0
-    assert facts["beta"] == SelectOptions.beta and facts["max_error_px"] == EstimatorOptions.max_error_px
-    assert set(facts["timings_s"]) == {"read", "predict", "select", "solve"}
+    assert 0 < document["num_inliers"] <= document["num_matches"]
+    assert (document["width"], document["height"]) == (WIDTH, HEIGHT)
+    assert document["model_id"] == "colour-code" and document["seed"] == 0
+    assert document["beta"] == SelectOptions.beta
+    assert document["max_error_px"] == EstimatorOptions.max_error_px
+    assert set(document["timings_s"]) == {"read", "predict", "select", "solve"}
 
     with np.load(out / "moving.smear.npz") as arrays:
         assert arrays["smear_grid"].shape == (-(-HEIGHT // 32), WIDTH // 32, 4)
         assert arrays["smear_grid"].dtype == np.float16
         assert arrays["stride"] == 32 and arrays["shape"].tolist() == [HEIGHT, WIDTH]
-        assert arrays["ends"].shape == (facts["num_matches"], 2, 2)
-        assert arrays["inlier_mask"].sum() == facts["num_inliers"]
+        assert arrays["ends"].shape == (document["num_matches"], 2, 2)
+        assert arrays["inlier_mask"].sum() == document["num_inliers"]
         assert arrays["swapped"].shape == arrays["match_sigma_px"].shape == arrays["inlier_mask"].shape
 
     assert read_image(out / "moving.png").shape[1] == 640
@@ -78,9 +79,11 @@ def test_summary_is_two_lines(
     assert run(moving, "-o", out) == 0
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith(f"{moving}: Camera moved")
-    facts = json.loads((out / "moving.json").read_text())
-    assert f"{facts['num_inliers']} of {facts['num_matches']} smears fit" in second
-    assert "epipole (" in second and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
+    document = json.loads((out / "moving.json").read_text())
+    assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
+    assert "moved to or from (" in second and second.endswith(
+        f"wrote {out / 'moving'}.{{json,png,smear.npz}}"
+    )
 
 
 def test_verbose_summary_has_reason_matrix_costs_and_timings(
@@ -88,8 +91,8 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(
 ) -> None:
     assert run(moving, "-v", "-o", tmp_path / "out") == 0
     text = capsys.readouterr().out
-    facts = json.loads((tmp_path / "out" / "moving.json").read_text())
-    for words in ("UNCALIBRATED", facts["reason"], "F =", "epipoles", "penalised costs: ", "solve "):
+    document = json.loads((tmp_path / "out" / "moving.json").read_text())
+    for words in ("UNCALIBRATED", document["reason"], "F =", "epipoles", "penalised costs: ", "solve "):
         assert words in text
 
 
@@ -136,17 +139,17 @@ def test_json_is_one_document_that_equals_the_file(
     assert run(moving, still, "--json", "-o", tmp_path / "out") == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["failures"] == []
-    for facts in printed["estimates"]:
-        file = tmp_path / "out" / f"{Path(facts['image']).stem}.json"
-        assert json.loads(file.read_text()) == facts
+    for document in printed["estimates"]:
+        file = tmp_path / "out" / f"{Path(document['image']).stem}.json"
+        assert json.loads(file.read_text()) == document
 
 
 def test_picture_without_motion_is_a_result_with_a_reason(
     run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(still, "-o", tmp_path / "out") == 0
-    facts = json.loads((tmp_path / "out" / "still.json").read_text())
-    assert facts["F"] is None and facts["config"] == "DEGENERATE" and len(facts["reason"]) > 10
+    document = json.loads((tmp_path / "out" / "still.json").read_text())
+    assert document["F"] is None and document["config"] == "DEGENERATE" and len(document["reason"]) > 10
     assert "DEGENERATE" in capsys.readouterr().out
 
 
@@ -187,9 +190,9 @@ def test_options_reach_the_steps(run: Any, moving: Path, capsys: pytest.CaptureF
     counts = []
     for beta in (0.1, 0.3):
         assert run(moving, "--json", "--beta", beta, "--max-error", 0.5) == 0
-        facts = json.loads(capsys.readouterr().out)["estimates"][0]
-        assert facts["beta"] == beta and facts["max_error_px"] == 0.5
-        counts.append(facts["num_matches"])
+        document = json.loads(capsys.readouterr().out)["estimates"][0]
+        assert document["beta"] == beta and document["max_error_px"] == 0.5
+        counts.append(document["num_matches"])
     assert counts[0] < counts[1]
 
 
@@ -408,8 +411,8 @@ def test_output_that_nobody_takes_is_no_traceback(
 def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Path, tmp_path: Path) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
     photo = read_image(moving)
-    found = estimate(photo, network=SmearNetwork(tiny_model))
-    drawn = draw_overlay(photo, found.grid, found.matches, found.geometry)
+    result = estimate(photo, network=SmearNetwork(tiny_model))
+    drawn = draw_overlay(photo, result.grid, result.matches, result.geometry)
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
 
 

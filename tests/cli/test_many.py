@@ -352,8 +352,8 @@ def test_frames_of_a_video_are_estimated_in_order(
     assert {path.relative_to(out).as_posix() for path in out.rglob("*.json")} == {
         "clip/000000.json", "clip/000010.json", "clip/000020.json"
     }  # fmt: skip
-    facts = json.loads((out / "clip/000010.json").read_text())
-    assert facts["image"] == f"{video}/000010" and (facts["width"], facts["height"]) == (80, 64)
+    document = json.loads((out / "clip/000010.json").read_text())
+    assert document["image"] == f"{video}/000010" and (document["width"], document["height"]) == (80, 64)
     assert run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume") == 0
     assert "4 photographs: 2 done, 2 done before" in capsys.readouterr().out
 

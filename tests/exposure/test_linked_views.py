@@ -92,6 +92,15 @@ def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarr
     assert linked.usable[5]
 
 
+def test_features_on_excluded_pixels_are_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    keypoints = np.array([[79.4, 50.0], [79.6, 50.0], [-0.5, 3.0], [159.4, 3.0]])
+    right = np.zeros(SIZE[::-1], bool)
+    right[:, 80:] = True
+    linked = keypoint_views("a.jpg", keypoints, found[0], excluded=right)
+    assert linked.usable.tolist() == [True, False, True, False]
+    assert not linked.views.geometry.inlier_mask[[1, 3]].any()
+
+
 def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
     estimate, *_ = found
     unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)

@@ -168,8 +168,8 @@ def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
 
 def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
     model = colour_code_network()
-    (pool, *_) = (node for node in model.graph.node if node.op_type == "AveragePool")
-    pool.attribute[0].ints[:] = [400, 400]  # a window larger than the picture
+    _, pool = (node for node in model.graph.node if node.op_type == "AveragePool")
+    pool.attribute[0].ints[:] = [32, 32]  # a window of more cells than the picture has
     onnx.save(model, tmp_path / "wide.onnx")
     with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
         predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")

@@ -38,7 +38,7 @@ from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
 from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
-from tools.evaluation.processes import single_threaded_pool
+from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED_CODE = (

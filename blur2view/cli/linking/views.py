@@ -38,6 +38,7 @@ from blur2view.results.table import Row
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
+from blur2view.segmentation.mask import MotionLabel, segment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,6 +125,7 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
 
     database: Path | None
     link: bool
+    skip_movers: bool
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
         """Return the views of one photograph."""
@@ -143,7 +145,9 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
         if photograph.plan is None:
             views, usable = views_of(photograph.name, result), None
         else:
-            linked = keypoint_views(photograph.name, photograph.plan.image.keypoints, result, run.options)
+            keypoints = photograph.plan.image.keypoints
+            moving = segment(result, image).labels == MotionLabel.MOVING if self.skip_movers else None
+            linked = keypoint_views(photograph.name, keypoints, result, run.options, moving)
             views, usable = linked.views, linked.usable
         row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
         return Made(
