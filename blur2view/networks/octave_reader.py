@@ -13,7 +13,7 @@ from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, patient, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
-from blur2view.networks.spectra import polar_cepstra, power_spectra
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 
 Floats = NDArray[np.float32]
