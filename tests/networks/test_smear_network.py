@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks import octaves
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
@@ -20,7 +20,6 @@ from tests.support.colour_code import colour_code, colour_code_network
 from tools.metrics import direction_error_deg
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
-ONE = PyramidOptions(levels=1)
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -53,7 +52,7 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
 def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
     angle = np.radians(60 + np.arange(256) / 4)  # even steps, so interpolation is exact
     true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
-    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), pyramid=ONE).at_pixels()
+    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), levels=1).at_pixels()
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
 
 
@@ -61,7 +60,7 @@ def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
     network = SmearNetwork(tiny_model)
-    whole, tiled = (network.predict(image, options, ONE).at_pixels() for options in (None, TILED))
+    whole, tiled = (network.predict(image, options, 1).at_pixels() for options in (None, TILED))
     assert difference(whole.displacement, tiled.displacement).max() < 1e-3
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
 
@@ -105,7 +104,7 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
     tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
-    whole, tiled = (network.predict(image, options, ONE).cells[..., :2] for options in (None, tiles))
+    whole, tiled = (network.predict(image, options, 1).cells[..., :2] for options in (None, tiles))
     error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
     # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
     seam = np.isin(np.arange(40), [12, 15, 24, 27])
@@ -130,10 +129,10 @@ def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest
         np.testing.assert_array_equal(predict(image, tiny_model).at_pixels().displacement, whole.displacement)
 
 
-def test_octaves_may_be_smaller_than_a_window() -> None:
-    options = PyramidOptions(smallest_px=16)
+def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(octaves, "SMALLEST_PX", 16)
     for side in (64, 100):
-        assert SmearNetwork(threads=1).predict(np.zeros((side, side, 3)), None, options).shape == (side, side)
+        assert SmearNetwork(threads=1).predict(np.zeros((side, side, 3))).shape == (side, side)
 
 
 def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
