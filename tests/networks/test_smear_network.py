@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import onnx
@@ -10,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
+from blur2view.networks import smear_network
 from blur2view.networks.octaves import PyramidOptions
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
-from tests.support.colour_code import colour_code, colour_code_network
+from tests.support.colour_code import colour_code, colour_code_network, noise
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
 ONE = PyramidOptions(levels=1)
@@ -131,6 +133,21 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
 
 
+def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = colour_code(turning_field(128, 512), 1.0)
+    image[:, 160:] = 0.5
+    network = SmearNetwork(blurring_model)
+    read = Mock(wraps=network._reader.read)
+    monkeypatch.setattr(network._reader, "read", read)
+    found = network.predict(image, TILED, ONE).cells
+    tiles = read.call_count
+    monkeypatch.setattr(smear_network, "_flat", lambda image, stride: np.zeros((4, 16), bool))
+    everywhere = network.predict(image, TILED, ONE).cells
+    assert (tiles, read.call_count - tiles) == (3, 7)
+    seen = found[..., 2] != UNSEEN_SIGMA_PX
+    np.testing.assert_array_equal(found[seen], everywhere[seen])
+
+
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
     image = colour_code(turning_field(160, 320), 1.0)
     image[:, 160:] = image[80, 250]
@@ -174,7 +191,7 @@ def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
     pool.attribute[0].ints[:] = [32, 32]  # a window of more cells than the picture has
     onnx.save(model, tmp_path / "wide.onnx")
     with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
-        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")
+        predict(noise(), tmp_path / "wide.onnx")
 
 
 def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
@@ -184,7 +201,7 @@ def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
             constant.CopyFrom(onnx.numpy_helper.from_array(np.full(1, np.nan, np.float32), "scale"))
     onnx.save(model, tmp_path / "nan.onnx")
     with pytest.raises(ModelError, match="not finite"):
-        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")
+        predict(noise(), tmp_path / "nan.onnx")
 
 
 @pytest.mark.parametrize("image", ["a.jpg", Path("a.jpg"), None, [[0.0]]])
