@@ -111,7 +111,7 @@ def _files(call: Call) -> Iterator[str]:
             yield f"leaves {path.relative_to(call.folder)}"
         elif path.relative_to(call.folder).parts[0] == EXTRACTED:
             continue
-        elif path.is_file() and not path.is_symlink() and (why := _damage(path)):
+        elif path.is_file() and not path.is_symlink() and (why := damage(path)):
             yield f"{path.relative_to(call.folder)} {why}"
     endings = ENDINGS.get(call.words[0], ())
     for stem in {
@@ -123,7 +123,7 @@ def _files(call: Call) -> Iterator[str]:
         yield f"writes {there[-1].name} in spite of wrong usage"
 
 
-def _damage(path: Path) -> str:
+def damage(path: Path) -> str:
     """Return what is wrong with a result; nothing of a file of another kind."""
     data = path.read_bytes()
     try:
