@@ -19,6 +19,7 @@ ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1
 # Half a stop. EXIF's times are rounded by up to 7 % (1/15 for 1/16), shutters are off by a third of a stop at
 # most; focal lengths are good to a few per cent, unless the picture was cropped.
 MOST_APART = 2**0.5
+PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # what a PNG with EXIF has one of
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 
 
@@ -58,6 +59,8 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     try:
         with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
+            if photo.format == "PNG" and content and not any(mark in content for mark in PNG_MARKS):
+                return ExifFacts()  # Pillow would decode the picture to see whether any comes after it
             size = photo.size
             exif = photo.getexif()
             tags = dict(exif.get_ifd(ExifTags.IFD.Exif))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, PngImagePlugin
 
 from blur2view.arrays import Array
 from blur2view.camera import exif
@@ -262,3 +264,16 @@ def test_what_opencv_gives_otherwise_is_refused() -> None:
     with pytest.raises(ValueError, match="K must be"):
         Camera.from_opencv(np.eye(4), None, (640, 480))
     assert Camera.from_opencv(K, np.zeros((1, 14)), (640, 480)).model == "PINHOLE"
+
+
+def test_png_is_not_decoded_for_exif_that_it_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 3
+    block = exif.tobytes().removeprefix(b"Exif\0\0")
+    chunk = struct.pack(">I", len(block)) + b"eXIf" + block + struct.pack(">I", zlib.crc32(b"eXIf" + block))
+    Image.new("RGB", (40, 30)).save(tmp_path / "a.png")
+    bare = (tmp_path / "a.png").read_bytes()
+    late = bare[:-12] + chunk + bare[-12:]  # before IEND, after the pixels
+    assert read_exif("a.png", late).rows_towards == (0, -1)
+    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", lambda self: pytest.fail("decoded"))
+    assert read_exif("a.png", bare) == ExifFacts()

@@ -16,7 +16,7 @@ from blur2view.networks import model_file
 from blur2view.networks.model_file import OPERATORS, model_path, open_session
 from blur2view.networks.onnx_operators import MAX_NODES, operators
 from blur2view.networks.smear_network import SmearNetwork
-from tests.support.colour_code import colour_code_network
+from tests.support.colour_code import colour_code_network, noise
 
 
 def test_network_tells_what_it_is(tiny_model: Path) -> None:
@@ -213,7 +213,7 @@ def test_a_network_gets_no_more_memory_than_its_bound(tmp_path: Path) -> None:
     onnx.save(model, tmp_path / "a.onnx")
     network = SmearNetwork(tmp_path / "a.onnx")  # which computes nothing yet
     with pytest.raises(ModelError, match="cannot be run on 64x64"):
-        network.predict(np.zeros((64, 64, 3), np.float32))
+        network.predict(noise())
 
 
 def test_a_network_that_computes_for_too_long_is_stopped(
@@ -225,7 +225,7 @@ def test_a_network_that_computes_for_too_long_is_stopped(
     monkeypatch.setattr(model_file, "PATIENCE_S", 0.05)
     network = SmearNetwork(tmp_path / "a.onnx")
     with pytest.raises(ModelError, match="takes too long on 64x64"):
-        network.predict(np.zeros((64, 64, 3), np.float32))
+        network.predict(noise())
 
 
 def test_a_network_is_run_deterministically(tiny_model: Path) -> None:

@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -11,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks import octaves
+from blur2view.networks import octaves, smear_network
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
-from tests.support.colour_code import colour_code, colour_code_network
+from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
@@ -148,6 +149,21 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
 
 
+def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = colour_code(turning_field(128, 512), 1.0)
+    image[:, 160:] = 0.5
+    network = SmearNetwork(blurring_model)
+    read = Mock(wraps=network._reader.read)
+    monkeypatch.setattr(network._reader, "read", read)
+    found = network.predict(image, TILED, levels=1).cells
+    tiles = read.call_count
+    monkeypatch.setattr(smear_network, "_flat", lambda image, stride: np.zeros((4, 16), bool))
+    everywhere = network.predict(image, TILED, levels=1).cells
+    assert (tiles, read.call_count - tiles) == (3, 7)
+    seen = found[..., 2] != UNSEEN_SIGMA_PX
+    np.testing.assert_array_equal(found[seen], everywhere[seen])
+
+
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
     image = colour_code(turning_field(160, 320), 1.0)
     image[:, 160:] = image[80, 250]
@@ -208,7 +224,7 @@ def test_network_that_breaks_its_promise_is_named_in_one_line(
 ) -> None:
     onnx.save(model, tmp_path / "wrong.onnx")
     with pytest.raises(ModelError, match=words) as caught:
-        predict(np.zeros((64, 96, 3), np.float32), tmp_path / "wrong.onnx")
+        predict(noise(64, 96), tmp_path / "wrong.onnx")
     assert "wrong.onnx" in str(caught.value) and "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
 
