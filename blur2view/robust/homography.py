@@ -244,13 +244,13 @@ class _WeightedHomography(Generic[Family]):
     def cost(self) -> float:
         """Robust cost of data and prior."""
         prior, _ = self.family.prior()
-        data = robust_cost(self.ordered.squared, self.options.cutoff).sum()
+        data = robust_cost(self.ordered.squared).sum()
         return float(self.options.data_weight * data + prior @ prior)
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
         A, tangent = self.family.generator(), self.family.tangent()
-        weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
+        weight = robust_weight(self.ordered.squared) / self.matches.sigma**2
         share = self.ordered.forward_share
         shares = np.concatenate([share, 1 - share])  # (2 N,)
         counted = np.flatnonzero(shares > NEGLIGIBLE)  # of most smears one order cannot be

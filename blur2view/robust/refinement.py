@@ -89,13 +89,13 @@ class WeightedPoint(Generic[M]):
     def cost(self) -> float:
         """Twice the negative log-posterior."""
         prior, _ = self.point.prior()
-        data = self.matches.costs(self.residuals, self.options).sum()
+        data = self.matches.costs(self.residuals).sum()
         return float(self.options.data_weight * data + prior @ prior)
 
     @cached_property
     def inliers(self) -> Array:
         """Probabilities (N,) of being an inlier."""
-        return self.matches.inlier_shares(self.residuals, self.options)
+        return self.matches.inlier_shares(self.residuals)
 
     @cached_property
     def order_weights(self) -> Array:

@@ -25,7 +25,7 @@ from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, measured_sigma_px
-from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
@@ -54,7 +54,7 @@ class CalibratedFit:
         All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose
         order or kind is in doubt weighs less.
         """
-        options = RefineOptions(cutoff=CUTOFF, data_weight=self.problem.shared.all_correlation)
+        options = RefineOptions(data_weight=self.problem.shared.all_correlation)
         plain = self.problem.weighted.residuals(self.point.matrix())
         states = (
             WeightedPoint(
@@ -95,14 +95,14 @@ def fit_calibrated(problem: SmearProblem, start: CameraF, likelihood: DirectionL
     rotation, t = likelihood.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
     point = min(
-        (fit_best(MotionModel.CAMERA, [point], problem, CUTOFF) for point in starts),
+        (fit_best(MotionModel.CAMERA, [point], problem) for point in starts),
         key=lambda fit: fit.score,
     ).point
     if not isinstance(point, CameraF):
         raise TypeError(f"a camera's fit is a CameraF, got {type(point).__name__}")
     matches = problem.weighted
     residuals = matches.residuals(point.matrix())
-    inliers = matches.inlier_shares(residuals, RefineOptions(cutoff=CUTOFF))
+    inliers = matches.inlier_shares(residuals)
     oriented = oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
     return CalibratedFit(problem=problem, point=point, oriented=oriented)
 

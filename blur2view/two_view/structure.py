@@ -18,11 +18,11 @@ from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.homography import PlaneH, RotationH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import TELLING, SmearProblem
+from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts, with_measured_noise
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.options import CUTOFF
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.two_view.plane_parallax import plane_and_parallax
 from blur2view.two_view.verdict import Structure, Verdict
@@ -99,7 +99,7 @@ def assess(
         sentence = "no motion, the smears are no longer than their errors"
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = np.sort(rng.permutation(len(matches))[:SAMPLE])
-    plane = find_plane(problem.subset(sample).weighted, CUTOFF, problem.has_camera, rng)
+    plane = find_plane(problem.subset(sample).weighted, problem.has_camera, rng)
     if plane is None:
         structure = Structure.NOTHING if no_consensus else Structure.PARALLAX
         return Verdict(structure=structure, sentence="no homography fits", fit=fit)
@@ -107,7 +107,7 @@ def assess(
     if not no_consensus:
         ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
         backward = np.abs(ordered.backward) < np.abs(ordered.forward)
-        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, CUTOFF, rng)
+        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
@@ -203,11 +203,11 @@ def recovered(
 ) -> tuple[Fit, Evidence]:
     """Return F from the plane and the smears off it, with its evidence, where it is clearly better."""
     off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 >= CUTOFF**2)
-    F = plane_and_parallax(plane.generator(), problem, off_plane, CUTOFF, rng)
+    F = plane_and_parallax(plane.generator(), problem, off_plane, rng)
     if F is None:
         return fit, evidence
     model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem, CUTOFF)
+    other = fit_best(model, points, problem)
     new = evidence_of(matches, problem, other, plane, sample)
     better = problem.data_weight * (new.gain - evidence.gain) > CLEARLY
     return (other, new) if better else (fit, evidence)
@@ -233,11 +233,11 @@ def cheaper(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
     The standard deviations are those that the dearer one left: the cheaper is refined at its own.
     """
     model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem, CUTOFF)
+    other = fit_best(model, points, problem)
     if other.score >= fit.score:
         return fit
-    own = with_measured_noise(problem, other.point.matrix(), CUTOFF)
-    return fit_best(other.model, [other.point], own, CUTOFF)
+    own = with_measured_noise(problem, other.point.matrix())
+    return fit_best(other.model, [other.point], own)
 
 
 def models_of(fits: list[Fit], verdict: Verdict) -> tuple[tuple[MotionModel, float], ...]:

@@ -213,8 +213,9 @@ def add_camera(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
 def add_estimation(parser: argparse.ArgumentParser) -> None:
     """Describe the options of the estimator; their defaults are those of its dataclasses."""
     from blur2view.input_files import MAX_MEMORY_GIB
+    from blur2view.robust.residuals import CUTOFF
     from blur2view.smears.selection import SelectOptions
-    from blur2view.two_view.options import CUTOFF, EstimatorOptions
+    from blur2view.two_view.options import EstimatorOptions
 
     group = parser.add_argument_group(
         "estimation",
