@@ -150,8 +150,8 @@ def find_plane(matches: WeightedEnds, has_camera: bool, rng: np.random.Generator
     """
     weights = np.ones(len(matches.ends))
     estimator = HomographyEstimator(matches=matches, quality=weights, has_camera=has_camera)
-    found = ransac(estimator, SEARCH, rng).model
-    if found is None:
+    entries = ransac(estimator, SEARCH, rng).model
+    if entries is None:
         return None
     options = RefineOptions(max_iterations=FINAL_STEPS)
-    return refine_homography(PlaneH(entries=found), matches, options)[0]
+    return refine_homography(PlaneH(entries=entries), matches, options)[0]

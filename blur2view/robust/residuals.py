@@ -15,6 +15,7 @@ from blur2view.robust.parametrization import Manifold
 
 CUTOFF = 3.0
 """Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
+NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
 LOG_2 = float(np.log(2.0))
 DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
@@ -178,10 +179,10 @@ class WeightedEnds:
         cost: Array = -2 * np.log((residuals.total + chance) / (1 + chance))
         return cost
 
-    def inlier_shares(self, residuals: OrderedResiduals) -> Array:
-        """Return probabilities (N,) of being an inlier: the weights of reweighted least squares."""
-        share: Array = residuals.total / (residuals.total + self._chance)
-        return share
+    def order_weights(self, residuals: OrderedResiduals) -> Array:
+        """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
+        weights: Array = residuals.likelihoods / (residuals.total + self._chance)
+        return weights
 
     @property
     def _chance(self) -> Array | float:

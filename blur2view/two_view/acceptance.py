@@ -99,7 +99,7 @@ def consensus(
     matches: SmearMatches,
     rng: np.random.Generator,
 ) -> tuple[bool, str]:
-    """Return whether to doubt the F of a fit, and the figures behind it.
+    """Return whether there is no consensus on the F of a fit, and the figures behind it.
 
     F must explain more smears than chance. Between MIN_AGREEMENT and SURE_AGREEMENT each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry. They

@@ -24,7 +24,7 @@ from blur2view.robust.ransac import weighted_samples
 from blur2view.robust.residuals import CUTOFF
 
 PAIRS = 100  # pairs of smears tried; with four orders each 400 epipoles
-SCORED = 500  # smears that judge them
+SCORED = 500  # smears that they are scored on
 
 
 def parallax_lines(A: Array, ends: Array) -> Array:

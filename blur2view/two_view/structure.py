@@ -43,7 +43,7 @@ SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be as
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NoParallax:
+class Homographies:
     """The homography of most smears and, where a camera may be assumed, the rotation, on one noise.
 
     ``rotation_gain`` is what any homography gains over the rotation, ``needed`` what it must by Schwarz's
@@ -111,7 +111,7 @@ def assess(
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
-            fit = cheaper(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
+            fit = lower_cost(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
             evidence = evidence_of(matches, problem, fit, plane, sample)
         fit, evidence = recovered(matches, problem, fit, plane, evidence, sample, rng)
     count = problem.data_weight * len(sample)
@@ -135,31 +135,31 @@ def without_parallax(
     figures: str,
 ) -> Verdict:
     """Return the verdict of a rotation, a plane, or either; F stays unless parallax is absent."""
-    found = no_parallax(matches, problem, plane, sample)
+    alternatives = no_parallax(matches, problem, plane, sample)
     names = {
-        True: (Structure.ROTATION, Structure.ROTATION_OPEN),
-        False: (Structure.PLANE, Structure.PLANE_OPEN),
-        None: (Structure.ROTATION_OR_PLANE, Structure.OPEN),
+        True: (Structure.ROTATION, Structure.ROTATION_UNDECIDED),
+        False: (Structure.PLANE, Structure.PLANE_UNDECIDED),
+        None: (Structure.ROTATION_OR_PLANE, Structure.UNDECIDED),
     }
-    structure = names[found.is_rotation][0 if absent else 1]
+    structure = names[alternatives.is_rotation][0 if absent else 1]
     prefix = "there is no parallax" if absent else "parallax is undecided"
-    sentence = f"{prefix}: {figures}; {found.sentence}"
-    return Verdict(structure=structure, sentence=sentence, fit=fit, A=found.generator)
+    sentence = f"{prefix}: {figures}; {alternatives.sentence}"
+    return Verdict(structure=structure, sentence=sentence, fit=fit, generator=alternatives.generator)
 
 
 def no_parallax(
     matches: SmearMatches, problem: SmearProblem, plane: PlaneH, sample: NDArray[np.int_]
-) -> NoParallax:
+) -> Homographies:
     """Return the homography and the rotation that explain most smears, from a first homography."""
     part = matches.subset(sample)
     along, across = part.bulk_px
     data = FlowData.of(problem.subset(sample), (problem.noise_scale * along, problem.noise_scale * across))
     any_homography = fit_flow(plane, data)
     if not problem.has_camera:
-        return NoParallax(plane=any_homography.family, rotation=None, rotation_gain=0.0, needed=0.0)
+        return Homographies(plane=any_homography.family, rotation=None, rotation_gain=0.0, needed=0.0)
     start = RotationH.from_generator(any_homography.family.generator(), problem.prior)
     rotation = fit_flow(start, data)
-    return NoParallax(
+    return Homographies(
         plane=any_homography.family,
         rotation=rotation.family,
         rotation_gain=rotation.cost - any_homography.cost,
@@ -227,10 +227,10 @@ def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 
-def cheaper(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
-    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3).
+def lower_cost(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
+    """Return the fit of lower cost: one as given, or the richest plausible family refined from F (3, 3).
 
-    The standard deviations are those that the dearer one left: the cheaper is refined at its own.
+    Standard deviations are those that the given one left; the other, if better, is refined at its own.
     """
     model, points = richer_starts(problem, [F])
     other = fit_best(model, points, problem)

@@ -100,7 +100,7 @@ def test_start_of_the_rotation_is_the_skew_part() -> None:
 )
 def test_tangents_and_prior_match_differences(family: Homographies) -> None:
     step = 1e-6
-    for i, direction in enumerate(np.eye(family.dimension)):
+    for i, direction in enumerate(np.eye(len(family.tangent()))):
         ahead, behind = family.step(step * direction), family.step(-step * direction)
         numeric = (ahead.generator() - behind.generator()) / (2 * step)
         assert np.allclose(family.tangent()[i], numeric, atol=1e-8)

@@ -90,7 +90,8 @@ def test_a_wrong_F_leaves_structure_and_the_true_one_does_not() -> None:
         problem, fit, backward = fitted(scene)
         inverse = np.asarray(np.linalg.inv(problem.T), float)
         true = inverse.T @ fundamental_from_pose(scene.K, scene.R, scene.t) @ inverse
-        turned = fit.point.step(np.concatenate([[0.2, 0.2], np.zeros(fit.point.dimension - 2)])).matrix()
+        delta = np.where(np.arange(len(fit.point.tangent())) < 2, 0.2, 0.0)
+        turned = fit.point.step(delta).matrix()
         assert not leaves_structure(problem, true, backward)
         assert leaves_structure(problem, turned, backward)
 
