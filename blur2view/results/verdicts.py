@@ -34,7 +34,7 @@ DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 def kind(geometry: TwoViewGeometry) -> str:
     """Return the kind of a verdict: proven, undecided, flat or none."""
-    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.OPEN
+    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.UNDECIDED
     return "undecided" if beside_H else KINDS[geometry.config]
 
 
