@@ -24,7 +24,7 @@ MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, cent
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExifFacts:
+class ExifValues:
     """Values of EXIF; None where there is no usable one.
 
     Parameters
@@ -45,7 +45,7 @@ class ExifFacts:
     rows_towards: tuple[int, int] = (0, 1)
 
 
-def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifFacts:
+def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
     """Return focal length, exposure time and orientation; None of a photograph without EXIF or a damaged one.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
@@ -67,11 +67,11 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
             # pillow_heif turns pictures upright and keeps what the tag said
             orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
-        return ExifFacts()
+        return ExifValues()
     focal_px, focal_tags = _focal(tags, size)
     if focal_px is not None and not possible_focal(focal_px):
         focal_px, focal_tags = None, ""
-    return ExifFacts(
+    return ExifValues(
         focal_px=focal_px,
         focal_tags=focal_tags,
         exposure_s=_positive(tags, "ExposureTime"),

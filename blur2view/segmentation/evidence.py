@@ -25,7 +25,7 @@ LINE_FLOOR_PX = 0.4  # error of smears across the epipolar lines that no cell st
 SMOOTH = 1.5e-6  # mean square gradient below which a window shows nothing: a third of a level of 255 a pixel
 
 
-def evidence(cells: Cells, camera: Array, ends: Array, F: Array | None, gradients: Array) -> Array:
+def evidence(cells: Cells, camera: Array, F: Array | None, gradients: Array) -> Array:
     """Return the evidence (FINER h, FINER w, K), most of it logarithms.
 
     Parameters
@@ -34,20 +34,18 @@ def evidence(cells: Cells, camera: Array, ends: Array, F: Array | None, gradient
         (h, w).
     camera : ndarray of shape (h, w, 2)
         Displacements of the camera's motion, pixels.
-    ends : ndarray of shape (h, w, 2, 2)
-        Ends of the smears as the undistorted picture shows them, which F is of.
     F : ndarray of shape (3, 3) or None
     gradients : ndarray of shape (FINER h, FINER w, 3 OCTAVES)
         See `gradients_of`.
     """
-    coarse = upsample_grid(_of_cells(cells, camera, ends, F).astype(np.float32), FINER)
+    coarse = upsample_grid(_of_cells(cells, camera, F).astype(np.float32), FINER)
     double = np.concatenate([to_double_angle(camera), to_double_angle(cells.displacement)], axis=-1)
     fine = upsample_grid(double.astype(np.float32), FINER)
     blur = [_along_and_across(gradients, fine[..., k : k + 2]) for k in (0, 2)]
     return np.concatenate([coarse, *blur], axis=-1)
 
 
-def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Array:
+def _of_cells(cells: Cells, camera: Array, F: Array | None) -> Array:
     """Return what the smears of the cells show, (h, w, 13)."""
     seen, length, error = cells.displacement, cells.length_px, cells.error_px
     expected = np.linalg.norm(camera, axis=-1)
@@ -56,7 +54,7 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    across = np.zeros_like(length) if F is None else off_lines_px(ends, F)
+    across = np.zeros_like(length) if F is None else off_lines_px(cells, F)
     evidence = [
         np.log1p(apart / (scale * error)),
         np.log1p(apart),
@@ -73,10 +71,10 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
     return np.stack([*evidence, *np.moveaxis(_turned_difference(seen, camera), -1, 0)], axis=-1)
 
 
-def off_lines_px(ends: Array, F: Array) -> Array:
-    """Return how far ends (h, w, 2, 2) are off the epipolar lines, (h, w); 0 where a camera has no ray."""
-    squared = np.nan_to_num(serrmin(F, ends.reshape(-1, 2, 2)))
-    return np.asarray(np.sqrt(squared).reshape(ends.shape[:2]))
+def off_lines_px(cells: Cells, F: Array) -> Array:
+    """Return how far the ends are off the epipolar lines, (h, w); 0 where a camera has no ray."""
+    squared = np.nan_to_num(serrmin(F, cells.ends.reshape(-1, 2, 2)))
+    return np.asarray(np.sqrt(squared).reshape(cells.ends.shape[:2]))
 
 
 def off_lines_error_px(cells: Cells) -> Array:

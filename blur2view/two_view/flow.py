@@ -1,11 +1,11 @@
 """A rotation or any homography among smears whose errors are known: along, across, all over the picture.
 
-At mid exposure a homography of generator A moves the point p by (A p)_12 - p (A p)_3, which is linear in A
-and exact to third order in the smear's length. Residuals are counted along and across each smear by the bulk
-of its errors, heavy tails by Student's distribution, and the errors that vary slowly over the whole picture
-are six parameters beside those of A, with a prior: lengths and directions wrong by a share, alike everywhere
-or in proportion to x or y. Without them a field of lengths that err by 4 % would speak against every
-rotation.
+At mid exposure a homography of generator A moves the point p by v(p) = (A p)_12 - p (A p)_3, which is linear
+in A; the chord of its path is v(p) + (A p)_3 / 4 v(v), to fifth order in the smear's length. Residuals are
+counted along and across each smear by the bulk of its errors, heavy tails by Student's distribution, and the
+errors that vary slowly over the whole picture are six parameters beside those of A, with a prior: lengths and
+directions wrong by a share, alike everywhere or in proportion to x or y. Without them a field of lengths that
+err by 4 % would speak against every rotation.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Generic
 import numpy as np
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import homogeneous
 from blur2view.robust.homography import Family, velocity_basis
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.problem import SmearProblem
@@ -97,7 +98,11 @@ class FlowFit(Generic[Family]):
     @cached_property
     def predicted(self) -> Array:
         """Whitened displacements (N, 2) that the homography predicts."""
-        return np.asarray(self.data.basis @ _entries(self.family.generator()))
+        A, middle = self.family.generator(), self.data.middle
+        moved = velocity_basis(middle) @ _entries(A)
+        third = moved @ A[:2, :2].T - middle * (moved @ A[2, :2])[:, None]
+        chord = moved + (homogeneous(middle) @ (0.25 * A[2]))[:, None] * third
+        return np.asarray(np.einsum("nij,nj->ni", self.data.whitening, chord))
 
     @cached_property
     def sign(self) -> Array:

@@ -69,7 +69,8 @@ def plane_and_parallax(
     length = np.linalg.norm(epipoles, axis=1, keepdims=True)
     models = fundamentals_through(A, epipoles / np.maximum(length, TINY))
     scored = rng.permutation(len(problem.ends))[:SCORED]
-    squared = BatchSampson(problem.ends[scored], problem.unit_px)(models) / problem.sigma_px[scored] ** 2
-    cost = np.minimum(squared, cutoff**2).sum(axis=1) + np.where(length[:, 0] > TINY, 0.0, np.inf)
+    precision = np.asarray(1 / problem.sigma_px[scored] ** 2, np.float32)
+    cost = BatchSampson(problem.ends[scored], problem.unit_px).costs(models, precision, cutoff**2)
+    cost[length[:, 0] <= TINY] = np.inf
     best = int(np.argmin(cost))
     return models[best] if np.isfinite(cost[best]) else None

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.robust.homography import RotationH
+from blur2view.robust.homography import RotationH, cayley
 from blur2view.robust.parametrization import CameraF, CameraPrior
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import WeightedPoint
@@ -144,9 +145,7 @@ def with_pose(
     wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
-        cam2_from_cam1=RigidTransform(
-            rotation=rotation_matrix(flip * region.rotation), translation=np.zeros(3)
-        ),
+        cam2_from_cam1=rotation_alone(flip * region.rotation),
         covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
         reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
     )
@@ -210,5 +209,9 @@ def turned(
     vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
     matrix[:3, :3] = fit.covariance(problem.shared.all_correlation, data)[:3, :3]
-    pose = RigidTransform(rotation=rotation_matrix(vector), translation=np.zeros(3))
-    return pose, PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])
+    return rotation_alone(vector), PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])
+
+
+def rotation_alone(vector: Array) -> RigidTransform:
+    """Return the rotation whose motion of points at mid exposure is that of a vector (3,)."""
+    return RigidTransform(rotation=cayley(cross_matrix(vector)), translation=np.zeros(3))

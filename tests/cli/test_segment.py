@@ -64,13 +64,13 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
 
 def test_document_describes_the_mask(run: Any, walker: Path, tmp_path: Path) -> None:
     run(walker, "-o", tmp_path / "out")
-    facts = json.loads((tmp_path / "out" / "a.motion.json").read_text())
+    document = json.loads((tmp_path / "out" / "a.motion.json").read_text())
     labels = np.asarray(Image.open(tmp_path / "out" / "a.mask.png"))
-    for name, value in facts["labels"].items():
-        np.testing.assert_allclose(facts["shares"][name], (labels == value).mean())
-    assert facts["labels"] == {"static": 0, "moving": 255, "unobservable": 128}
-    assert sum(region["area_px"] for region in facts["regions"]) == (labels == 255).sum()
-    assert facts["reason"] and facts["timings_s"]["segment"] > 0
+    for name, value in document["labels"].items():
+        np.testing.assert_allclose(document["shares"][name], (labels == value).mean())
+    assert document["labels"] == {"static": 0, "moving": 255, "unobservable": 128}
+    assert sum(region["area_px"] for region in document["regions"]) == (labels == 255).sum()
+    assert document["reason"] and document["timings_s"]["segment"] > 0
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, esti
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, transfer
 from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
 from blur2view.two_view.pose import in_order_of_rotation
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error
@@ -32,6 +33,27 @@ def test_a_pure_rotation_gives_the_rotation_and_no_translation() -> None:
     assert not pose.translation.any()
     errors_deg = [rotation_error(flip.rotation @ scene.R.T, np.eye(3))[0] for flip in (pose, pose.inverse())]
     assert min(errors_deg) < 0.02
+
+
+@pytest.mark.parametrize("angle_deg", [5.0, 10.0, 20.0])
+def test_a_large_rotation_is_exact_to_the_noise(angle_deg: float) -> None:
+    rng = np.random.default_rng(int(angle_deg))
+    axis = rng.normal(size=3)
+    half = rotation_matrix(np.radians(0.5 * angle_deg) * axis / np.linalg.norm(axis))
+    camera = Camera.from_focal(500.0, IMAGE_SIZE)
+    rays = homogeneous(rng.uniform(0, 1, (600, 2)) * IMAGE_SIZE) @ np.linalg.inv(camera.K).T
+    first, last = (transferred(camera.K, rays @ R) + rng.normal(0, 0.05, (600, 2)) for R in (half, half.T))
+    matches = SmearMatches.from_points(first, last, 0.1, IMAGE_SIZE)
+    geometry = estimate_two_view(matches, camera=camera)
+    assert geometry.config is Configuration.PANORAMIC
+    pose = geometry.cam2_from_cam1
+    assert pose is not None
+    assert pose.angle_deg == pytest.approx(angle_deg, abs=0.005)
+
+
+def transferred(K: Array, rays: Array) -> Array:
+    pixels = rays @ K.T
+    return pixels[:, :2] / pixels[:, 2:]
 
 
 def test_a_refused_photograph_has_no_pose() -> None:

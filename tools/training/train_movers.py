@@ -33,10 +33,9 @@ from blur2view.arrays import Array
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
-from blur2view.segmentation.camera_motion import Cells
+from blur2view.segmentation.camera_motion import Cells, camera_field
 from blur2view.segmentation.classifier import DILATIONS
-from blur2view.segmentation.evidence import FINER, gradients_of
-from blur2view.segmentation.mask import Compared
+from blur2view.segmentation.evidence import FINER, evidence, gradients_of
 from blur2view.smears.grid import SmearGrid
 from tools.arguments import existing, parser_of, target
 from tools.rendering.exposure import GRID
@@ -103,8 +102,8 @@ def scene_of(path: Path, network: SmearNetwork, cache: Path | None) -> Scene:
     grid, F = smears_of(path, image, network, cache)
     cells = Cells.of(grid)
     gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
-    every = np.ones(cells.sigma_px.shape)
-    seen = Compared.of(cells, F, None, gradients, every, np.random.default_rng(0)).evidence
+    motion = camera_field(cells, np.ones(cells.sigma_px.shape), np.random.default_rng(0))
+    seen = evidence(cells, motion, F, gradients)
     height, width = (-(-side // GRID) for side in grid.shape)
     displacement, static = np.zeros((height, width, 2)), np.ones((height, width), bool)
     valid = static.copy()
