@@ -10,26 +10,26 @@ Conventions, used everywhere
   blended and tiled in double angle only, and decoded last.
 - F: ``points2^T F points1 = 0`` with 1 = shutter open, 2 = shutter close, ||F|| = 1. Which end of time
   is which stays open for the whole image: F and its transpose are one answer.
-- Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length or, where its direction is
-  not known to 30 degrees, zero; a pose and its inverse are one answer (with a rolling shutter: the two of
-  ``reversed()``).
+- Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length or, where neither parallax is proven
+  nor its direction known to 30 degrees, zero; a pose and its inverse are one answer (with a rolling
+  shutter: the two of ``reversed()``).
 - Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
 - Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].
 
 First calls
 -----------
-- ``image = read_image("a.jpg")``, ``found = estimate(image)``: smears, matches and ``found.geometry``, with F
-  or None, the configuration, its reason and ``parallax``; with
+- ``image = read_image("a.jpg")``, ``result = estimate(image)``: smears, matches and ``result.geometry``, with
+  F or None, the configuration, its reason and ``parallax``; with
   ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
 - ``Camera.from_opencv(K, dist, (width, height))``: intrinsics as OpenCV calibrates them.
-- ``found.angular_velocity(exposure_s)``: mean and covariance, with a camera; None without a pose.
-- ``for found in estimate_frames(frames, camera=camera)``: the frames of a video, each in the right direction
+- ``result.angular_velocity(exposure_s)``: mean and covariance, with a camera; None without a pose.
+- ``for result in estimate_frames(frames, camera=camera)``: the frames of a video, each in the right direction
   of time. Photographs that are no video: a loop over ``estimate(image, network=network)`` with one
   ``network = SmearNetwork()``, which threads may share.
-- ``found.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
-- ``segment(found, image)``: what of this image moves by itself, as `blur2view segment` has it.
+- ``result.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
+- ``segment(result, image)``: what of this image moves by itself, as `blur2view segment` has it.
 - ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.
-- ``write_database(Path("new.db"), [views_of("a.jpg", found)])``: what `blur2view to-colmap` writes.
+- ``write_database(Path("new.db"), [views_of("a.jpg", result)])``: what `blur2view to-colmap` writes.
 - ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
 
 The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,

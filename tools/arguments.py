@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 from pathlib import Path
 
 
@@ -27,3 +28,14 @@ def target(text: str) -> Path:
 def parser_of(text: str | None) -> argparse.ArgumentParser:
     """Return a parser whose help shows a module's docstring as it stands."""
     return argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def scene_parser(text: str | None, scenes: int, size: tuple[int, int]) -> argparse.ArgumentParser:
+    """Return a parser of a tool that renders so many scenes of a size into a folder."""
+    parser = parser_of(text)
+    parser.add_argument("out", type=Path, help="folder to write")
+    parser.add_argument("--scenes", type=int, default=scenes, help="(default: %(default)s)")
+    parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
+    parser.add_argument("--size", type=int, nargs=2, default=size, metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count(), help="processes")
+    return parser

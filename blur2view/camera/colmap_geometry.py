@@ -53,15 +53,11 @@ def colmap_two_view_geometry(
     """
     import pycolmap
 
-    geometry = pycolmap.TwoViewGeometry()
-    geometry.config = pycolmap.TwoViewGeometryConfiguration.__members__[config]
-    geometry.inlier_matches = np.stack([inliers, inliers], axis=1).astype(np.uint32)
-    if F is not None:
-        geometry.F = fundamental_to_colmap(F)
-    if E is not None:
-        geometry.E = E
-    if H is not None:
-        geometry.H = homography_to_colmap(H)
-    if pose is not None:
-        geometry.cam2_from_cam1 = rigid3d(*pose)
-    return geometry
+    return pycolmap.TwoViewGeometry(
+        config=pycolmap.TwoViewGeometryConfiguration.__members__[config],
+        inlier_matches=np.stack([inliers, inliers], axis=1).astype(np.uint32),
+        F=None if F is None else fundamental_to_colmap(F),
+        E=E,
+        H=None if H is None else homography_to_colmap(H),
+        cam2_from_cam1=None if pose is None else rigid3d(*pose),
+    )

@@ -9,9 +9,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from blur2view.cli.model_options import PlaceOptions, ToTransformsOptions
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
 from blur2view.results.to_colmap import DATABASE, HLOC
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from blur2view.photographs.inputs import Inputs
     from blur2view.pipeline import Run
 
+Options = TypeVar("Options")
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 
@@ -125,6 +125,7 @@ class TriageOptions(PhotographOptions):
     blurred: bool
     best: Amount | None
     every_best: int | None
+    in_order: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -152,12 +153,13 @@ class ToColmapOptions(PhotographOptions):
     backup: bool
     dry_run: bool
     skip_degenerate: bool
+    skip_movers: bool
     corrected: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if not self.link and (self.replace or not self.backup):
-            raise ValueError("--replace and --no-backup go with --link")
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
         if self.link and self.corrected:
@@ -194,26 +196,14 @@ class ToColmapOptions(PhotographOptions):
         return self.format == HLOC
 
 
-Options = PhotographOptions | PlaceOptions | ToTransformsOptions
-OF_COMMAND: dict[str, type[Options]] = {
-    "estimate": EstimateOptions,
-    "segment": SegmentCommandOptions,
-    "report": ReportOptions,
-    "triage": TriageOptions,
-    "to-colmap": ToColmapOptions,
-    "place": PlaceOptions,
-    "to-transforms": ToTransformsOptions,
-}
-
-
-def read_options(parsed: Namespace) -> Options:
-    """Return what argparse gave as the options of its command; a wrong value is a usage error."""
-    kind, values = OF_COMMAND[parsed.command], dict(vars(parsed))
+def read_options(parsed: Namespace, kind: type[Options]) -> Options:
+    """Return what argparse gave as options of a kind; a wrong value is a usage error."""
+    values = dict(vars(parsed))
     if issubclass(kind, PhotographOptions):
         with _usage(parsed):
             values["run"] = _run(values)
         values["inputs"] = _inputs(values)
-    known = {field.name for field in fields(kind)}
+    known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     with _usage(parsed):
         return kind(**{name: value for name, value in values.items() if name in known})
 

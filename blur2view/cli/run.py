@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -22,7 +22,7 @@ from blur2view.output_files import below_shared_folder, check_file, prepared, wr
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, source_of
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
@@ -44,27 +44,21 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finished(Generic[Taken]):
-    """What came of a run over photographs.
+    """What came of a run over photographs, in their order.
 
-    Parameters
-    ----------
-    taken : sequence
-        What the command takes of every photograph, in their order.
-    rows : sequence of Row
-        Of the table, as far as the run has come.
-    failures : sequence of FailureDocument
-        Photographs that failed.
-    end : End
-        Of a broken run files of all photographs stay as an earlier call left them, but for the table.
-    has_table : bool
-        Whether it was not asked for, or could be written.
+    ``taken`` is what the command takes of each, ``rows`` are those of the table as far as the run has come,
+    ``has_table`` says whether it was not asked for, or could be written, ``skipped`` how many photographs an
+    earlier call has done. Of a broken run files of all photographs stay as an earlier call left them, but for
+    the table.
     """
 
-    taken: Sequence[Taken] = ()
-    rows: Sequence[Row] = ()
-    failures: Sequence[FailureDocument] = ()
+    taken: list[Taken] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    failures: list[FailureDocument] = field(default_factory=list)
     end: End = End.WHOLE
     has_table: bool = True
+    skipped: int = 0
+    seconds: float = 0.0
 
     @property
     def exit_code(self) -> int:
@@ -80,14 +74,8 @@ def begun(
 ) -> Iterator[Manifest | None]:
     """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
 
-    Parameters
-    ----------
-    options : PhotographOptions
-    work : Work
-    path : Path or None
-        Of the manifest. One photograph alone leaves nothing to go on with.
-    others : iterable of Path or None
-        What else the call writes.
+    ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
+    the call writes.
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
@@ -113,7 +101,8 @@ def run_over(
     *,
     take: Callable[[Job[Target], Outcome[Kept]], Taken],
     names: dict[Path, str] | None = None,
-    judge: Callable[[Row], Row] = lambda row: row,
+    classify: Callable[[Row], Row] = lambda row: row,
+    line: Callable[[Path, Row], str] | None = None,
 ) -> Finished[Taken]:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
@@ -131,35 +120,35 @@ def run_over(
         What is kept of every photograph.
     names : dict of Path to str, optional
         What the table calls them, by default what COLMAP does.
-    judge : callable
-        Adds to a row what the command says of it.
+    classify : callable
+        Adds to a row what the photograph is of use for.
+    line : callable, optional
+        What is printed of a photograph and its row: by default the summary of the work, and a closing line.
     """
     jobs = list(jobs)
     names = names or colmap_names(options.inputs)
     engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
-    taken: list[Taken] = []
-    rows: list[Row] = []
-    failures: list[FailureDocument] = []
-    skipped, warned = 0, set[str]()
-    end, start = End.WHOLE, time.monotonic()
+    run: Finished[Taken] = Finished()
+    skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
         with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
-                row = judge(replace(row, name=names[job.path], use="", error=outcome.error))
+                row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
                 bar.step()
                 if not outcome.skipped or options.verbosity > SHORT:
-                    _tell(options, bar, outcome, row.use, short=len(jobs) > 1)
+                    text = None if line is None or outcome.made is None else line(job.path, row)
+                    _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
                 if outcome.made is None:
-                    failures.append(FailureDocument(image=str(job.path), error=outcome.error))
+                    run.failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
                     warned |= _warn(options, bar, job.path, outcome.made.warnings, warned)
                 if not options.inputs.is_folder(job.path):
-                    rows.append(row)
+                    run.rows.append(row)
                 skipped += outcome.skipped
-                taken.append(take(job, outcome))
-                if outcome.stop or len(failures) == options.max_failures:
+                run.taken.append(take(job, outcome))
+                if outcome.stop or len(run.failures) == options.max_failures:
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -169,12 +158,13 @@ def run_over(
         end = End.BROKEN
     finally:
         bar.close()
-    has_table = _write_table(options.csv, rows)
-    if end is End.WHOLE and len(jobs) > 1 and options.prints:
-        print(_total(len(jobs), len(taken), skipped, len(failures), time.monotonic() - start))
+    has_table, seconds = _write_table(options.csv, run.rows), time.monotonic() - start
+    run = replace(run, end=end, has_table=has_table, skipped=skipped, seconds=seconds)
+    if end is End.WHOLE and len(jobs) > 1 and options.prints and line is None:
+        print(_total(len(jobs), run))
     elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
-        print(_how_to_go_on(end, len(taken), len(jobs), manifest), file=sys.stderr)
-    return Finished(taken=taken, rows=rows, failures=failures, end=end, has_table=has_table)
+        print(_how_to_go_on(run, len(jobs), manifest), file=sys.stderr)
+    return run
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:
@@ -193,16 +183,16 @@ def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
         yield job, error if refused is None else ImageError(refused)
 
 
-def _tell(
-    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], use: str, *, short: bool
+def _print_outcome(
+    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], text: str | None, *, short: bool
 ) -> None:
-    """Print a photograph's lines: of many the first of its summary, unless all is wanted."""
+    """Print a text about a photograph, or its summary: of many the first line, unless all is wanted."""
     if outcome.made is None:
         complain(Blur2ViewError(outcome.error), bar.say)
     elif options.prints:
-        lines = outcome.made.summary.split("\n")[: 1 if short and options.verbosity == SHORT else None]
-        text = "\n".join(map(printable, lines))  # a manifest's may hold anything
-        bar.say(f"{text}; {use}" if use else text)
+        lines = (text or outcome.made.summary).split("\n")
+        lines = lines[: 1 if short and options.verbosity == SHORT else None]
+        bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
 
 
 def _warn(
@@ -228,22 +218,23 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _how_to_go_on(end: End, done: int, count: int, manifest: Manifest | None) -> str:
-    """Return what is said of a run that ended early."""
-    told = f"blur2view: {end.name.lower()}"
+def _how_to_go_on(run: Finished[Taken], count: int, manifest: Manifest | None) -> str:
+    """Return one line about a run that ended early."""
+    line = f"blur2view: {run.end.name.lower()}"
     if count > 1:
-        told += f" after {done} of {plural(count, 'photograph')}"
-        told += "; what is done is kept, the same call with --resume goes on" if manifest else ""
-    return told
+        line += f" after {len(run.taken)} of {plural(count, 'photograph')}"
+        line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
+    return line
 
 
-def _total(count: int, gone_through: int, skipped: int, failed: int, seconds: float) -> str:
+def _total(count: int, run: Finished[Taken]) -> str:
     """Return the closing line; a video may have fewer frames than it says."""
-    done = gone_through - skipped - failed
+    skipped, failed = run.skipped, len(run.failures)
+    done = len(run.taken) - skipped - failed
     parts = [f"{done} done"] if done or not (skipped or failed) else []
     parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
-    rate = f", {done / seconds:.2g} a second" if done and seconds > 0 else ""
-    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
+    rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
+    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}"
 
 
 def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
@@ -254,11 +245,10 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
 def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
     """Return the jobs of a command that writes no files of single photographs."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
-    jobs = (
-        Job(index=index, path=path, target=None, neighbours=neighbours, source=source_of(neighbours))
+    return [
+        (Job(index=index, path=path, target=None, neighbours=neighbours), None)
         for index, (path, neighbours) in enumerate(beside.items())
-    )
-    return [(job, None) for job in jobs]
+    ]
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:

@@ -17,7 +17,7 @@ from blur2view.results.masks import MaskDocument
 from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.segmentation.mask import MotionMask
 
-FAR_PX = 1e5  # an epipole that is farther away is given as a direction
+FAR_PX = 1e4  # an epipole that is farther away is given as a direction
 
 
 def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
@@ -85,7 +85,8 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
         if document.rate_unit == PER_SECOND:
             parts.append(rate(document) + _backward(document))
     elif geometry.F is not None and geometry.H is None:
-        parts.append(f"epipole {_point(epipoles(geometry.F)[0])}")
+        epipole = f"moved to or from {_point(epipoles(geometry.F)[0])}, the epipole"
+        parts.append(epipole if document.readout_s else f"{epipole}, unless the shutter rolls")
     if document.camera is not None and "scaled" in document.camera.source:
         parts.append(document.camera.source)
     return "; ".join(parts)
@@ -102,7 +103,7 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
-        used += f", of median length {length:.1f} px and sigma {sigma:.1f} px"
+        used += f", of median length {length:.1f} px, uncertain to {sigma:.1f} px"
     if geometry.F is not None or geometry.H is not None:
         used += f"; {document.num_inliers} ({_share(document)}) fit"
     lines = [geometry.reason, used]
@@ -129,10 +130,10 @@ def _seconds(timings_s: dict[str, float] | None) -> list[str]:
 
 def _rotation(document: EstimateDocument) -> str:
     """Return the angle of the rotation, with its standard deviation."""
-    angle = f"rotation {document.rotation_deg:.3f} degrees"
+    deviation = ""
     if document.pose_covariance is not None:
-        angle += f" (sigma {np.degrees(_angle_sigma(document)):.3f})"
-    return angle
+        deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}"
+    return f"rotation {document.rotation_deg:.3f}{deviation} degrees"
 
 
 def _angle_sigma(document: EstimateDocument) -> float:
@@ -146,12 +147,12 @@ def _angle_sigma(document: EstimateDocument) -> float:
 
 
 def rate(document: EstimateDocument) -> str:
-    """Return the angular velocity with its standard deviation, or that it is not told from none."""
+    """Return the angular velocity with its standard deviation, or that there may be none."""
     known = float(np.linalg.norm(_vector(document)))
     if document.pose_covariance is None or not document.exposure_s:
         return f"{known:.3g} rad/s"
     sigma = _angle_sigma(document) / document.exposure_s
-    return f"{known:.3g} rad/s (sigma {sigma:.2g}{', not told from none' if known < sigma else ''})"
+    return f"{known:.3g} +/- {sigma:.2g} rad/s{' (may be none)' if known < sigma else ''}"
 
 
 def _vector(document: EstimateDocument | BackwardDocument) -> list[float]:
@@ -190,7 +191,7 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     direction = ", ".join(f"{value:z.3f}" for value in pose.translation)
     translation = f"translation towards ({direction})"
     if covariance is not None:
-        translation += f" (sigma {covariance.translation_sigma_deg:.1f} degrees)"
+        translation += f" (+/- {covariance.translation_sigma_deg:.1f} degrees)"
     return [f"{rotation}; {translation}"]
 
 
@@ -205,4 +206,4 @@ def _point(epipole: Array) -> str:
     x, y, w = epipole
     if abs(w) * FAR_PX > np.hypot(x, y):
         return f"({x / w:z.0f}, {y / w:z.0f})"
-    return f"at infinity towards {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"
+    return f"infinity at {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"

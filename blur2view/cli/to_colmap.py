@@ -14,6 +14,7 @@ from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import End, begun
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.errors import OutputError
+from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.output_files import prepared
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 
@@ -25,7 +26,8 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    work = ViewsWork(**ViewsWork.shared(options), database=options.db, link=options.link)
+    shared = ViewsWork.shared(options)
+    work = ViewsWork(**shared, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
     folders = [] if options.dry_run or options.output is None else [options.output]
     path, files = manifest_path(options), written_files(options)
@@ -70,9 +72,9 @@ def _skips(options: ToColmapOptions, one: PhotographViews) -> bool:
 def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
     """Refuse to write without photographs whose views are there."""
     if lost:
-        told = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
+        views = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
         raise OutputError(
-            f"{options.target}: the views of {told} would be lost, as this call names them otherwise (from "
+            f"{options.target}: the views of {views} would be lost, as this call names them otherwise (from "
             "the folder that all share), or not, or skips them; name all as before, or choose another "
             + ("-o" if options.db is None else "--db")
         )
@@ -81,7 +83,7 @@ def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
 def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT) -> str:
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity) for one in document.photographs]
-    lines += [f"{printable(one.name)}: {one.config}, skipped: {one.reason}" for one in document.skipped]
+    lines += [f"{printable(one.name)}: skipped: {one.reason} [{one.config}]" for one in document.skipped]
     if document.kept:
         some = ", ".join(printable(one.name) for one in document.kept[:3])
         some += ", ..." if len(document.kept) > 3 else ""
@@ -104,9 +106,11 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
     """Return one line about a photograph that is written, with its reason if there is no match or -v."""
     name = printable(one.name)
     if not one.num_matches:
-        return f"{name}: {one.action} {one.config}, no matches: {one.reason}"
-    time = f"open first (confidence {one.time_confidence:.0%})" if one.time_known else "open or close first"
+        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
+    moved = "translation undecided"
+    if one.translation_known:
+        moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
     counts = f"{one.num_inliers} of {one.num_matches} matches fit"
-    known = "translation known" if one.translation_known else "translation undecided"
-    line = f"{name}: {one.action} {one.config}, {known}, {counts}, {time}"
+    order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
+    line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

@@ -1,29 +1,27 @@
 """The command ``blur2view triage``: which photographs are sharp, and which blurred ones are of use."""
 
-from collections import Counter
-from collections.abc import Collection, Sequence
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePath
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.options import TriageOptions
 from blur2view.cli.run import End, begun, colmap_names, jobs_of, manifest_beside, refuse_shared, run_over
-from blur2view.cli.terminal import QUIET, complain, plural, printable
+from blur2view.cli.terminal import QUIET, complain
+from blur2view.cli.uses import Classifier, closing_line
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
-from blur2view.results.table import BLURRED, SHARP, UNUSABLE, Row
+from blur2view.results.table import BLURRED, SHARP, Row
 from blur2view.runs.job import Job, Made
-
-NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")
-NEAR = 1.1
-"""About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
-and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
+from blur2view.runs.manifest import Manifest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,44 +32,10 @@ class TriageWork(EstimatingWork[None, None]):
         """Return the row of one photograph."""
         one = self.estimated(job)
         row = self.row(one)
-        length = "no texture" if row.smear_px is None else f"median of all smears {row.smear_px:.3g} px"
-        summary = f"{printable(str(job.path))}: {length}; {row.verdict}"
-        return Made(kept=None, summary=summary, row=row, warnings=one.warnings)
+        return Made(kept=None, summary=row.meaning, row=row, warnings=one.warnings)
 
     def restored(self, job: Job[None], stored: Any) -> None:
         """Return nothing."""
-
-
-class Judge:
-    """Says what photographs are good for, one after the other, as each depends on the one before."""
-
-    def __init__(self, options: TriageOptions) -> None:
-        self._limit, self._last = options.max_smear, Row()
-
-    def __call__(self, row: Row) -> Row:
-        """Return the row of the next photograph with its use."""
-        follows = PurePath(row.name).parent == PurePath(self._last.name).parent
-        length = row.smear_percent if self._limit.percent else row.smear_px
-        use = use_of(row, length, self._limit.number, self._last.use if follows else "")
-        judged = replace(row, use=use)
-        if use:
-            self._last = judged
-        return judged
-
-
-def use_of(row: Row, length: float | None, limit: float, before: str = "") -> str:
-    """Return what a photograph is good for, empty if it failed.
-
-    Sharp if its median smear is at most the limit; within `NEAR` of it if the photograph before is. A longer
-    one is of use, as views of its exposure, if F or H explains its smears; without texture, or without
-    geometry, it is of none.
-    """
-    if row.error:
-        return ""
-    factor = 1.0 if not before else NEAR if before == SHARP else 1 / NEAR
-    if length is not None and length <= limit * factor:
-        return SHARP
-    return UNUSABLE if length is None or row.verdict in NO_GEOMETRY else BLURRED
 
 
 def run(options: TriageOptions) -> int:
@@ -83,18 +47,20 @@ def run(options: TriageOptions) -> int:
     folders = [one for one in (keep and keep.parent, options.extract and options.extract.parent) if one]
     names = colmap_names(options.inputs)
     files = extracted_names(names)
+    classifier = Classifier(options)
     with prepared(*folders), begun(options, work, path, [keep]) as manifest:
-        if keep is not None:
-            wrote = manifest is not None and manifest.wrote(keep)
-            _check_list(options, keep, names.values(), wrote=wrote)
-        _check_folder(options, files.values(), path)
+        _check_list(options, names.values(), manifest)
+        choice = _choice(options, files, manifest)
+        earlier = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
+        _check_folder(options, files.values() if earlier in ("", choice) else (), path)
         finished = run_over(
             options,
             work,
             jobs_of(options),
             manifest,
             take=lambda job, outcome: job.path,
-            judge=Judge(options),
+            classify=classifier,
+            line=classifier.line,
         )
         if finished.end is End.BROKEN or not finished.rows:
             return finished.exit_code
@@ -108,11 +74,11 @@ def run(options: TriageOptions) -> int:
             if manifest is not None:
                 manifest.append_target(keep)
         if options.extract is not None and whole:
+            if manifest is not None:
+                manifest.append_target(options.extract, choice)
             extract(options.extract, chosen)
     if options.verbosity > QUIET:
-        print(summary(finished.rows, options, len(kept), has_table=finished.has_table, whole=whole))
-        if not kept and (keep is not None or options.extract is not None):
-            print(f"nothing is kept: {hint(finished.rows, options)}")
+        print(closing_line(finished, options, len(kept)))
     return finished.exit_code
 
 
@@ -149,12 +115,16 @@ def list_text(names: Sequence[str]) -> str:
     return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
 
 
-def _check_list(options: TriageOptions, target: Path, names: Collection[str], *, wrote: bool) -> None:
+def _check_list(options: TriageOptions, names: Collection[str], manifest: Manifest | None) -> None:
     """Refuse a list that would replace what it must not.
 
     Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
     changed since is replaced, too, if it names nothing but these photographs.
     """
+    target = options.keep
+    if target is None:
+        return
+    wrote = manifest is not None and manifest.wrote(target)
     if target.is_file() and (options.overwrite or options.resume or len(names) == 1):
         with suppress(OSError, ValueError):
             wrote = wrote or set(target.read_text().splitlines()) <= set(names)
@@ -162,35 +132,15 @@ def _check_list(options: TriageOptions, target: Path, names: Collection[str], *,
         check_file(target, "list", options.inputs.paths, option="--keep")
 
 
+def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifest | None) -> str:
+    """Return a digest of what decides which photographs are extracted."""
+    kinds = options.max_smear, options.blurred, options.best, options.every_best, options.in_order
+    settings = "" if manifest is None else manifest.settings.digest
+    return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
+
+
 def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:
     """Refuse a folder for the pictures that holds others than these, or files of the call."""
     if options.extract is not None:
         besides = [one for one in (options.csv, options.keep, manifest) if one is not None]
         refuse_others(options.extract, files, besides)
-
-
-def hint(rows: Sequence[Row], options: TriageOptions) -> str:
-    """Return what would keep photographs where none is kept."""
-    if any(row.use == BLURRED for row in rows):
-        return "--blurred keeps the blurred ones that are of use, --best 50% the sharper half"
-    if all(row.error for row in rows):
-        return "no photograph could be read"
-    lengths = [row.smear_px for row in rows if row.smear_px is not None]
-    if not lengths:
-        return "no photograph shows texture"
-    return f"the sharpest has a median of {min(lengths):.3g} px, --max-smear is {options.max_smear}"
-
-
-def summary(rows: Sequence[Row], options: TriageOptions, kept: int, *, has_table: bool, whole: bool) -> str:
-    """Return one line: how many photographs are of which use, and what was written.
-
-    A run that was ended early extracts nothing, and chooses nothing of neighbours.
-    """
-    counts = Counter(row.use for row in rows)
-    parts = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
-    parts += f", {counts['']} failed" if counts[""] else ""
-    parts += f"; {kept} kept" if options.keep is not None or options.extract is not None else ""
-    keep = options.keep if whole or not options.selects else None
-    written = (options.csv if has_table else None, keep, options.extract if kept and whole else None)
-    files = " and ".join(printable(str(path)) for path in written if path is not None)
-    return f"{plural(len(rows), 'photograph')}: {parts}" + (f"; wrote {files}" if files else "")

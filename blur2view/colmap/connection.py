@@ -22,7 +22,8 @@ LOCK_TIMEOUT_S = 2.0  # how long to wait for the lock of another program
 WAL_FORMAT = 2  # the read version in SQLite's header, byte 19, of a database with a write-ahead log
 NEEDS_WRITING = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)  # primary codes: what a recovery needs
 MAX_VALUE_BYTES = 1 << 26  # of 2.7 million keypoints with scale and orientation
-BESIDE = ("-journal", "-wal", "-shm")  # files that SQLite keeps beside a database
+LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
+BESIDE = (*LOGS, "-shm")
 HINTS = {
     "locked": "another program uses it; close that and try again",
     "changed while": "another program uses it; close that and try again",
@@ -114,7 +115,7 @@ def _has_log_format(path: Path) -> bool:
 
 def _copied(path: Path, folder: Path) -> Path:
     """Copy a database with its journal or log; return the copy."""
-    for suffix in ("", "-journal", "-wal"):
+    for suffix in ("", *LOGS):
         source = path.with_name(path.name + suffix)
         if source.is_file():
             shutil.copyfile(source, folder / f"copy.db{suffix}")

@@ -11,20 +11,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.colmap.connection import open_read_only
+from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.rows import (
     CameraColumns,
-    Pair,
     add_camera,
     add_image,
     camera_columns,
     put_keypoints,
     put_pair,
 )
-from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE, pair_id
+from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES, VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+
+# A row that is not of views, and of matches that are not of one photograph's both views.
+NO_VIEWS = f"""
+WITH pairs AS (SELECT {MAX_IMAGES} * min(image_id) + max(image_id) FROM blur2view_views
+  GROUP BY photograph HAVING count(*) = 2)
+SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views)
+UNION ALL SELECT 1 FROM descriptors
+UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
+UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
+LIMIT 1"""
 
 
 def write_database(
@@ -67,27 +76,20 @@ def refuse_existing(path: Path) -> None:
     """Raise a DatabaseError where something lies at a path, or its folder takes no files."""
     if os.path.lexists(path):
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
+    for log in (f"{path}{suffix}" for suffix in LOGS):
+        if os.path.lexists(log):  # which SQLite would apply to the new database
+            raise DatabaseError(f"{log}: is of a database that is gone; remove it, or choose another --db")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
 def holds_views_alone(path: Path) -> bool:
     """Return whether a database of ours holds nothing but views, each matched with the other of its pair."""
-    queries = "SELECT image_id FROM images", "SELECT pair_id FROM {}", "SELECT count(*) FROM descriptors"
     try:
         with open_read_only(path) as database:
-            own = database.execute("SELECT photograph, image_id FROM blur2view_views").fetchall()
-            images = {image_id for (image_id,) in database.execute(queries[0])}
-            tables = "matches", "two_view_geometries"
-            pairs = {key for table in tables for (key,) in database.execute(queries[1].format(table))}
-            described = database.execute(queries[2]).fetchone() != (0,)
-    except (DatabaseError, sqlite3.Error):
+            return database.execute(NO_VIEWS).fetchone() is None
+    except DatabaseError:
         return False
-    views: dict[str, list[int]] = {}
-    for photograph, image_id in own:
-        views.setdefault(photograph, []).append(image_id)
-    ours = {pair_id(min(ids), max(ids)) for ids in views.values() if len(ids) == 2}
-    return images <= {image_id for _, image_id in own} and pairs <= ours and not described
 
 
 def stored_photographs(path: Path) -> set[str]:
@@ -110,7 +112,9 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
             database.executescript(f"BEGIN; {TABLES} {VIEWS_TABLE} PRAGMA user_version = {SCHEMA_VERSION};")
             yield database
             database.execute("COMMIT")
-        if not replace:
+        if replace and path.is_file():
+            _finish(path)
+        else:
             refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
     except (sqlite3.Error, OSError) as error:
@@ -120,18 +124,29 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
         beside.unlink(missing_ok=True)
 
 
+def _finish(path: Path) -> None:
+    """Settle the log or journal of a database, or SQLite would apply it to the one that takes its place.
+
+    DatabaseError while another program uses it.
+    """
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA journal_mode = DELETE")
+        database.execute("SELECT 1 FROM sqlite_master")
+
+
 def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: int) -> None:
     """Insert both images of a photograph and their pair."""
     first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
     put_keypoints(database, first, views.points_open)
     put_keypoints(database, last, views.points_close)
-    pair = Pair(matched=matched(views), inliers=inliers(views), geometry=views.geometry)
-    put_pair(database, first, last, pair)
+    put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
     mark_views(database, views, (first, last))
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of all points if their order is known up to time reversal, else of none."""
+    """Return the indices of the usable points if their order is known up to time reversal, else of none."""
+    if views.usable is not None:
+        return np.flatnonzero(views.usable)
     known = views.geometry.F is not None or views.geometry.H is not None
     return np.arange(len(views.points_open) if known else 0)
 

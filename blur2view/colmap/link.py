@@ -20,7 +20,7 @@ import numpy as np
 
 from blur2view.colmap.checks import check_room, rows_of_the_user
 from blur2view.colmap.connection import connect
-from blur2view.colmap.database import mark_views
+from blur2view.colmap.database import mark_views, matched
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
@@ -31,12 +31,11 @@ from blur2view.colmap.project import (
     read_image,
     views_are_whole,
 )
-from blur2view.colmap.rows import Pair, add_image, put_keypoints, put_pair, set_camera
+from blur2view.colmap.rows import add_image, put_keypoints, put_pair, set_camera
 from blur2view.colmap.schema import VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
-from blur2view.exposure.linked_views import KeypointViews
-from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 
 
 class Step(StrEnum):
@@ -60,7 +59,7 @@ class LinkJob:
     """One photograph's plan with the views to write."""
 
     plan: LinkStep
-    linked: KeypointViews
+    views: ExposureViews
 
 
 def plan_links(
@@ -94,8 +93,10 @@ def _without_image(path: Path, names: dict[str, int], photograph: Path) -> Datab
     """Return why a photograph that the project does not hold is not linked."""
     if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is None:
         return DatabaseError(f"{photograph}: {path} has no image of that name; leave it out")
-    told = "holds its views without the photograph, so that nothing can be linked; choose another --db"
-    return DatabaseError(f"{photograph}: {path} {told}, without --link")
+    return DatabaseError(
+        f"{photograph}: {path} holds its views without the photograph, so that nothing can be linked; "
+        "choose another --db, without --link"
+    )
 
 
 def _plan_one(
@@ -119,8 +120,10 @@ def _plan_one(
     if unchanged and views_are_whole(database, image.image_id, ours):
         return LinkStep(step=Step.KEEP, image=image)
     if any(source is None for _, source in own.values()):
-        told = f"holds views of {name} that were made without --link, of its smears"
-        return DatabaseError(f"{path}: {told}; add --replace to make them anew, of its features")
+        return DatabaseError(
+            f"{path}: holds views of {name} that were made without --link, of its smears; add --replace to "
+            "make them anew, of its features"
+        )
     return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
 
 
@@ -170,7 +173,7 @@ def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep)
 
 def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     """Write both images of a photograph and the three pairs."""
-    image, views = job.plan.image, job.linked.views
+    image, views = job.plan.image, job.views
     own = own_views(database, image.name)
     frames = has_frames(database)
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
@@ -184,8 +187,7 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
         put_keypoints(database, number, points, replace=role in own)
         ids.append(number)
     first, last = ids
-    matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
-    whole = views.geometry
+    whole, inliers = views.geometry, np.flatnonzero(views.geometry.inlier_mask)
     geometries = {
         (image.image_id, first): half_geometry(whole.reversed(), views.camera, views.size),
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
@@ -193,9 +195,8 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     }
     # no other image has pairs of an earlier call
     known = {image.image_id, *(number for number, _ in own.values())}
-    for (one, other), geometry in geometries.items():
-        pair = Pair(matched=matched, inliers=inliers, geometry=geometry)
-        put_pair(database, one, other, pair, replace={one, other} <= known)
+    for pair, geometry in geometries.items():
+        put_pair(database, pair, geometry, matched(views), inliers, replace=known.issuperset(pair))
     mark_views(database, views, ids, digest(image))
 
 

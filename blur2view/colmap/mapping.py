@@ -97,23 +97,7 @@ def mapper_options(
     Returns
     -------
     pycolmap.IncrementalPipelineOptions
-        What differs from the defaults of pycolmap 4.2, for exposures alone:
-
-        - ``triangulation.ignore_two_view_tracks`` off: a smear is a track of two views; there is no other.
-        - ``mapper.init_min_tri_angle`` and ``mapper.filter_min_tri_angle`` at `MIN_ANGLE_DEG`: the defaults
-          (16, 1.5) refuse every pair and drop most points; ``triangulation.min_angle`` (1.5) likewise, for
-          points made later and by `triangulate_exposure`.
-        - ``mapper.init_max_forward_motion`` 1: the default 0.95 refuses who walks forward.
-        - ``mapper.init_max_error`` 2 px: the default 4 forgives a third of a smear.
-        - ``mapper.init_min_num_inliers`` 50, not 100: a small or plain picture has few sure smears.
-        - ``min_model_size`` 2: in a database of many exposures each is a model of two images.
-        - ``extract_colors`` off: no file holds the pixels of a virtual image.
-
-        Linked:
-
-        - ``mapper.abs_pose_min_num_inliers`` 8, not 30: a view sees only points whose smears are sure. No
-          match of a view is a mistake of appearance, as its keypoints are the photograph's, moved.
-        - ``min_model_size`` 3, and ``extract_colors`` off.
+        The source says why each value differs from the default of pycolmap 4.2.
 
     Raises
     ------
@@ -135,10 +119,12 @@ def mapper_options(
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
     options.random_seed = seed
     options.max_runtime_seconds = max_seconds
-    options.extract_colors = False
+    options.extract_colors = False  # no file holds the pixels of a virtual image
     options.min_model_size = 3
     options.fix_existing_frames = keep_photographs
     if linked:
+        # not 30: a view sees only points whose smears are confident. None of its matches is a mistake of
+        # appearance, as its keypoints are the photograph's, moved.
         options.mapper.abs_pose_min_num_inliers = 8
     else:
         _accept_exposures(options)
@@ -147,14 +133,14 @@ def mapper_options(
 
 def _accept_exposures(options: Any) -> None:
     """Change pycolmap.IncrementalPipelineOptions in place to build models of single exposures."""
-    options.min_model_size = 2
-    options.triangulation.ignore_two_view_tracks = False
-    options.triangulation.min_angle = MIN_ANGLE_DEG
-    options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG
-    options.mapper.init_min_tri_angle = MIN_ANGLE_DEG
-    options.mapper.init_max_forward_motion = 1.0
-    options.mapper.init_min_num_inliers = 50
-    options.mapper.init_max_error = 2.0
+    options.min_model_size = 2  # in a database of many exposures each is a model of two images
+    options.triangulation.ignore_two_view_tracks = False  # a smear is a track of two views; there is no other
+    options.triangulation.min_angle = MIN_ANGLE_DEG  # not 1.5, of points made later or of an exposure alone
+    options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG  # 1.5 drops most points
+    options.mapper.init_min_tri_angle = MIN_ANGLE_DEG  # 16 refuses every pair
+    options.mapper.init_max_forward_motion = 1.0  # 0.95 refuses who walks forward
+    options.mapper.init_min_num_inliers = 50  # not 100: a small or plain picture has few confident smears
+    options.mapper.init_max_error = 2.0  # 4 px forgive a third of a smear
 
 
 def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seconds: float = 600.0) -> Any:

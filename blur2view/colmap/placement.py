@@ -22,7 +22,7 @@ from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.colmap.database_matches import image_id_of, read_keypoints, read_matches
 from blur2view.colmap.models import read_model
-from blur2view.colmap.project import open_project
+from blur2view.colmap.project import frame_of, image_names, open_project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import (
@@ -62,12 +62,21 @@ class Placement:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class _View:
+    """A virtual image as the database has it."""
+
+    name: str
+    image_id: int
+    frame_id: int
+    keypoints: Array  # COLMAP's pixels (N, 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Linked:
     """A registered photograph and its two images in the database."""
 
     photograph: Any  # pycolmap.Image
-    ids: tuple[int, int]  # of the open and the close view
-    points: tuple[Array, Array]  # COLMAP's pixels (N, 2) in them
+    views: tuple[_View, _View]  # open and close
     matched: NDArray[np.int64]  # indices of features that have both ends
 
     @property
@@ -147,6 +156,12 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
         if name in registered and name + OPEN not in registered
     ]
     with open_project(database) as opened:
+        ids = image_names(opened)
+        others = [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]
+        if others:
+            raise DatabaseError(
+                f"{database}: {others[0]} has another id in the model; name the database that is the model's"
+            )
         try:
             linked = [_read_one(opened, registered[name]) for name in wanted]
         except ValueError as error:
@@ -156,15 +171,21 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
 
 def _read_one(opened: sqlite3.Connection, photograph: Any) -> _Linked | None:
     """Return a photograph with its views as the database has them, None if it lacks one."""
-    ids = [image_id_of(opened, photograph.name + end) for end in (OPEN, CLOSE)]
-    if ids[0] is None or ids[1] is None:
+    first, last = (_read_view(opened, photograph.name + end) for end in (OPEN, CLOSE))
+    if first is None or last is None:
         return None
-    points = read_keypoints(opened, ids[0]), read_keypoints(opened, ids[1])
-    matched = read_matches(opened, "matches", photograph.image_id, ids[0])[:, 0]
-    count = min(photograph.num_points2D(), *map(len, points))
-    return _Linked(
-        photograph=photograph, ids=(ids[0], ids[1]), points=points, matched=matched[matched < count]
-    )
+    matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
+    count = min(photograph.num_points2D(), len(first.keypoints), len(last.keypoints))
+    return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
+
+
+def _read_view(opened: sqlite3.Connection, name: str) -> _View | None:
+    """Return the virtual image of this name, None if there is none."""
+    image_id = image_id_of(opened, name)
+    if image_id is None:
+        return None
+    keypoints = read_keypoints(opened, image_id)
+    return _View(name=name, image_id=image_id, frame_id=frame_of(opened, image_id), keypoints=keypoints)
 
 
 def _runs(linked: list[_Linked], names: Sequence[str] | None) -> list[list[int]]:
@@ -199,8 +220,8 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     world = np.array([model.points3D[points[int(i)].point3D_id].xyz for i in seen]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (
-        normalised_points(camera, from_colmap(ends[seen])) if len(seen) else np.zeros((0, 2))
-        for ends in one.points
+        normalised_points(camera, from_colmap(view.keypoints[seen])) if len(seen) else np.zeros((0, 2))
+        for view in one.views
     )
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
@@ -213,16 +234,32 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
 
 def _add_views(model: Any, one: _Linked, motion: Array) -> None:
     """Add both images half of the motion before and after the photograph, and what they observe."""
+    for view, sign in zip(one.views, (-1, 1), strict=True):
+        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
+        _add_view(model, view, one.photograph, half * one.photograph.cam_from_world())
+        _observe(model, one, view.image_id)
+
+
+def _add_view(model: Any, view: _View, photograph: Any, cam_from_world: Any) -> None:
+    """Add one image, alone in its frame; the rig, which may have more cameras, is that of the photograph."""
     import pycolmap
 
-    middle, camera_id = one.photograph.cam_from_world(), one.photograph.camera_id
-    for end, sign, image_id, keypoints in zip((OPEN, CLOSE), (-1, 1), one.ids, one.points, strict=True):
-        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
-        view = pycolmap.Image(
-            name=one.name + end, keypoints=keypoints, camera_id=camera_id, image_id=image_id
-        )
-        model.add_image_with_trivial_frame(view, half * middle)
-        _observe(model, one, image_id)
+    frame_id = view.frame_id
+    if model.exists_frame(frame_id):  # the model is older than the project's frames
+        frame_id = 1 + max(model.frames)
+    frame = pycolmap.Frame(frame_id=frame_id, rig_id=photograph.frame.rig_id)
+    image = pycolmap.Image(
+        name=view.name,
+        keypoints=view.keypoints,
+        camera_id=photograph.camera_id,
+        image_id=view.image_id,
+    )
+    image.frame_id = frame_id
+    frame.add_data_id(image.data_id)
+    model.add_frame(frame)
+    model.add_image(image)
+    model.frame(frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
+    model.register_frame(frame_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

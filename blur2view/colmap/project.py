@@ -139,6 +139,13 @@ def has_frames(database: sqlite3.Connection) -> bool:
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
 
 
+def frame_of(database: sqlite3.Connection, image_id: int) -> int:
+    """Return the id of an image's frame; where a project has none mappers give it that of the image."""
+    sql = "SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = ?"
+    row = database.execute(sql, (image_id, CAMERA_SENSOR)).fetchone() if has_frames(database) else None
+    return image_id if row is None else int(row[0])
+
+
 def rig_of(database: sqlite3.Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, None if there is none."""
     sensor = (camera_id, CAMERA_SENSOR)

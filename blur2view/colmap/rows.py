@@ -5,7 +5,6 @@ Every function takes a connection inside a transaction that the caller opened an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from sqlite3 import Connection
 from typing import NamedTuple
 
@@ -38,23 +37,6 @@ class CameraColumns(NamedTuple):
     height: int
     params: tuple[float, ...]
     prior_focal_length: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pair:
-    """Two images whose keypoints are index-aligned.
-
-    Parameters
-    ----------
-    matched, inliers : ndarray of int
-        Indices of the keypoints that are matched, and of those that fit the geometry.
-    geometry : TwoViewGeometry
-        From the first to the second image; its masks are not used.
-    """
-
-    matched: NDArray[np.int_]
-    inliers: NDArray[np.int_]
-    geometry: TwoViewGeometry
 
 
 def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
@@ -128,25 +110,34 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
     database.execute("INSERT INTO keypoints(image_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
 
 
-def put_pair(database: Connection, image1: int, image2: int, pair: Pair, *, replace: bool = False) -> None:
+def put_pair(
+    database: Connection,
+    ids: tuple[int, int],
+    geometry: TwoViewGeometry,
+    matched: NDArray[np.int_],
+    inliers: NDArray[np.int_],
+    *,
+    replace: bool = False,
+) -> None:
     """Write both match tables' rows of a pair of which at least one image is a view.
 
-    A row leads from the smaller id, so that of image1 > image2 holds the reversed geometry. Without
+    Keypoints of the indices ``matched`` are matched, those of ``inliers`` fit the geometry, whose own masks
+    are not used; it leads from the first image to the second, the row from the smaller id. Without
     ``replace`` a row that is there raises sqlite3.IntegrityError.
     """
-    geometry = pair.geometry if image1 < image2 else pair.geometry.reversed()
-    key = pair_id(min(image1, image2), max(image1, image2))
+    geometry = geometry if ids[0] < ids[1] else geometry.reversed()
+    key = pair_id(min(ids), max(ids))
     if replace:
         for table in ("matches", "two_view_geometries"):
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
-    row = (key, len(pair.matched), 2, matches_blob(pair.matched))
+    row = (key, len(matched), 2, matches_blob(matched))
     database.execute("INSERT INTO matches(pair_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
     pose = geometry.cam2_from_cam1
     columns = {
         "pair_id": key,
-        "rows": len(pair.inliers),
+        "rows": len(inliers),
         "cols": 2,
-        "data": matches_blob(pair.inliers),
+        "data": matches_blob(inliers),
         "config": list(Configuration).index(geometry.config),
         "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
         "E": matrix_blob(geometry.E_of_pose),

@@ -1,13 +1,13 @@
 """What a COLMAP database is made of: tables, versions, numbers and blobs, as SQLite sees them.
 
-The facts are those of pycolmap 4.2 (4.2.1, whose files say ``user_version`` 4020100), and
-tests/colmap/test_schema.py compares every one of them with a file that pycolmap writes. SQLite writes our
+All of it is that of pycolmap 4.2 (4.2.1, whose files say ``user_version`` 4020100), and
+tests/colmap/test_schema.py compares it with a file that pycolmap writes. SQLite writes our
 rows and not pycolmap, because ``pycolmap.Database.open`` changes a file before anything is asked of it: it
 adds tables and columns, turns on write-ahead logging, and stamps its own version even on a newer file, none
 of it in a transaction with what comes after.
 
-Facts that the rows rely on
----------------------------
+What the rows rely on
+---------------------
 - Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32
   (N, 2); F, E, H float64, row-major; qvec is (w, x, y, z) of cam2_from_cam1.
 - A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match

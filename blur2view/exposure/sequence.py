@@ -17,19 +17,19 @@ from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
 
-def in_time(found: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
+def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     """Return an estimate in the direction of time that neighbouring frames show: its geometry and ``time``.
 
     F, H, E, the pose and its covariance and the order of every smear (``swapped``) are of that direction, all
     of them. Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
-    if found.shutter is None:
-        views, candidates = views_of("frame", found), None
+    if estimated.shutter is None:
+        views, candidates = views_of("frame", estimated), None
     else:  # another motion in the other order in time, or none
-        views = views_in_order("frame", found, found.geometry.swapped)
-        candidates = [views] if found.geometry.backward is None else [views, views.reversed()]
+        views = views_in_order("frame", estimated, estimated.geometry.swapped)
+        candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
-    return replace(found, geometry=views.geometry, time=views.time)
+    return replace(estimated, geometry=views.geometry, time=views.time)
 
 
 def estimate_frames(
@@ -69,7 +69,7 @@ def estimate_frames(
     held: tuple[Estimate, Features, list[NeighbourMotion]] | None = None
     for frame in frames:
         image = rgb_of(frame)
-        found = estimate(
+        estimated = estimate(
             image, network=network, select=select, options=options, camera=camera, shutter=shutter
         )
         features, motions = features_of(image), list[NeighbourMotion]()
@@ -77,6 +77,6 @@ def estimate_frames(
             earlier, later = match_features(held[1], features)
             motions.append(neighbour_motion(later, earlier, -1, camera))
             yield in_time(held[0], [*held[2], neighbour_motion(earlier, later, 1, camera)])
-        held = found, features, motions
+        held = estimated, features, motions
     if held is not None:
         yield in_time(held[0], held[2])

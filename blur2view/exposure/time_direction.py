@@ -17,7 +17,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
+from posixpath import dirname
 
 import cv2
 import numpy as np
@@ -241,9 +242,12 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 def with_gaps(names: Sequence[str]) -> list[str]:
     """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
 
-    So frames of a video of which some were left out are not taken for neighbours. Names that differ in more
-    than their number stay as they are.
+    So frames of a video of which some were left out are not taken for neighbours, nor are those of two
+    folders. Names that differ in more than their number follow one another as they stand.
     """
+    folders = [list(group) for _, group in groupby(names, dirname)]
+    if len(folders) > 1:
+        return [*with_gaps(folders[0]), *chain.from_iterable(["", *with_gaps(one)] for one in folders[1:])]
     numbered = [_number(name) for name in names]
     if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
         return list(names)

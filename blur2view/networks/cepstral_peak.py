@@ -10,24 +10,15 @@ likelihood of the peak (Bayes).
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.networks.spectra import (
-    NOISE_FLOOR,
-    TAPERS,
-    TREND,
-    WINDOW,
-    in_batches,
-    power_spectra,
-    windows_of,
-)
+from blur2view.networks.half_cepstra import half_cepstra, values_at
+from blur2view.networks.spectra import in_batches
 from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
@@ -47,8 +38,6 @@ TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
-CEPSTRUM_RANGE_PX = 3.0, 40.0
-"""Distances from the origin over which the deviation of a cepstrum is taken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,15 +87,16 @@ class Correction:
         return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
 
 
-def refine_on_cepstrum(cells: Floats, octaves: list[Floats], threads: int = 1) -> Floats:
+def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
     """Return smears with those that are long and sure moved to their peaks in the cepstrum.
 
     Parameters
     ----------
     cells : ndarray of shape (h, w, 4)
         As of :func:`blur2view.smears.likelihood.read_smears`, of cells of 32 px.
-    octaves : list of ndarray
-        The grey picture (32 h, 32 w), sRGB-coded in [0, 1], and its smaller copies, which halve it.
+    spectra : list of ndarray
+        :func:`blur2view.networks.spectra.power_spectra` (h, w, 96, 49) of the picture and its smaller copies,
+        which halve it.
     threads : int
         That share the work; the result is the same.
 
@@ -115,14 +105,14 @@ def refine_on_cepstrum(cells: Floats, octaves: list[Floats], threads: int = 1) -
     ndarray of shape (h, w, 4), float32
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
-    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(octaves) - 1)
+    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
     moved = cells.copy()
-    for k, grey in enumerate(octaves):
+    for k, power in enumerate(spectra):
         own = octave == k
         prior = prior_of(cells, own, k)
         if not prior.usable.any():
             continue
-        correction = correction_of(*sampled_peaks(grey, prior, threads), prior).at_cells(2**k)
+        correction = correction_of(*sampled_peaks(power, prior, threads), prior).at_cells(2**k)
         own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
         moved[own] = corrected(cells, correction)[own]
     return moved
@@ -152,69 +142,27 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
     )
 
 
-def sampled_peaks(grey: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
+def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
     """Return how deep the cepstra are about the smears, and about their halves, in deviations.
 
     (h, w, 33, 25) and (h, w, 221), by rotation and scale of each window's own smear, summed over neighbours;
     zero where there is no usable one near. Every second window alone: rho of F is 1.1 times as large.
     """
-    windows, usable = windows_of(grey), prior.usable
+    usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
     peaks = np.zeros((*usable.shape, len(steps)), np.float32)
-
     rows, columns = np.nonzero(usable)
 
     def sample(part: slice) -> None:
         cells = rows[part], columns[part]
-        peaks[cells] = -values_at(cepstra_of(windows[cells]), prior.smear[cells][:, None] * steps)
+        peaks[cells] = -values_at(half_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
-
-
-def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
-    """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
-    middle = WINDOW // 2
-    inside = np.abs(lags.imag) < middle - 1  # or it would be read off the cepstrum below
-    x = np.where(inside, lags.real + middle, -WINDOW)
-    y = lags.imag + middle + WINDOW * np.arange(len(cepstra), dtype=np.float32)[:, None]
-    values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
-    return np.asarray(values, np.float32)
-
-
-def cepstra_of(windows: Floats) -> Floats:
-    """Return the cepstra (n, 96, 96) of windows, lag 0 in the middle, of mean 0 and deviation 1."""
-    taper, trendless, ring = filters()
-    power = np.log(power_spectra(windows) + np.float32(NOISE_FLOOR))
-    cepstra = np.asarray(np.fft.irfft2(power * taper, s=(WINDOW, WINDOW)), np.float32) * trendless
-    flat = cepstra.reshape(len(cepstra), -1)
-    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
-    flat -= mean
-    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    return cepstra
-
-
-@functools.cache
-def filters() -> tuple[Floats, Floats, Floats]:
-    """Return the taper of log spectra, which puts lag 0 in the middle, and factors by lag.
-
-    These are 0 where a spectrum's trend is and 1 where peaks are, (96, 96), and the weights of the mean over
-    CEPSTRUM_RANGE_PX, (96 * 96,).
-    """
-    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
-    radius = np.hypot(rows, columns)
-    taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper *= np.where((rows + columns) % 2, -1, 1)
-    lag = np.arange(-WINDOW // 2, WINDOW // 2)
-    distance = np.hypot(lag[:, None], lag)
-    trendless = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
-    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
-    high, far, mean = (f.astype(np.float32) for f in (taper, trendless, ring.ravel() / ring.sum()))
-    return high, far, mean
 
 
 def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:

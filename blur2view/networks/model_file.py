@@ -2,7 +2,11 @@
 
 import json
 import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +28,9 @@ OPERATORS = frozenset(
 )
 """What the exporter writes: nothing that repeats, chooses or calls."""
 SHIPPED = {"default": "smear.onnx"}
+MAX_FILE_BYTES = 1 << 28  # the shipped network has 850 kB
+BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
+PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
 REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
 
 
@@ -74,40 +81,72 @@ def shipped_file(name: str) -> Path:
 
 
 def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
-    """Open an ONNX Runtime session or raise ModelError, which names the remedy."""
+    """Open an ONNX Runtime session or raise ModelError, which names the remedy.
+
+    Nothing of the network is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of
+    all networks of the process together.
+    """
     try:
-        content = read_regular(path)
+        content = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
     try:
         foreign = operators(content) - OPERATORS
     except ValueError:
         raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
-    if foreign:  # a loop could run for ever, even while it is loaded
-        names = ", ".join(sorted(map(ascii, foreign))[:3])
-        raise ModelError(f"{path}: has operators that no blur2view network has ({names:.80}); {remedy}")
+    if foreign:  # a loop could run for ever
+        names = ", ".join(sorted(ascii(name).strip("'") for name in foreign)[:3])
+        raise ModelError(f"{path}: has what no blur2view network has ({names:.80}); {remedy}")
     onnxruntime = _onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
+    options.add_session_config_entry("session.use_env_allocators", "1")
     options.log_severity_level = 4  # only what is fatal: the exception says the rest
     try:
         # with its fallback ONNX Runtime would print to stdout and try once more
         return onnxruntime.InferenceSession(
-            content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+            content,
+            options,
+            providers=["CPUExecutionProvider"],
+            enable_fallback=0,
+            disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
         )
     except session_errors():
         raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
 
 
+@contextmanager
+def patient(cells: int) -> Iterator[Any]:
+    """Yield options of a run that ends it, at its next operator, where it takes far longer than it should."""
+    options = _onnxruntime().RunOptions()
+    timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield options
+    finally:
+        timer.cancel()
+
+
+@lru_cache
 def _onnxruntime() -> Any:
-    """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME."""
+    """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME.
+
+    Sessions that use its common allocator get no more memory than `BYTES_A_CORE` for each core.
+    """
     # read on import; disable_telemetry_events() comes too late: the device has its id by then (1.31)
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime  # 0.2 s, so only when a network is used
 
+    most = BYTES_A_CORE * max(usable_cores(), 2)
+    cpu = onnxruntime.OrtMemoryInfo(
+        "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
+    )
+    arena = onnxruntime.OrtArenaCfg({"max_mem": most, "arena_extend_strategy": 1})
+    onnxruntime.create_and_register_allocator(cpu, arena)
     return onnxruntime
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
-from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, session_errors
+from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, patient, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
-from blur2view.networks.spectra import STEP, polar_cepstra
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 
 Floats = NDArray[np.float32]
@@ -39,19 +39,23 @@ class OctaveReader:
         """
         grey = np.asarray(cv2.cvtColor(np.ascontiguousarray(tile), cv2.COLOR_RGB2GRAY), np.float32)
         pictures = octaves(grey, levels)
-        smallest, *larger = reversed(pictures)
-        joint, features = self.read_octave(smallest, None)
-        for level in larger:
-            logits, features = self.read_octave(level, features)
+        spectra = [power_spectra(picture, self.threads) for picture in pictures]
+        smallest, *larger = reversed(list(zip(pictures, spectra, strict=True)))
+        joint, features = self.read_octave(*smallest, None)
+        for picture, power in larger:
+            logits, features = self.read_octave(picture, power, features)
             joint = joined(logits, doubled(joint, logits.shape[:2]))
-        return refine_on_cepstrum(read_smears(joint), pictures, self.threads)
+        return refine_on_cepstrum(read_smears(joint), spectra, self.threads)
 
-    def read_octave(self, grey: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
-        """Return logits (h, w, 32, 20) and features (h, w, 32, C) of an octave, given the smaller one's."""
-        size = (grey.shape[0] // STEP, grey.shape[1] // STEP)
+    def read_octave(self, grey: Floats, power: Floats, coarser: Floats | None) -> tuple[Floats, Floats]:
+        """Return logits (h, w, 32, 20) and features (h, w, 32, C) of an octave.
+
+        Given its picture, its power spectra, and the features of the smaller one.
+        """
+        size = power.shape[:2]
         shape = (*size, DIRECTIONS, self.features)
         above = np.zeros(shape, np.float32) if coarser is None else doubled(coarser, size)
-        cepstra, scales = polar_cepstra(grey, self.threads)
+        cepstra, scales = polar_cepstra(power, self.threads)
         logits, features = self._run(grey[None, None], cepstra[None], scales[None], above[None])
         for output, expected in ((features, (1, *shape)), (logits, (1, *size, DIRECTIONS, BINS))):
             if output.shape != expected:
@@ -62,9 +66,13 @@ class OctaveReader:
 
     def _run(self, *inputs: Floats) -> list[Floats]:
         """Return the network's outputs; ModelError if it cannot be run."""
-        try:
-            outputs: list[Floats] = self.session.run(None, dict(zip(INPUTS, inputs, strict=True)))
-        except session_errors():
-            height, width = inputs[0].shape[2:]
-            raise ModelError(f"{self.path}: cannot be run on {width}x{height} pixels; {REMEDY}") from None
+        height, width = inputs[0].shape[2:]
+        with patient(height * width // STEP**2) as options:
+            try:
+                outputs: list[Floats] = self.session.run(
+                    None, dict(zip(INPUTS, inputs, strict=True)), options
+                )
+            except session_errors():
+                why = "takes too long" if options.terminate else "cannot be run"
+                raise ModelError(f"{self.path}: {why} on {width}x{height} pixels; {REMEDY}") from None
         return outputs

@@ -38,12 +38,8 @@ class RegionDocument(Document):
     @classmethod
     def of(cls, region: MovingRegion) -> RegionDocument:
         """Return the document of a region."""
-        return cls(
-            area_px=region.area_px,
-            box=list(region.box),
-            centroid=list(region.centroid),
-            probability=region.probability,
-        )
+        box, centroid = list(region.box), list(region.centroid)
+        return cls(area_px=region.area_px, box=box, centroid=centroid, probability=region.probability)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +61,7 @@ class MaskDocument(Document):
     config : str
         The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
     parallax : str
-        proven, open or absent.
+        proven, undecided or absent.
     geometry_reason : str
         One sentence with the figures that decided on the configuration.
     reason : str
@@ -113,29 +109,16 @@ class MaskDocument(Document):
         from blur2view.segmentation.formats import GREY
         from blur2view.segmentation.mask import MotionLabel
 
-        return cls(
-            image=estimate.image,
-            width=estimate.width,
-            height=estimate.height,
-            F=estimate.F,
-            H=estimate.H,
-            K=estimate.K,
-            E=estimate.E,
-            cam2_from_cam1=estimate.cam2_from_cam1,
-            pose_covariance=estimate.pose_covariance,
-            config=estimate.config,
-            parallax=estimate.parallax,
-            geometry_reason=estimate.reason,
-            reason=mask.reason,
-            labels={label.name.lower(): int(GREY[label]) for label in MotionLabel},
-            shares={label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
-            regions=[RegionDocument.of(region) for region in mask.regions],
-            beta=estimate.beta,
-            max_error_px=estimate.max_error_px,
-            seed=estimate.seed,
-            model_id=estimate.model_id,
-            timings_s=(estimate.timings_s or {}) | {"segment": segment_s},
-        )
+        same = cls.__dataclass_fields__.keys() & EstimateDocument.__dataclass_fields__.keys()
+        values = {name: getattr(estimate, name) for name in same} | {
+            "geometry_reason": estimate.reason,
+            "reason": mask.reason,
+            "labels": {label.name.lower(): int(GREY[label]) for label in MotionLabel},
+            "shares": {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
+            "regions": [RegionDocument.of(region) for region in mask.regions],
+            "timings_s": (estimate.timings_s or {}) | {"segment": segment_s},
+        }
+        return cls(**values)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The panel below the overlay: the verdict in plain words, the key of the colours, a map of sigma."""
+"""The panel below the overlay: the verdict in plain words, the key of the colours, a map of uncertainty."""
 
 import numpy as np
 
@@ -30,17 +30,17 @@ def draw_panel(
     geometry: TwoViewGeometry,
     exposure_s: float | None = None,
 ) -> Picture:
-    """Return the panel: the caption on the left, the orientation key and the sigma map on the right."""
+    """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
-    said = wrap(sentence(geometry, matches, grid.shape[1], exposure_s), room, HEAD_SIZE)
+    verdict = wrap(sentence(geometry, matches, grid.size, exposure_s), room, HEAD_SIZE)
     small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
-    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(said) + LEADING_PX * len(small))
+    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    for index, line in enumerate(said):
+    for index, line in enumerate(verdict):
         write(panel, line, (10, 24 + HEAD_LEADING_PX * index), size=HEAD_SIZE)
-    top = 24 + HEAD_LEADING_PX * len(said)
+    top = 24 + HEAD_LEADING_PX * len(verdict)
     for index, line in enumerate(small):
         write(panel, line, (10, top + LEADING_PX * index), colour=FAINT)
     return panel
@@ -53,7 +53,11 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
     length = f"median length {np.median(matches.length_px):.1f} px"
     if geometry.F is None:
         return f"{len(matches)} smears used, {length}"
-    return f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F, {length}"
+    fit = f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F"
+    if geometry.H is not None:
+        return f"{fit}, but H explains them, too; {length}"
+    lines = "white: epipolar lines, where F lets the ends of smears lie"
+    return f"{fit}, {length}; {lines}; ring: the epipole, to or from which the camera moved"
 
 
 def _orientation_key() -> Picture:
@@ -87,7 +91,7 @@ def _sigma_inset(grid: SmearGrid) -> Picture:
     inset[24 : 24 + bar_height, 158:168] = heat_colours(
         np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
     )
-    write(inset, "sigma, px of the photo", (0, 16), colour=FAINT)
+    write(inset, "uncertainty, px", (0, 16), colour=FAINT)
     write(inset, short_number(10**high), (174, 35))
     write(inset, short_number(10**low), (174, 24 + bar_height))
     return inset

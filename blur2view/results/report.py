@@ -21,7 +21,7 @@ from blur2view.results.report_photograph import photograph
 from blur2view.results.verdicts import KINDS, VERDICT_ORDER
 from blur2view.segmentation.mask import MotionMask
 
-SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "facts"]
+SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "values"]
 SCRIPTS += ["viewer", "gestures", "gallery", "main"]
 STYLES = ("page", "stage")
 PICTURE = re.compile(r"(data:image/[a-z]+;base64,[A-Za-z0-9+/=]+)?")
@@ -63,7 +63,9 @@ class Entry:
     def __post_init__(self) -> None:
         """Check what is not escaped."""
         known = {(kind, config.name) for config, kind in KINDS.items()}
-        known |= {("open", verdict) for kind, verdict in known if kind == "flat"} | {("failed", "FAILED")}
+        known |= {("undecided", verdict) for kind, verdict in known if kind == "flat"} | {
+            ("failed", "FAILED")
+        }
         if (self.kind, self.verdict) not in known or (self.kind == "failed") == bool(self.content):
             raise ValueError(f"{self.kind!r}, {self.verdict!r} is no verdict of a photograph")
         if not PICTURE.fullmatch(self.thumbnail):
@@ -142,9 +144,9 @@ def _hash(text: str) -> str:
 def _count(entries: Sequence[Entry]) -> str:
     """Return how many photographs there are and in how many parallax is proven."""
     failed = sum(not entry.content for entry in entries)
-    proven = sum(entry.kind == "found" for entry in entries)
-    said = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
-    return ", ".join(said + [f"{failed} failed"] * bool(failed))
+    proven = sum(entry.kind == "proven" for entry in entries)
+    parts = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
+    return ", ".join(parts + [f"{failed} failed"] * bool(failed))
 
 
 def _card(index: int, entry: Entry) -> str:
@@ -152,14 +154,14 @@ def _card(index: int, entry: Entry) -> str:
     length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
     order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
     picture_html = f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' if entry.content else ""
-    facts = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
+    length_text = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
     kind = escape(entry.kind)
     body = (
         f'<span class="card-picture">{picture_html}</span>'
         f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
         f'<span class="card-text">{escape(entry.text)}</span>'
         f'<span class="card-verdict"><span class="chip chip-{kind}">{escape(entry.verdict)}</span>'
-        f'<span class="card-length">{facts if entry.content else ""}</span></span>'
+        f'<span class="card-length">{length_text if entry.content else ""}</span></span>'
     )
     link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
     return (

@@ -15,7 +15,7 @@ from blur2view.results.pose import rate_of
 if TYPE_CHECKING:
     from blur2view.pipeline import Estimate
 
-SHARP, BLURRED, UNUSABLE = "sharp", "blurred", "unusable"
+SHARP, BLURRED, UNCLEAR, UNUSABLE = "sharp", "blurred", "unclear", "unusable"
 DIGITS = 6  # significant ones
 
 
@@ -34,6 +34,8 @@ class Row(Document):
     smear_px : float
         Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
         smears that were used is another: blur2view estimate -v and the report have it.)
+    smear_sigma_px : float
+        Median standard deviation of their lengths, pixels.
     smear_percent : float
         That over the diagonal of the picture, per cent: the same whatever its size.
     direction_deg : float
@@ -64,7 +66,7 @@ class Row(Document):
     elapsed_s : float
         Seconds that the estimate took, without --no-timings.
     use : str
-        Of blur2view triage: sharp, blurred (geometry can use it) or unusable.
+        Of blur2view triage: sharp, blurred (geometry can use it), unclear or unusable.
     error : str
         Why a photograph failed.
     meaning : str
@@ -75,6 +77,7 @@ class Row(Document):
     verdict: str = ""
     parallax: str = ""
     smear_px: float | None = None
+    smear_sigma_px: float | None = None
     smear_percent: float | None = None
     direction_deg: float | None = None
     sharpness: float | None = None
@@ -106,6 +109,7 @@ class Row(Document):
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
             smear_px=None if smear is None else smear.length_px,
+            smear_sigma_px=None if smear is None else smear.sigma_px,
             smear_percent=None if smear is None else 100 * smear.length_px / math.hypot(*estimate.grid.size),
             direction_deg=None if smear is None else smear.direction_deg,
             sharpness=None if smear is None else smear.sharpness,
@@ -114,20 +118,21 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=elapsed_s,
-            meaning=sentence(geometry, estimate.matches, estimate.grid.shape[1]),
+            meaning=sentence(geometry, estimate.matches, estimate.grid.size),
         )
 
     @classmethod
     def restored(cls, stored: Any) -> Row:
-        """Return the row that a manifest holds, also one of before ``elapsed_s`` had its name.
+        """Return the row that a manifest holds, also an older one of fewer values.
 
         One of `stored.DAMAGE` if it holds none.
         """
         from blur2view.results.stored import plain, restore
 
-        if isinstance(stored, dict) and "time_s" in stored:
+        if isinstance(stored, dict) and "name" in stored:
             older = {name: value for name, value in stored.items() if name != "angular_velocity_rad_s"}
-            stored = plain(cls()) | {"elapsed_s": older.pop("time_s")} | older
+            elapsed = {"elapsed_s": older.pop("time_s")} if "time_s" in older else {}
+            stored = plain(cls()) | elapsed | older
         row: Row = restore(cls, stored)
         return row
 

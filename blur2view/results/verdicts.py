@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 # Configuration -> kind of verdict: its colour, and its place in the order.
 KINDS = {
-    Configuration.CALIBRATED: "found",
-    Configuration.UNCALIBRATED: "found",
-    Configuration.MULTIPLE: "open",
+    Configuration.CALIBRATED: "proven",
+    Configuration.UNCALIBRATED: "proven",
+    Configuration.MULTIPLE: "undecided",
     Configuration.PLANAR_OR_PANORAMIC: "flat",
     Configuration.PLANAR: "flat",
     Configuration.PANORAMIC: "flat",
@@ -27,24 +27,28 @@ KINDS = {
     Configuration.UNDEFINED: "none",
 }
 VERDICT_ORDER = [config.name for config in KINDS]
-ALIKE = 0.5  # share of the smears' length that their mean, of double angles, has where they run alike
+COMMON_DIRECTION = 0.5  # least length of the smears' mean, in double angle, over their mean length
+UNDECIDED = "depth undecided"  # whether things of several depths are seen
 DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 
 def kind(geometry: TwoViewGeometry) -> str:
-    """Return the kind of a verdict: found, open, flat or none."""
+    """Return the kind of a verdict: proven, undecided, flat or none."""
     beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.UNDECIDED
-    return "open" if beside_H else KINDS[geometry.config]
+    return "undecided" if beside_H else KINDS[geometry.config]
 
 
 def meaning(one: FileEstimate) -> str:
     """Return the `sentence` of a photograph; how fast it turned, if --exposure says how long."""
     estimate = one.estimate
-    return sentence(estimate.geometry, estimate.matches, estimate.grid.shape[1], one.run.exposure_s)
+    return sentence(estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s)
 
 
 def sentence(
-    geometry: TwoViewGeometry, matches: SmearMatches, width_px: int, exposure_s: float | None = None
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    size: tuple[int, int],
+    exposure_s: float | None = None,
 ) -> str:
     """Return the one sentence that matters: what the camera did, or why that cannot be told.
 
@@ -53,29 +57,29 @@ def sentence(
     geometry : TwoViewGeometry
     matches : SmearMatches
         The smears it is of.
-    width_px : int
-        Width of the photograph: without intrinsics a turn is given as a share of it.
+    size : tuple of (int, int)
+        Width and height of the photograph: without intrinsics a turn is given as a share of the width.
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
     """
-    config, open_ = geometry.config, geometry.parallax is not Parallax.ABSENT
-    blur, posed = Blur.of(geometry, matches, width_px), geometry.cam2_from_cam1 is not None
+    config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED
+    posed, blur = geometry.cam2_from_cam1 is not None, Blur.of(geometry, matches, size[0])
     match config:
         case Configuration.DEGENERATE | Configuration.UNDEFINED:
             return _nothing(geometry, matches)
         case Configuration.MULTIPLE:
             return "Several motions: parts of the picture move differently"
         case Configuration.PANORAMIC:
-            turned = _turned(geometry, exposure_s) if posed else blur.as_turn
-            return f"Camera {turned}{', may have moved, too' if open_ else ''}"
+            return f"Camera {_turned(geometry, size, exposure_s)}{', may have moved, too' * undecided}"
         case Configuration.PLANAR_OR_PANORAMIC:
             by = _amount(geometry, exposure_s) if posed else f"by {blur.length}"
             return f"Turned {by} or moved past something flat: cannot tell"
     if posed:
-        flat = "; perhaps all flat" if config is Configuration.PLANAR and open_ else ""
-        return f"Camera moved {_direction(geometry)}, turned {_amount(geometry, exposure_s)}{flat}"
+        turned = f"turned {_amount(geometry, exposure_s)}"
+        depth = f", {UNDECIDED}" * (config is Configuration.PLANAR and undecided)
+        return f"Camera moved {_direction(geometry)}, {turned}{depth}"
     if config is Configuration.PLANAR:
-        return f"Camera moved{', perhaps' if open_ else ''} past something flat; {blur}"
+        return f"Camera moved{f', {UNDECIDED}' if undecided else ' past something flat'}; {blur}"
     return f"Camera moved past near and far things; {blur}"
 
 
@@ -85,7 +89,6 @@ class Blur:
 
     length: str
     way: str
-    roll_deg: float
 
     @classmethod
     def of(cls, geometry: TwoViewGeometry, matches: SmearMatches, width_px: int) -> Blur:
@@ -94,15 +97,8 @@ class Blur:
         lengths = np.hypot(*d.T)
         doubled = ((d[:, 0] + 1j * d[:, 1]) ** 2 / np.maximum(lengths, TINY)).mean()  # d and -d are one
         way = _way(*(np.sqrt(doubled).real, np.sqrt(doubled).imag))
-        alike = abs(doubled) > ALIKE * lengths.mean()
-        roll = 0.0 if geometry.H is None else _roll_deg(geometry.H, matches)
-        share = f"{100 * np.median(lengths) / width_px:.2g} % of the width"
-        return cls(length=share, way=way if alike else "", roll_deg=roll)
-
-    @property
-    def as_turn(self) -> str:
-        """What a camera that turned did."""
-        return f"turned {self.way} by {self.length}" if self.way else f"rolled by {self.roll_deg:.2g} degrees"
+        common = abs(doubled) > COMMON_DIRECTION * lengths.mean()
+        return cls(length=_share(np.median(lengths), width_px), way=way if common else "")
 
     def __str__(self) -> str:
         """Return how long the blur is, and which way it runs."""
@@ -117,17 +113,34 @@ def _nothing(geometry: TwoViewGeometry, matches: SmearMatches) -> str:
         smooth = matches.directed_share < MIN_DIRECTED
         return f"{'Out of focus or smooth' if smooth else 'Too few places show blur'}: cannot tell"
     if matches.still_share > MAX_STILL:
-        return "Sharp: the camera stood still"
+        return "Sharp, but for what may move by itself: the camera hardly moved"
     if len(matches) and np.median(matches.length_px) >= MIN_LENGTH_PX and constant_field(matches):
         return "Turned or moved, the same blur everywhere: cannot tell"
     return "Sharp, or too little blur to tell"
 
 
-def _turned(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
-    """Return which way a pose turns, and how much or how fast."""
-    x, y, z = (0.0, 0.0, 0.0) if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.rotation_vector
-    way = "rolled" if abs(z) > np.hypot(x, y) else f"turned {_way(y, x)}"
-    return f"{way} {_amount(geometry, exposure_s)}"
+def _turned(geometry: TwoViewGeometry, size: tuple[int, int], exposure_s: float | None) -> str:
+    """Return which way a camera turned, and how much or how fast.
+
+    It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
+    """
+    pan, roll = (np.zeros(2), 0.0) if geometry.H is None else _pan_and_roll(geometry.H, size)
+    rolled = roll * np.hypot(*size) / 2 > np.hypot(*pan)
+    way = "rolled" if rolled else f"turned {_way(*pan)}"
+    if geometry.cam2_from_cam1 is not None:
+        return f"{way} {_amount(geometry, exposure_s)}"
+    by = f"{np.degrees(roll):.2g} degrees" if rolled else _share(np.hypot(*pan), size[0])
+    return f"{way} by {by}"
+
+
+def _pan_and_roll(H: Array, size: tuple[int, int]) -> tuple[Array, float]:
+    """Return how far (2,) a homography moves the middle of a picture, and the angle it turns it by."""
+    to_middle = np.eye(3)
+    to_middle[:2, 2] = (1 - np.array(size)) / 2
+    centred = to_middle @ H @ np.linalg.inv(to_middle)
+    centred = centred / centred[2, 2]
+    (a, b), (c, d) = centred[:2, :2]
+    return centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
@@ -164,13 +177,9 @@ def _way(x: float, y: float) -> str:
     return "sideways" if abs(x) > abs(y) else "up or down"
 
 
-def _roll_deg(H: Array, matches: SmearMatches) -> float:
-    """Return by how much a homography turns the picture about the middle of its smears."""
-    to_middle = np.eye(3)
-    to_middle[:2, 2] = -matches.midpoint.mean(axis=0)
-    centred = to_middle @ H @ np.linalg.inv(to_middle)
-    (a, b), (c, d) = centred[:2, :2] / centred[2, 2]
-    return abs(float(np.degrees(np.arctan2(c - b, a + d))))
+def _share(length_px: float, width_px: int) -> str:
+    """Return a length as a share of the picture's width."""
+    return f"{100 * length_px / width_px:.2g} % of the width"
 
 
 def _with_deviation(value: float, sigma: float) -> str:

@@ -6,7 +6,7 @@ import errno
 import hashlib
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import Any, BinaryIO, Generic, TypeVar
 from blur2view.errors import Blur2ViewError, RunError, within_memory
 from blur2view.file_writing import Write, unwritable, write_together
 from blur2view.photographs.image import read_content
-from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row
 from blur2view.runs.neighbours import Neighbour
 
@@ -42,7 +41,7 @@ class Job(Generic[Target]):
     digest : str
         SHA-256 of the photograph's file; empty where the content is still to be read.
     source : str
-        What its result depends on besides, such as its features in a database.
+        What its result depends on besides it and its neighbours, such as its features in a database.
     frame : int or None
         Its number in its video.
     timestamp_s : float or None
@@ -139,19 +138,6 @@ class Outcome(Generic[Kept]):
     error: str = ""
     stop: bool = False
     skipped: bool = False
-
-
-def source_of(neighbours: Iterable[Neighbour]) -> str:
-    """Return what a result depends on besides its photograph; a video is known as a whole."""
-    return " ".join(f"{one.steps:+d}{_digest_if_read(one.path)}" for one in neighbours)
-
-
-def _digest_if_read(path: Path) -> str:
-    """Return the SHA-256 of a file; empty of a frame, and of what cannot be read."""
-    try:
-        return "" if frame_of(path) else file_digest(path)
-    except (OSError, ValueError):
-        return ""
 
 
 def failed(error: Blur2ViewError) -> Outcome[Any]:

@@ -22,6 +22,7 @@ from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.file_writing import unwritable
 from blur2view.input_files import MAX_BYTES, parse_json
 from blur2view.output_files import ResultFiles
+from blur2view.photographs.video import frame_of
 from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Kept, Made, Outcome, Target, Work, file_digest
@@ -89,6 +90,7 @@ class Manifest:
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
         self._versions: set[tuple[Any, Any]] = set()
+        self._digests: dict[Path, str] = {}
         self._begun = self._damaged = False
         self._new = not os.path.lexists(path)
         self._file = _open_alone(path)
@@ -143,6 +145,19 @@ class Manifest:
                 return owner
         return None
 
+    def _source(self, job: Job[Any]) -> str:
+        """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
+        return job.source + " ".join(f"{one.steps:+d}{self._digest(one.path)}" for one in job.neighbours)
+
+    def _digest(self, path: Path) -> str:
+        """Return the SHA-256 of a file, read once; empty of a frame, and of what cannot be read."""
+        if path not in self._digests:
+            try:
+                self._digests[path] = "" if frame_of(path) else file_digest(path)
+            except (OSError, ValueError):
+                self._digests[path] = ""
+        return self._digests[path]
+
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
@@ -153,7 +168,7 @@ class Manifest:
         A line may hold anything: it is not found unless it gives values of the right types.
         """
         line = self._done.pop(self._name(job.path), None)  # which may be large
-        if line is None or (line.get("sha256"), line.get("source")) != (job.digest, job.source):
+        if line is None or (line.get("sha256"), line.get("source")) != (job.digest, self._source(job)):
             return None
         outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
         expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
@@ -167,7 +182,11 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _is_whole(target, self._targets.get(target.name, ""))
+        return _is_whole(target, self.digest_of(target))
+
+    def digest_of(self, target: Path) -> str:
+        """Return the digest that was appended last for what is made of all photographs; empty if none was."""
+        return self._targets.get(target.name, "")
 
     def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
         """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
@@ -176,13 +195,13 @@ class Manifest:
             self._write(line | {"error": outcome.error})
             return
         made, folder = outcome.made, self.path.parent
-        line |= {"sha256": outcome.digest, "source": job.source, "summary": made.summary}
+        line |= {"sha256": outcome.digest, "source": self._source(job), "summary": made.summary}
         line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
         self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
 
-    def append_target(self, target: Path) -> None:
-        """Append that a call wrote a file of all photographs, such as a database."""
-        self._write({"target": target.name, "sha256": file_digest(target)})
+    def append_target(self, target: Path, digest: str = "") -> None:
+        """Append that a call makes something of all photographs: of a file its own digest by default."""
+        self._write({"target": target.name, "sha256": digest or file_digest(target)})
 
     def _read(self) -> None:
         """Note the lines of earlier calls; one that was cut off is dropped."""

@@ -45,7 +45,7 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
     files = [path for path in paths if frame_of(path) is None] if sequence else []
     named = dict(enumerate(files)).get
     place = {path: index for index, path in enumerate(files)}
-    found: dict[Path, tuple[Neighbour, ...]] = {}
+    neighbours: dict[Path, tuple[Neighbour, ...]] = {}
     for path in paths:
         beside = {}
         for steps in (-1, 1) if sequence is not False else ():
@@ -53,8 +53,8 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
                 beside[steps] = frame_path(frame[0], frame[1] + steps)
             elif path in place and (other := named(place[path] + steps)) and other.parent == path.parent:
                 beside[steps] = other
-        found[path] = tuple(Neighbour(path=other, steps=steps) for steps, other in beside.items())
-    return found
+        neighbours[path] = tuple(Neighbour(path=other, steps=steps) for steps, other in beside.items())
+    return neighbours
 
 
 def with_contents(neighbours: Iterable[Neighbour]) -> tuple[Neighbour, ...]:

@@ -12,14 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
+from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 
 LEAST_PX = 0.1  # stated deviation
 FLOOR_PX, FLOOR_SHARE = 0.4, 0.05  # errors that no cell states: constant, and in proportion to its length
-SAMPLES, JUDGES = 150, 400  # triples of cells, and cells that judge them
+SAMPLES, SCORED = 150, 400  # triples of cells, and cells that their fields are scored on
 SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
 STEPS = 12  # of reweighted least squares
-RIDGE = 0.3  # weight, in cells, of each quadratic coefficient over FIELD_SHARE of the mean length
+RIDGE = 0.3  # weight, in cells, of each quadratic coefficient over FIELD_SHARE of the median length
 FIELD_SHARE = 0.3
 
 
@@ -33,6 +35,8 @@ class Cells:
         Their centres (x, y), pixels.
     displacement : ndarray of shape (h, w, 2)
         Pixels, of either sign.
+    ends : ndarray of shape (h, w, 2, 2)
+        Both ends as the undistorted picture shows them, which F is of; NaN where a camera has no ray.
     sigma_px, sigma_rad : ndarray of shape (h, w)
         Standard deviations of the end-point error and of the direction.
     shape : (int, int)
@@ -41,17 +45,22 @@ class Cells:
 
     points: Array
     displacement: Array
+    ends: Array
     sigma_px: Array
     sigma_rad: Array
     shape: tuple[int, int]
 
     @classmethod
-    def of(cls, grid: SmearGrid) -> Cells:
-        """Return the cells of a grid."""
-        smears = grid.smears()
+    def of(cls, grid: SmearGrid, camera: Camera | None = None) -> Cells:
+        """Return the cells of a grid; without a camera there is no distortion."""
+        points, smears = grid.points(), grid.smears()
+        displacement = smears.displacement.astype(float)
+        ends = smear_ends(points.reshape(-1, 2), displacement.reshape(-1, 2))
+        ends = ends if camera is None else camera.undistorted(ends)
         return cls(
-            points=grid.points(),
-            displacement=smears.displacement.astype(float),
+            points=points,
+            displacement=displacement,
+            ends=ends.reshape(*displacement.shape[:2], 2, 2),
             sigma_px=np.maximum(smears.sigma_px.astype(float), LEAST_PX),
             sigma_rad=np.minimum(smears.sigma_rad.astype(float), np.pi / 2),
             shape=grid.shape,
@@ -68,24 +77,22 @@ class Cells:
         return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
 
 
-def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:
+def camera_field(cells: Cells, rng: np.random.Generator) -> Array:
     """Return the displacement (h, w, 2) that the camera's motion gives every cell, pixels.
 
     Parameters
     ----------
     cells : Cells
-    weight : ndarray of shape (h, w)
-        How much each cell counts, 0 to 1: little where something else is known to move.
     rng : numpy.random.Generator
         Draws the starts.
     """
     basis, seen = _basis(cells), cells.displacement.reshape(-1, 2)
-    sigma, counted = cells.error_px.ravel(), weight.ravel()
-    affine = _start(basis[:, :3], seen, sigma, counted, rng)
+    sigma = cells.error_px.ravel()
+    affine = _start(basis[:, :3], seen, sigma, rng)
     model = np.zeros((6, 2))
     model[:3] = affine
     for _ in range(STEPS):
-        model = _reweighted(model, basis, seen, sigma, counted)
+        model = _reweighted(model, basis, seen, sigma)
     return np.asarray((basis @ model).reshape(cells.displacement.shape))
 
 
@@ -96,31 +103,29 @@ def _basis(cells: Cells) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
-def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
+def _start(basis: Array, seen: Array, sigma: Array, rng: np.random.Generator) -> Array:
     """Return the affine field (3, 2) of least cost through three cells each."""
-    share = weight / sigma
-    share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
-    triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
+    triples = rng.choice(len(seen), (SAMPLES, 3), p=(1 / sigma) / (1 / sigma).sum())
     inverse = np.linalg.pinv(basis[triples], rcond=1e-3)  # (S, 3, 3)
     signed = seen[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
     constant = np.zeros((SAMPLES, 3, 2))
     constant[:, 0] = seen[triples[:, 0]]
     models = np.concatenate([(inverse[:, None] @ signed).reshape(-1, 3, 2), constant])
-    judges = rng.permutation(len(seen))[:JUDGES]
-    predicted = np.einsum("nk,mkc->mnc", basis[judges], models)
+    scored = rng.permutation(len(seen))[:SCORED]
+    predicted = np.einsum("nk,mkc->mnc", basis[scored], models)
     error = np.minimum(
-        ((predicted - seen[judges]) ** 2).sum(-1), ((predicted + seen[judges]) ** 2).sum(-1)
-    ) / (4 * sigma[judges] ** 2)
-    cost = (weight[judges] / sigma[judges] * error / (1 + error)).sum(axis=1)
+        ((predicted - seen[scored]) ** 2).sum(-1), ((predicted + seen[scored]) ** 2).sum(-1)
+    ) / (4 * sigma[scored] ** 2)
+    cost = (error / (1 + error) / sigma[scored]).sum(axis=1)
     return np.asarray(models[np.argmin(cost)])
 
 
-def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array, weight: Array) -> Array:
+def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array) -> Array:
     """Return the field (6, 2) after one step of reweighted least squares (Geman-McClure)."""
     predicted = basis @ model
     signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
     squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
-    each = weight / (1 + squared) ** 2 / sigma**2
+    each = 1 / (1 + squared) ** 2 / sigma**2
     length = FIELD_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
     ridge = np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2
     normal = (basis * each[:, None]).T @ basis + np.diag(ridge + 1e-9)

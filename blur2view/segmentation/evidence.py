@@ -25,7 +25,7 @@ LINE_FLOOR_PX = 0.4  # error of smears across the epipolar lines that no cell st
 SMOOTH = 1.5e-6  # mean square gradient below which a window shows nothing: a third of a level of 255 a pixel
 
 
-def evidence(cells: Cells, camera: Array, ends: Array, F: Array | None, gradients: Array) -> Array:
+def evidence(cells: Cells, camera: Array, F: Array | None, gradients: Array) -> Array:
     """Return the evidence (FINER h, FINER w, K), most of it logarithms.
 
     Parameters
@@ -34,20 +34,18 @@ def evidence(cells: Cells, camera: Array, ends: Array, F: Array | None, gradient
         (h, w).
     camera : ndarray of shape (h, w, 2)
         Displacements of the camera's motion, pixels.
-    ends : ndarray of shape (h, w, 2, 2)
-        Ends of the smears as the undistorted picture shows them, which F is of.
     F : ndarray of shape (3, 3) or None
     gradients : ndarray of shape (FINER h, FINER w, 3 OCTAVES)
         See `gradients_of`.
     """
-    coarse = upsample_grid(_of_cells(cells, camera, ends, F).astype(np.float32), FINER)
+    coarse = upsample_grid(_of_cells(cells, camera, F).astype(np.float32), FINER)
     double = np.concatenate([to_double_angle(camera), to_double_angle(cells.displacement)], axis=-1)
     fine = upsample_grid(double.astype(np.float32), FINER)
     blur = [_along_and_across(gradients, fine[..., k : k + 2]) for k in (0, 2)]
     return np.concatenate([coarse, *blur], axis=-1)
 
 
-def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Array:
+def _of_cells(cells: Cells, camera: Array, F: Array | None) -> Array:
     """Return what the smears of the cells show, (h, w, 13)."""
     seen, length, error = cells.displacement, cells.length_px, cells.error_px
     expected = np.linalg.norm(camera, axis=-1)
@@ -56,7 +54,7 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    across = np.zeros_like(length) if F is None else off_lines_px(ends, F)
+    across = np.zeros_like(length) if F is None else off_lines_px(cells, F)
     evidence = [
         np.log1p(apart / (scale * error)),
         np.log1p(apart),
@@ -73,10 +71,10 @@ def _of_cells(cells: Cells, camera: Array, ends: Array, F: Array | None) -> Arra
     return np.stack([*evidence, *np.moveaxis(_turned_difference(seen, camera), -1, 0)], axis=-1)
 
 
-def off_lines_px(ends: Array, F: Array) -> Array:
-    """Return how far ends (h, w, 2, 2) are off the epipolar lines, (h, w); 0 where a camera has no ray."""
-    squared = np.nan_to_num(serrmin(F, ends.reshape(-1, 2, 2)))
-    return np.asarray(np.sqrt(squared).reshape(ends.shape[:2]))
+def off_lines_px(cells: Cells, F: Array) -> Array:
+    """Return how far the ends are off the epipolar lines, (h, w); 0 where a camera has no ray."""
+    squared = np.nan_to_num(serrmin(F, cells.ends.reshape(-1, 2, 2)))
+    return np.asarray(np.sqrt(squared).reshape(cells.ends.shape[:2]))
 
 
 def off_lines_error_px(cells: Cells) -> Array:
@@ -111,11 +109,11 @@ def smooth(gradients: Array) -> NDArray[np.bool_]:
     return np.asarray(cv2.blur(np.ascontiguousarray(gradients[..., 0], np.float32), (size, size)) < SMOOTH)
 
 
-def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int) -> Array:
-    """Return the mean squared gradients of an image (H, W, 3), (FINER h, FINER w, 3 OCTAVES).
+def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int, finer: int = FINER) -> Array:
+    """Return the mean squared gradients of an image (H, W, 3), (finer h, finer w, 3 OCTAVES).
 
-    About half cells, of each octave gx^2 + gy^2, gx^2 - gy^2 and 2 gx gy: rotated like double angles.
-    ``grid`` is (h, w).
+    Of each octave gx^2 + gy^2, gx^2 - gy^2 and 2 gx gy: rotated like double angles. ``grid`` is (h, w), and
+    ``finer`` places lie on a cell's side.
     """
     strips = []
     for first in range(0, grid[0], STRIP):
@@ -124,8 +122,8 @@ def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int)
         grey = cv2.cvtColor(np.ascontiguousarray(part), cv2.COLOR_RGB2GRAY)
         missing = (below - above) * stride - grey.shape[0], grid[1] * stride - grey.shape[1]
         grey = np.pad(grey, ((0, missing[0]), (0, missing[1])), mode="symmetric")
-        rows = slice(FINER * (first - above), FINER * (min(first + STRIP, grid[0]) - above))
-        strips.append(_gradients(grey, (FINER * (below - above), FINER * grid[1]))[rows])
+        rows = slice(finer * (first - above), finer * (min(first + STRIP, grid[0]) - above))
+        strips.append(_gradients(grey, (finer * (below - above), finer * grid[1]))[rows])
     return np.concatenate(strips)
 
 

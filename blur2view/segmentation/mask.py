@@ -5,25 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.camera.camera import Camera
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.camera_motion import Cells, camera_field
-from blur2view.segmentation.classifier import shipped
+from blur2view.segmentation.decoder import shipped
 from blur2view.segmentation.evidence import (
     FINER,
     evidence,
-    gradients_of,
     off_lines_error_px,
     off_lines_px,
     smooth,
 )
+from blur2view.segmentation.picture import QUARTER, Picture
 from blur2view.segmentation.pixels import (
     MOST_STILL,
     MovingRegion,
@@ -32,9 +30,7 @@ from blur2view.segmentation.pixels import (
     parts_above,
     to_pixels,
 )
-from blur2view.smears.field import smear_ends
 
-ROUNDS = 2  # fits of the camera's motion, the second without what moves
 STILL_PX = 1.0  # median displacement of the camera's motion below which it stands still
 SHARED = 0.4  # of what is read in the picture: from there on it is open which motion is the camera's
 # Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten such
@@ -82,9 +78,8 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
 
     The camera's motion is one smooth field through the smears and, where there is one, F. What departs from
     both, and where the picture is blurred otherwise than the camera's motion blurs it, is weighed by a small
-    network (`classifier`); the camera's motion is then fitted again without what moves. Where parallax is
-    proven, parts on the epipolar lines are at another depth and stand still. Unobservable is what is smooth,
-    what is read badly, and what may as well move as stand still.
+    network (`decoder`). Where parallax is proven, parts on the epipolar lines are at another depth and stand
+    still. Unobservable is what is smooth, what is read badly, and what may as well move as stand still.
 
     Parameters
     ----------
@@ -100,85 +95,54 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
     ValueError
         If the image has another shape than the estimate.
     """
-    image = rgb_of(image)
-    grid, geometry = estimate.grid, estimate.geometry
+    image, grid, geometry = rgb_of(image), estimate.grid, estimate.geometry
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     rng = np.random.default_rng(0) if rng is None else rng
     F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
-    cells = Cells.of(grid)
-    gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
-    weight: Array = np.ones(cells.sigma_px.shape)
-    for _ in range(ROUNDS):
-        compared = Compared.of(cells, F, estimate.camera, gradients, weight, rng)
-        moving, read = shipped().log_odds(compared.evidence)
-        moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
-        weight = 1 - np.asarray(moves, float)
-    hidden = smooth(gradients)
-    moving, read = (np.where(hidden, -np.inf, odds) for odds in (moving, read))
-    size_px = grid.stride // FINER
-    probability = to_pixels(_share(moving), size_px, image)
-    hidden = hidden.repeat(size_px, axis=0)[: image.shape[0]].repeat(size_px, axis=1)[:, : image.shape[1]]
+    cells = Cells.of(grid, estimate.camera)
+    picture = Picture.of(image, grid.cells.shape[:2], grid.stride)
+    motion = camera_field(cells, rng)
+    median_px = float(np.median(np.linalg.norm(motion, axis=-1)))
+    moving, read = shipped().log_odds(*places(cells, motion, F, picture))
+    hidden = _repeated(smooth(picture.halves()), QUARTER // FINER)
+    moves, reads = (_share(np.where(hidden, -np.inf, odds)) for odds in (moving, read))
+    size_px = grid.stride // QUARTER
+    hidden = _repeated(hidden, size_px)[: image.shape[0], : image.shape[1]]
+    probability = to_pixels(moves, size_px, image)
     probability[hidden] = 0  # outlines follow edges, also into what is smooth
-    parts = moving_parts(probability, *(BEFORE_MOVING if compared.median_px >= STILL_PX else BEFORE_STILL))
-    if F is not None and geometry.parallax is Parallax.PROVEN and compared.median_px >= STILL_PX:
-        off_lines = off_lines_px(compared.ends, F) / off_lines_error_px(cells)
+    parts = moving_parts(probability, *(BEFORE_MOVING if median_px >= STILL_PX else BEFORE_STILL))
+    if F is not None and geometry.parallax is Parallax.PROVEN and median_px >= STILL_PX:
+        off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)
         depth = parts & ~parts_above(parts, off_lines, OFF_LINES, grid.stride)
         probability[depth] = np.minimum(probability[depth], DEPTH_MOVES)
         parts &= ~depth
     labels = np.full(probability.shape, MotionLabel.UNOBSERVABLE, np.uint8)
-    observable = (to_pixels(_share(read), size_px, image) >= 0.5) & ~hidden
+    observable = (to_pixels(reads, size_px, image) >= 0.5) & ~hidden
     labels[observable & (probability < MOST_STILL)] = MotionLabel.STATIC
     labels[parts] = MotionLabel.MOVING
     return MotionMask(
         labels=labels,
         probability=probability,
         regions=moving_regions(parts, probability),
-        reason=_reason(labels, compared.median_px, with_lines=F is not None),
+        reason=_reason(labels, median_px, with_lines=F is not None),
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Compared:
-    """Smears beside the camera's motion.
-
-    Parameters
-    ----------
-    median_px : float
-        Median length of the camera's motion.
-    ends : ndarray of shape (h, w, 2, 2)
-        Of the smears, pixels, as the undistorted picture shows them, which F is of.
-    evidence : ndarray of shape (FINER h, FINER w, K)
-    """
-
-    median_px: float
-    ends: Array
-    evidence: Array
-
-    @classmethod
-    def of(
-        cls,
-        cells: Cells,
-        F: Array | None,
-        camera: Camera | None,
-        gradients: Array,
-        weight: Array,
-        rng: np.random.Generator,
-    ) -> Compared:
-        """Fit the camera's motion to cells that count by their weights (h, w), and compare."""
-        motion = camera_field(cells, weight, rng)
-        ends = smear_ends(cells.points.reshape(-1, 2), cells.displacement.reshape(-1, 2))
-        if camera is not None and camera.distorted:
-            ends = camera.undistorted(ends)
-        ends = ends.reshape(*weight.shape, 2, 2)
-        return cls(
-            median_px=float(np.median(np.linalg.norm(motion, axis=-1))),
-            ends=ends,
-            evidence=evidence(cells, motion, ends, F, gradients),
-        )
+def places(cells: Cells, motion: Array, F: Array | None, picture: Picture) -> tuple[AnyArray, AnyArray]:
+    """Return evidence of half cells, (FINER h, FINER w, K), and of quarters, (QUARTER h, QUARTER w, L)."""
+    halves = evidence(cells, motion, F, picture.halves())
+    spectra = picture.spectra_turned(motion)
+    quarters = picture.gradients_turned(motion, cells.displacement)
+    return np.concatenate([halves, spectra], axis=-1).astype(np.float32), quarters
 
 
-def _share(log_odds: Array) -> NDArray[np.float32]:
+def _repeated(mask: NDArray[np.bool_], times: int) -> NDArray[np.bool_]:
+    """Return a mask (h, w) of places so many times as fine."""
+    return mask.repeat(times, axis=0).repeat(times, axis=1)
+
+
+def _share(log_odds: AnyArray) -> NDArray[np.float32]:
     """Return probabilities."""
     return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -30, 30))), np.float32)
 

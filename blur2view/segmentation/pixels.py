@@ -62,15 +62,15 @@ def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float
     return np.clip(pixels, 0, 1)
 
 
-def moving_parts(probability: NDArray[np.float32], sure: float, sure_share: float) -> Mask:
+def moving_parts(probability: NDArray[np.float32], least: float, share: float) -> Mask:
     """Mark the connected parts (H, W) that may move everywhere and are large enough.
 
-    More than ``sure_share`` of each, 0 to 1, has a probability of at least ``sure``.
+    More than a ``share`` of each, 0 to 1, has a probability of at least ``least``.
     """
     likely = probability >= LEAST_MOVING
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     area = stats[:, cv2.CC_STAT_AREA]
-    moves = np.bincount(part[probability >= sure], minlength=len(stats)) > sure_share * area
+    moves = np.bincount(part[probability >= least], minlength=len(stats)) > share * area
     moves &= area >= LEAST_AREA_PX
     moves[0] = False
     return np.asarray(moves[part])

@@ -24,10 +24,13 @@ class MedianSmear:
     direction_deg : float
         Of the mean smear (in double angle, where opposite smears are one), 0 to 180 degrees, from the x axis
         towards y, which points down.
+    sigma_px : float
+        Median of the standard deviations of the lengths, pixels: a smear shorter than that may be none.
     """
 
     length_px: float
     direction_deg: float
+    sigma_px: float
 
     @property
     def sharpness(self) -> float:
@@ -49,6 +52,7 @@ def median_smear(grid: SmearGrid) -> MedianSmear | None:
     return MedianSmear(
         length_px=float(np.median(smears.length_px[seen])),
         direction_deg=float(np.degrees(np.arctan2(y, x)) / 2 % 180),
+        sigma_px=float(np.median(smears.sigma_px[seen])),
     )
 
 

@@ -25,6 +25,7 @@ MISTAKES = [
     ("estimate", "name photographs, a folder or a video"),
     ("estimate a.png --jobs all", "must be 1 or more"),
     ("estimate a.png --seed one", "expected a number"),
+    ("triage a.png --best 3 --every-best 2", "--every-best: does not go with --best; choose one of them"),
     ("segment a.png -o out --masks COLMAP", "expected one of 'colmap'"),
     # units
     ("estimate a.png --focal 26", "26 mm of 35-mm film are 0.72 of the picture's width"),

@@ -69,12 +69,12 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
     rows = table(results / "t.csv")
     camera = Camera.from_focal(FOCAL_PX, SIZE)
     for row, path in zip(rows, sorted((results / "out" / "swing").glob("*.json")), strict=True):
-        facts = json.loads(path.read_text())
-        vector = rotation_vector(np.array(facts["cam2_from_cam1"]["rotation"]))
-        rate = np.array([facts[axis] for axis in AXES])
+        document = json.loads(path.read_text())
+        vector = rotation_vector(np.array(document["cam2_from_cam1"]["rotation"]))
+        rate = np.array([document[axis] for axis in AXES])
         np.testing.assert_allclose(rate * EXPOSURE_S, vector)
         np.testing.assert_allclose(rates_of([row])[0], rate, rtol=1e-5)
-        assert facts["frame"] == int(row["frame"]) and facts["time_known"] == (
+        assert document["frame"] == int(row["frame"]) and document["time_known"] == (
             float(row["time_confidence"]) > 0
         )
         with np.load(path.with_suffix("").with_suffix(".smear.npz")) as arrays:
@@ -84,7 +84,7 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
         flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
         assert ((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) > 0).mean() > 0.95
         first, last = ends.swapaxes(0, 1)
-        H = np.array(facts["H"])
+        H = np.array(document["H"])
         assert (transfer(H, first, last) < transfer(H, last, first)).mean() > 0.95
 
 
@@ -96,9 +96,9 @@ def test_frames_in_python_are_those_of_the_command(results: Path) -> None:
     )
     for index, one in enumerate(found[:-1]):  # the last has another neighbour in the whole video
         velocity = one.angular_velocity(EXPOSURE_S)
-        facts = json.loads((results / "out" / "swing" / f"{index:06d}.json").read_text())
+        document = json.loads((results / "out" / "swing" / f"{index:06d}.json").read_text())
         assert velocity is not None and one.time.known
-        np.testing.assert_allclose(velocity.mean, [facts[axis] for axis in AXES])
+        np.testing.assert_allclose(velocity.mean, [document[axis] for axis in AXES])
 
 
 def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(

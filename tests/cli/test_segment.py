@@ -64,13 +64,13 @@ def test_files_hold_the_mask(run: Any, walker: Path, tiny_model: Path, tmp_path:
 
 def test_document_describes_the_mask(run: Any, walker: Path, tmp_path: Path) -> None:
     run(walker, "-o", tmp_path / "out")
-    facts = json.loads((tmp_path / "out" / "a.motion.json").read_text())
+    document = json.loads((tmp_path / "out" / "a.motion.json").read_text())
     labels = np.asarray(Image.open(tmp_path / "out" / "a.mask.png"))
-    for name, value in facts["labels"].items():
-        np.testing.assert_allclose(facts["shares"][name], (labels == value).mean())
-    assert facts["labels"] == {"static": 0, "moving": 255, "unobservable": 128}
-    assert sum(region["area_px"] for region in facts["regions"]) == (labels == 255).sum()
-    assert facts["reason"] and facts["timings_s"]["segment"] > 0
+    for name, value in document["labels"].items():
+        np.testing.assert_allclose(document["shares"][name], (labels == value).mean())
+    assert document["labels"] == {"static": 0, "moving": 255, "unobservable": 128}
+    assert sum(region["area_px"] for region in document["regions"]) == (labels == 255).sum()
+    assert document["reason"] and document["timings_s"]["segment"] > 0
 
 
 @pytest.mark.parametrize(
@@ -98,6 +98,17 @@ def test_mask_for_a_program_replaces_no_file_of_others(run: Any, walker: Path, t
     mine.write_bytes(b"mine")
     assert run(walker, "-o", tmp_path / "out", "--masks", "colmap", "--overwrite") == 1
     assert mine.read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("program", ["colmap", "nerfstudio", "instant-ngp"])
+def test_a_photograph_without_a_name_is_one_failure(
+    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], program: str
+) -> None:
+    names = tmp_path / "names.txt"
+    names.write_text(f"/\n{walker}\n")
+    assert run(f"@{names}", "-o", tmp_path / "out", "--masks", program) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert (tmp_path / "out" / "a.mask.png").is_file()
 
 
 def test_masks_for_a_program_need_a_folder(run: Any, walker: Path) -> None:

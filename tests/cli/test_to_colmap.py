@@ -22,6 +22,7 @@ from tests.support.colour_code import colour_code, write_picture
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
+ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
 
 
@@ -65,8 +66,8 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     code, out, err = run("--db", path, *CAMERA, *photos)
     assert (code, err) == (0, "")
     moving, still, total = out.splitlines()
-    assert moving.startswith("moving.png: add ") and "translation known" in moving
-    assert still.startswith("still.png: add DEGENERATE")
+    assert moving.startswith("moving.png: add, parallax proven; ") and "order in time unknown" in moving
+    assert still.startswith("still.png: add, no matches: ") and still.endswith("[DEGENERATE]")
     assert total == f"{path}: wrote 4 images and 2 pairs of 2 photographs"
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
@@ -168,9 +169,25 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     said = "2 photographs (moving.png, still.png): the views are there already; --replace makes them anew"
     assert out.splitlines() == [said, f"{project}: nothing to write"]
     code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
-    assert code == 0 and "moving.png: replace " in out and "backup" not in out
+    assert code == 0 and "moving.png: replace, " in out and "backup" not in out
     assert user_rows(project) == before
     assert len(list(project.parent.glob("*.bak"))) == 1
+
+
+def test_features_on_movers_are_left_unmatched_on_demand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture, project = ROOT / "models" / "sample_mover.jpg", tmp_path / "project.db"
+    with Image.open(picture) as opened:
+        make_project(project, ProjectOptions(images=1, features=400, size=opened.size))
+    with closing(sqlite3.connect(project)) as database:
+        database.execute(f"UPDATE images SET name = '{picture.name}'")
+        database.commit()
+    counts = []
+    for words in ([], ["--skip-movers", "--replace"]):
+        assert cli.main(["to-colmap", str(picture), "--db", str(project), "--link", "--json", *words]) == 0
+        counts.append(json.loads(capsys.readouterr().out)["photographs"][0]["num_matches"])
+    assert 0.8 * counts[0] < counts[1] < 0.95 * counts[0]  # an eighth of the picture moves
 
 
 def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_path: Path) -> None:
@@ -195,7 +212,7 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
     pixels = np.round(255 * colour_code(smears(), 1.0)).astype(np.uint8)
     Image.fromarray(pixels).save(turned, quality=95, subsampling=0, exif=exif)
     code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
-    assert (code, err) == (0, "") and "translation known" in out
+    assert (code, err) == (0, "") and "parallax proven" in out
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)

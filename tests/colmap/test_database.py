@@ -1,6 +1,8 @@
 """Fresh COLMAP databases, read back by pycolmap."""
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.colmap.database import write_database
+from blur2view.colmap.database import stored_photographs, write_database
 from blur2view.colmap.rows import camera_columns
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -133,6 +135,37 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="no folder"):
         write_database(tmp_path / "none" / "new.db", [make_views()])
+
+
+OPENED = "import os, sys, pycolmap; a = pycolmap.Database.open('new.db'); a.write_camera(a.read_camera(1)); "
+
+
+def test_the_log_of_a_killed_mapper_does_not_damage_a_new_database(tmp_path: Path) -> None:
+    path, log = tmp_path / "new.db", tmp_path / "new.db-wal"
+    write_database(path, [make_views()])
+    subprocess.run([sys.executable, "-c", OPENED + "os._exit(9)"], cwd=tmp_path)
+    assert log.stat().st_size
+    old = path.read_bytes(), log.read_bytes()
+    names = [f"b_{k}.jpg" for k in range(5)]
+    write_database(path, [make_views(name) for name in names], replace=True)
+    assert check_database(path) == [] and stored_photographs(path) == set(names)
+    path.unlink()
+    log.write_bytes(old[1])  # of a database that a user has removed alone
+    with pytest.raises(DatabaseError, match="new.db-wal: is of a database that is gone; remove it"):
+        write_database(path, [make_views()])
+
+
+def test_a_database_in_use_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "new.db"
+    write_database(path, [make_views()])
+    command = [sys.executable, "-c", OPENED + "print(flush=True); sys.stdin.read()"]
+    with subprocess.Popen(command, cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdin is not None and other.stdout is not None
+        other.stdout.readline()
+        with pytest.raises(DatabaseError, match="another program uses it"):
+            write_database(path, [make_views("b.jpg")], replace=True)
+        other.stdin.close()
+    assert stored_photographs(path) == {"a.jpg"}
 
 
 def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:

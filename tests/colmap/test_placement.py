@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +19,7 @@ from blur2view.colmap import placement
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
-from blur2view.exposure.linked_views import KeypointViews
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from tests.support.scenes import some_views
 
@@ -38,27 +41,45 @@ def seen(pose: Array, points: Array) -> Array:
 
 
 def project(
-    folder: Path, linked: list[int], share: float = SHARE, usable: int = FEATURES
+    folder: Path, linked: list[int], share: float = SHARE, usable: int = FEATURES, rig: bool = False
 ) -> tuple[Path, Path]:
-    """Write a model of a steady walk and its database, some photographs with views."""
+    """Write a model of a steady walk and its database, some photographs with views.
+
+    Those of a rig are of its second camera, and their frames have other ids than they.
+    """
+    folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     camera = pycolmap.Camera(
         model="SIMPLE_PINHOLE", width=SIZE[0], height=SIZE[1], params=[FOCAL, SIZE[0] / 2, SIZE[1] / 2]
     )
-    camera.camera_id = 1
+    cameras, sensors = [camera, copy(camera)][: 1 + rig], pycolmap.Rig(rig_id=1)
     model, database = pycolmap.Reconstruction(), folder / "walk.db"
-    model.add_camera_with_trivial_rig(camera)
     tracks = [pycolmap.Track() for _ in points]
     with pycolmap.Database.open(database) as opened:
-        opened.write_camera(camera)
+        for number, one in enumerate(cameras, 1):
+            one.camera_id = number
+            opened.write_camera(one)
+            model.add_camera(one)
+        sensors.add_ref_sensor(cameras[0].sensor_id)
+        if rig:
+            sensors.add_sensor(cameras[1].sensor_id, pycolmap.Rigid3d(translation=[0.1, 0, 0]))
+        opened.write_rig(sensors)
+        model.add_rig(sensors)
         for k, name in enumerate(NAMES):
             pixels = to_colmap(seen(pose_at(k), points))
-            opened.write_image(pycolmap.Image(name=name, camera_id=1))
+            image = pycolmap.Image(name=name, keypoints=pixels, camera_id=len(cameras), image_id=k + 1)
+            opened.write_image(image)
             opened.write_keypoints(k + 1, pixels.astype(np.float32))
-            image = pycolmap.Image(name=name, keypoints=pixels, camera_id=1, image_id=k + 1)
+            frame = pycolmap.Frame(frame_id=k + 1 + 8 * rig, rig_id=1)
+            frame.add_data_id(image.data_id)
+            opened.write_frame(frame, use_frame_id=True)
+            image.frame_id = frame.frame_id
+            model.add_frame(frame)
+            model.add_image(image)
             pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose_at(k)[:, :3]), pose_at(k)[:, 3])
-            model.add_image_with_trivial_frame(image, pose)
+            model.frame(frame.frame_id).set_cam_from_world(image.camera_id, pose)
+            model.register_frame(frame.frame_id)
             for i, track in enumerate(tracks):
                 track.add_element(k + 1, i)
     for point, track in zip(points, tracks, strict=True):
@@ -66,28 +87,28 @@ def project(
     jobs = []
     for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
         assert isinstance(plan, LinkStep)
-        jobs.append(LinkJob(plan=plan, linked=smears(plan.image.name, points, share, usable)))
+        jobs.append(LinkJob(plan=plan, views=smears(plan.image.name, points, share, usable)))
     write_links(database, jobs, backup=False)
     (folder / "model").mkdir()
     model.write(folder / "model")
     return database, folder / "model"
 
 
-def smears(name: str, points: Array, share: float, usable: int) -> KeypointViews:
+def smears(name: str, points: Array, share: float, usable: int) -> ExposureViews:
     time = NAMES.index(name)
     first, last = (seen(pose_at(time + side * share / 2), points) for side in (-1, 1))
     middle = seen(pose_at(time), points)
     half = 0.5 * (last - first)
     plain = some_views(name, FEATURES)
     everything = np.ones(FEATURES, bool)
-    views = replace(
+    return replace(
         plain,
         size=SIZE,
         points_open=middle - half,
         points_close=middle + half,
         geometry=replace(plain.geometry, inlier_mask=everything),
+        usable=np.arange(FEATURES) < usable,
     )
-    return KeypointViews(views=views, usable=np.arange(FEATURES) < usable)
 
 
 def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
@@ -107,6 +128,39 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
     assert found.model.num_reg_images() == 3 * FRAMES
     assert found.model.compute_mean_reprojection_error() < 0.2
     assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
+
+
+def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> None:
+    alone, found = (
+        place_views(*project(tmp_path / name, list(range(FRAMES)), rig=name == "rig"))
+        for name in ("alone", "rig")
+    )
+    for name in NAMES:
+        np.testing.assert_allclose(motion_of(found, name), motion_of(alone, name), atol=1e-6)
+    found.model.write(tmp_path)
+    frames = pycolmap.Reconstruction(tmp_path).frames
+    assert len(frames) == 3 * FRAMES and {frame.rig_id for frame in frames.values()} == {1}
+    with pycolmap.Database.open(tmp_path / "rig" / "walk.db") as opened:
+        assert {frame.frame_id: frame.data_ids for frame in opened.read_all_frames()} == {
+            number: frame.data_ids for number, frame in frames.items()
+        }
+
+
+def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
+    database, model = project(tmp_path, list(range(FRAMES)))
+    with closing(sqlite3.connect(database)) as opened:
+        opened.execute(f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
+        opened.commit()
+    assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
+
+
+def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:
+    database, model = project(tmp_path, [0, 1])
+    with closing(sqlite3.connect(database)) as opened:
+        opened.execute("UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'")
+        opened.commit()
+    with pytest.raises(DatabaseError, match=f"{NAMES[0]} has another id in the model; name the database"):
+        place_views(database, model)
 
 
 def test_a_known_exposure_scales_the_motion(tmp_path: Path) -> None:
@@ -169,7 +223,8 @@ def test_a_frame_s_rays_are_those_of_the_middle_of_the_exposure() -> None:
     photograph = SimpleNamespace(points2D=[point], camera_id=1, cam_from_world=lambda: pose)
     model = SimpleNamespace(cameras={1: camera}, points3D={0: SimpleNamespace(xyz=np.array([0.0, 0.0, 4.0]))})
     ends = np.array([[100.0, 60.0]]), np.array([[120.0, 60.0]])
-    one = placement._Linked(photograph=photograph, ids=(2, 3), points=ends, matched=np.array([0]))
+    first, last = (placement._View(name="", image_id=2, frame_id=2, keypoints=points) for points in ends)
+    one = placement._Linked(photograph=photograph, views=(first, last), matched=np.array([0]))
     frame = placement._frame(model, one)
     np.testing.assert_allclose(frame.rays, [[0.15, 0.0]])
     np.testing.assert_allclose(frame.displacement, [[0.1, 0.0]])

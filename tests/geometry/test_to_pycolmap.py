@@ -12,7 +12,7 @@ import pytest
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
-from blur2view.colmap.rows import Pair, put_pair
+from blur2view.colmap.rows import put_pair
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
@@ -118,6 +118,6 @@ def test_E_of_another_motion_than_the_pose_is_left_out(tmp_path: Path) -> None:
             database.write_image(pycolmap.Image(name=name, camera_id=camera_id))
     with closing(sqlite3.connect(tmp_path / "a.db", isolation_level=None)) as connection:
         none = np.zeros(0, int)
-        put_pair(connection, 1, 2, Pair(matched=none, inliers=none, geometry=turned))
+        put_pair(connection, (1, 2), turned, none, none)
         ((E, qvec),) = connection.execute("SELECT E, qvec FROM two_view_geometries").fetchall()
     assert E is None and qvec is not None

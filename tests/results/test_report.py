@@ -102,9 +102,9 @@ def test_masks_are_made_with_the_seed_of_the_call(
 ) -> None:
     noted: list[float] = []
 
-    def mask_of(found: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
+    def mask_of(estimate: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
         noted.append(rng.random())
-        return segment(found, image, rng)
+        return segment(estimate, image, rng)
 
     monkeypatch.setattr(report_command, "segment", mask_of)
     assert call(moving, "--seed", 5, "--jobs", 1) == 0
@@ -260,7 +260,7 @@ def test_every_configuration_has_words_and_card_and_page_say_the_same() -> None:
 def test_what_is_undecided_is_said() -> None:
     proven = made_up(F=turning_F())
     beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)
-    assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("open", "found")
+    assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("undecided", "proven")
     either = made_up(config=Configuration.PLANAR_OR_PANORAMIC)
     assert photograph(either)["kind"] == "flat"
     for one, parallax in ((proven, "proven"), (beside_H, "undecided"), (either, "absent")):
@@ -279,7 +279,7 @@ ENTRY: dict[str, Any] = {
 @pytest.mark.parametrize(
     "change",
     [
-        {"kind": "x\"><script>"}, {"kind": "found"}, {"verdict": "<b>"}, {"verdict": "FAILED"},
+        {"kind": "x\"><script>"}, {"kind": "proven"}, {"verdict": "<b>"}, {"verdict": "FAILED"},
         {"kind": "failed"}, {"content": ""}, {"thumbnail": 'data:image/png;base64,AA"><b>'},
         {"thumbnail": "https://a.b/c.png"}, {"thumbnail": "data:image/png;base64,AA\n"},
     ],

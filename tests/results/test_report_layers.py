@@ -156,7 +156,7 @@ def test_keyboard_chooses_moves_zooms_and_lets_go(opened: Opener) -> None:
     page.keyboard.press("Shift+ArrowDown")
     page.keyboard.press("Shift+ArrowLeft")
     assert numbers(value(page, "position")) == [x - 4, y + 4]
-    assert f"Smear at {x - 4:.0f}, {y + 4:.0f}: length" in page.locator("#said").inner_text()
+    assert f"Smear at {x - 4:.0f}, {y + 4:.0f}: length" in page.locator("#spoken").inner_text()
     page.keyboard.press("ArrowUp")
     moved = numbers(value(page, "position"))
     assert moved[0] == x - 4 and 8 <= y + 4 - moved[1] <= 32

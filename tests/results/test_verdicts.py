@@ -17,7 +17,7 @@ from blur2view.results.verdicts import KINDS, sentence
 from blur2view.smears.matches import SmearMatches
 from tests.support.report_scenes import made_up
 
-WIDTH = 640
+SIZE = (641, 481)
 MIDDLE = np.array([320.0, 240.0])
 F, H = np.eye(3), np.eye(3)
 SIDEWAYS, FORWARD = np.array([1.0, 0.0, 0.0]), np.array([0.2, 0.1, -1.0])
@@ -29,7 +29,7 @@ def smears(displacement: Any, **more: Any) -> SmearMatches:
     points = np.stack(np.meshgrid(np.arange(20, 620, 60.0), np.arange(20, 460, 60.0)), -1).reshape(-1, 2)
     d = np.broadcast_to(displacement(points) if callable(displacement) else displacement, points.shape)
     d = np.where(np.arange(len(d)) % 2, 1.0, -1.0)[:, None] * d
-    matches = SmearMatches.from_points(points - d / 2, points + d / 2, image_size=(WIDTH, 480))
+    matches = SmearMatches.from_points(points - d / 2, points + d / 2, image_size=SIZE)
     return replace(matches, **more)
 
 
@@ -54,9 +54,19 @@ def geometry(
     )  # fmt: skip
 
 
-PURE_ROLL = np.array([[1, -0.05, 12.0], [0.05, 1, -16.0], [0, 0, 1]])
-SAID = [
-    (geometry("DEGENERATE"), smears([0.3, 0], still_share=0.9), "Sharp: the camera stood still"),
+def turned_by(rotation: Any) -> Any:
+    """Return the homography of a rotation vector for a focal length of 800 pixels."""
+    K = np.array([[800.0, 0, 320], [0, 800, 240], [0, 0, 1]])
+    return K @ rotation_matrix(np.asarray(rotation)) @ np.linalg.inv(K)
+
+
+PAN, ROLLED = turned_by([0, 0.04, 0]), turned_by(ROLL)
+CASES = [
+    (
+        geometry("DEGENERATE"),
+        smears([0.3, 0], still_share=0.9),
+        "Sharp, but for what may move by itself: the camera hardly moved",
+    ),
     (geometry("DEGENERATE"), smears([3, 0]), "Turned or moved, the same blur everywhere: cannot tell"),
     (geometry("DEGENERATE"), smears(turning), "Sharp, or too little blur to tell"),
     (
@@ -71,27 +81,27 @@ SAID = [
     ),
     (geometry("UNDEFINED"), smears([9, 0]), "Blur that no one motion explains: cannot tell"),
     (geometry("MULTIPLE", F), smears([9, 0]), "Several motions: parts of the picture move differently"),
-    (geometry("PANORAMIC", None, H), smears([32, 0]), "Camera turned sideways by 5 % of the width"),
+    (geometry("PANORAMIC", None, PAN), smears([32, 0]), "Camera turned sideways by 5 % of the width"),
     (
-        geometry("PANORAMIC", F, H),
+        geometry("PANORAMIC", F, turned_by([0.02, -0.02, 0])),
         smears([-16, 16]),
         "Camera turned diagonally by 3.5 % of the width, may have moved, too",
     ),
-    (geometry("PANORAMIC", None, PURE_ROLL), smears(turning), "Camera rolled by 2.9 degrees"),
+    (geometry("PANORAMIC", None, ROLLED), smears(turning), "Camera rolled by 2.9 degrees"),
     (
-        geometry("PANORAMIC", None, H, YAW),
+        geometry("PANORAMIC", None, turned_by(YAW), YAW),
         smears([32, 0]),
         "Camera turned sideways by 4.8 +/- 0.3 degrees",
     ),
     (
-        geometry("PANORAMIC", F, H, ROLL),
+        geometry("PANORAMIC", F, ROLLED, ROLL),
         smears(turning),
         "Camera rolled by 2.9 +/- 0.3 degrees, may have moved, too",
     ),
     (
         geometry("PLANAR", F, H),
         smears([1, 9]),
-        "Camera moved, perhaps past something flat; blur 1.4 % of the width, up or down",
+        "Camera moved, depth undecided; blur 1.4 % of the width, up or down",
     ),
     (
         geometry("PLANAR", None, H),
@@ -101,12 +111,12 @@ SAID = [
     (
         geometry("PLANAR", F, H, YAW, SIDEWAYS),
         smears([9, 0]),
-        "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees; perhaps all flat",
+        "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees, depth undecided",
     ),
     (
         geometry("PLANAR", F, H, YAW),
         smears([9, 0]),
-        "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees; perhaps all flat",
+        "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees, depth undecided",
     ),
     (
         geometry("PLANAR_OR_PANORAMIC", None, H),
@@ -131,23 +141,37 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("found", "matches", "said"), SAID, ids=[said for _, _, said in SAID])
+@pytest.mark.parametrize(("given", "matches", "expected"), CASES, ids=[expected for _, _, expected in CASES])
 def test_the_sentence_says_what_is_known_and_no_more(
-    found: TwoViewGeometry, matches: SmearMatches, said: str
+    given: TwoViewGeometry, matches: SmearMatches, expected: str
 ) -> None:
-    assert sentence(found, matches, WIDTH) == said
-    assert sentence(found.reversed(), matches, WIDTH) == said  # time has no arrow
-    assert len(f"{said} [{found.config.name}]") <= 100
+    assert sentence(given, matches, SIZE) == expected
+    assert sentence(given.reversed(), matches, SIZE) == expected  # time has no arrow
+    assert len(f"{expected} [{given.config.name}]") <= 100
 
 
 def test_every_configuration_is_among_them() -> None:
-    assert {found.config for found, _, _ in SAID} == set(KINDS)
+    assert {given.config for given, _, _ in CASES} == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "way"),
+    [((0, 0.035, 0.044), "turned sideways"), ((0.02, 0, 0.05), "rolled"), ((0.03, 0.0, 0.04), "turned up")],
+)
+def test_a_roll_is_what_moves_the_corners_more_than_the_middle_also_without_a_focal_length(
+    rotation: Any, way: str
+) -> None:
+    H = turned_by(rotation)  # at 400 pixels from the middle a roll moves half as far as a pan of its angle
+    for pose in (None, np.array(rotation)):
+        for smear in ([32, 0], turning):
+            expected = sentence(geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
+            assert expected.startswith(f"Camera {way}")
 
 
 def test_with_the_exposure_time_a_turn_has_its_rate() -> None:
-    turned = geometry("PANORAMIC", F, H, YAW)
-    said = "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
-    assert sentence(turned, smears([32, 0]), WIDTH, 0.04) == said
+    turned = geometry("PANORAMIC", F, turned_by(YAW), YAW)
+    expected = "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
+    assert sentence(turned, smears([32, 0]), SIZE, 0.04) == expected
 
 
 def test_terminal_files_table_and_report_say_the_same(
@@ -164,5 +188,5 @@ def test_terminal_files_table_and_report_say_the_same(
         assert row["meaning"] == document["meaning"]
     assert "rad/s" in lines[0] and "Sharp" in lines[1]
     one = made_up(F=F)
-    said = sentence(one.estimate.geometry, one.estimate.matches, one.estimate.grid.shape[1])
-    assert Entry.of(one).text == said
+    expected = sentence(one.estimate.geometry, one.estimate.matches, one.estimate.grid.size)
+    assert Entry.of(one).text == expected

@@ -14,11 +14,13 @@ from blur2view.output_files import ResultFiles
 from blur2view.results.report import Entry
 from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
+from blur2view.runs import manifest as manifests
 from blur2view.runs.job import Job, Made, Outcome, Work, file_digest
 from blur2view.runs.manifest import FORMAT, Manifest, Settings
+from blur2view.runs.neighbours import neighbours_of
 
 SETTINGS = Settings(command="estimate", version="1", options={"seed": 0, "network": "ab"})
-ENTRY = Entry(name="a.jpg", kind="found", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
+ENTRY = Entry(name="a.jpg", kind="proven", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")
 MADE = Made(kept=ENTRY, summary="two\nlines", row=Row(verdict="V", inliers=3))
 Target = ResultFiles | None
 
@@ -103,6 +105,34 @@ def test_whatever_has_changed_is_not_found(path: Path) -> None:
     assert found(path) is None
     (path.parent / "a.json").unlink()
     assert found(path) is None
+
+
+def test_a_neighbour_is_part_of_the_source_and_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ["a.jpg", "b.jpg", "c.jpg"]
+    for name in names:
+        (tmp_path / name).write_text(name)
+    read: list[str] = []
+
+    def noted(path: Path) -> str:
+        read.append(path.name)
+        return file_digest(path)
+
+    monkeypatch.setattr(manifests, "file_digest", noted)
+    beside = neighbours_of([tmp_path / name for name in names], sequence=True)
+    start = replace(job_in(tmp_path), target=None)
+    jobs = [replace(start, path=path, neighbours=near) for path, near in beside.items()]
+    assert read == []  # nothing before the first photograph
+    with Manifest(tmp_path / "m.jsonl", SETTINGS, resume=False) as manifest:
+        for job in jobs:
+            manifest.append(job, Outcome(made=MADE, digest="12"), WORK)
+    assert sorted(read) == names
+    for changed in ("", "another"):
+        (tmp_path / "c.jpg").write_text(changed or "c.jpg")
+        with Manifest(tmp_path / "m.jsonl", SETTINGS, resume=True) as manifest:
+            known = [manifest.find(job, WORK) is not None for job in jobs]
+        assert known == [True, not changed, True]
 
 
 def test_failure_since_then_and_other_options_since_then_are_not_found(path: Path) -> None:

@@ -65,7 +65,7 @@ def made_up(
     select = SelectOptions(max_matches=300)
     used = select_matches(grid, select)
     geometry = replace(some_geometry(used, config, F), H=H)
-    found = Estimate(
+    estimate = Estimate(
         grid=grid,
         matches=used,
         geometry=geometry,
@@ -74,7 +74,8 @@ def made_up(
         camera=camera,
     )
     run = Run(select=select, options=EstimatorOptions(), seed=0)
-    return FileEstimate(path=Path(name), image=dotted_photograph(*size), estimate=found, run=run, read_s=0.04)
+    image = dotted_photograph(*size)
+    return FileEstimate(path=Path(name), image=image, estimate=estimate, run=run, read_s=0.04)
 
 
 def some_geometry(
@@ -102,12 +103,7 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     labels[top:bottom, left:right] = MotionLabel.MOVING
     labels[:, 3 * width // 4 :] = MotionLabel.UNOBSERVABLE
     probability = np.where(labels == MotionLabel.MOVING, 0.9, 0.1).astype(np.float32)
-    return MotionMask(
-        labels=labels,
-        probability=probability,
-        regions=(),
-        reason="F",
-    )
+    return MotionMask(labels=labels, probability=probability, regions=(), reason="F")
 
 
 def unpacked(packed: Packed) -> NDArray[np.float64]:

@@ -23,10 +23,10 @@ from scipy.stats import spearmanr
 import blur2view
 from blur2view.arrays import AnyArray, Array
 from blur2view.smears.sharpness import median_smear
-from tools.arguments import parser_of, target
+from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
-from tools.evaluation.even_blur import blurred, middle
-from tools.rendering.textures import read_photograph
+from tools.evaluation.even_blur import blurred, middles
+from tools.pages import publish, table
 
 LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
 NEAR_PX = 3.0
@@ -63,10 +63,7 @@ def first_instant(scene: TestScene) -> Path:
 def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0) -> list[Ordered]:
     """Return what is said of photographs of a folder under every blur of `LENGTHS_PX`."""
     rng, found = np.random.default_rng(seed), []
-    for path in sorted(folder.iterdir()):
-        radiance = middle(read_photograph(path))
-        if radiance is None:
-            continue
+    for radiance in middles([folder]):
         for length_px in LENGTHS_PX:
             angle = float(rng.uniform(0, np.pi))
             picture = blurred(rng, radiance, length_px, angle, False)
@@ -102,10 +99,7 @@ def matched_share(sharp: AnyArray, other: AnyArray) -> float:
 def features_left(folder: Path, seed: int = 0) -> Array:
     """Return the median share (lengths,) of features that are left after every blur, over that without."""
     rng, rows = np.random.default_rng(seed), []
-    for path in sorted(folder.iterdir()):
-        radiance = middle(read_photograph(path))
-        if radiance is None:
-            continue
+    for radiance in middles([folder]):
         angle = float(rng.uniform(0, np.pi))
         sharp = blurred(rng, radiance, 0, angle, False)
         shares = [
@@ -123,33 +117,22 @@ def limit_of(left: Array) -> int:
 
 def report(sets: dict[str, list[Ordered]], features: dict[str, Array]) -> str:
     """Return the tables."""
-    lines = [
-        "Rank correlation with the true median smear:",
-        "",
-        "| photographs | number | median smear | variance of the Laplacian |",
-        "|---|---|---|---|",
-    ]
-    for name, pictures in sets.items():
-        ours, laplacian = order_of(pictures)
-        lines.append(f"| {name} | {len(pictures)} | {ours:.3f} | {laplacian:.3f} |")
-    lines += [
-        "",
-        "SIFT features left after an even blur, over those left without:",
-        "",
-        "| photographs | " + " | ".join(f"{length} px" for length in LENGTHS_PX) + " | half left up to |",
-        "|---|" + "---|" * (len(LENGTHS_PX) + 1),
-    ]
-    for folder, left in features.items():
-        cells = " | ".join(f"{share:.2f}" for share in left)
-        lines.append(f"| {folder} | {cells} | {limit_of(left)} px |")
-    return "\n".join(lines) + "\n"
+    order = [(k, len(found), *(f"{rank:.3f}" for rank in order_of(found))) for k, found in sets.items()]
+    left = [(k, *(f"{x:.2f}" for x in shares), f"{limit_of(shares)} px") for k, shares in features.items()]
+    lengths = " | ".join(f"{px} px" for px in LENGTHS_PX)
+    return "\n".join([
+        "Rank correlation with the true median smear:", "",
+        *table("photographs | number | median smear | variance of the Laplacian", order), "",
+        "SIFT features left after an even blur, over those left without:", "",
+        *table(f"photographs | {lengths} | half left up to", left), "",
+    ])  # fmt: skip
 
 
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("scenes", type=Path, help="a test set, with the sharp first instant of each scene")
-    parser.add_argument("--photos", type=Path, nargs="*", default=[], help="folders of sharp photographs")
+    parser.add_argument("scenes", type=existing, help="a test set with sharp first instants")
+    parser.add_argument("--photos", type=existing, nargs="*", default=[], help="folders of sharp photographs")
     parser.add_argument("--out", type=target, help="Markdown file to write")
     arguments = parser.parse_args()
     network = blur2view.SmearNetwork()
@@ -164,9 +147,7 @@ def main() -> None:
     if arguments.photos:
         sets[f"evenly blurred, {arguments.photos[-1].name}"] = evenly_blurred(arguments.photos[-1], network)
     text = report(sets, {path.name: features_left(path) for path in arguments.photos})
-    print(text, end="")
-    if arguments.out is not None:
-        arguments.out.write_text(f"# Triage\n\n{text}")
+    publish(f"# Triage\n\n{text}", arguments.out)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m tools.datasets.motion_kinds render/kinds --scenes 30 --photos KODAK
 
-writes, for each kind, that many scenes as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where
+writes that many scenes of each kind as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where
 NNNNN is the seed. Paths are as bent and as accelerated as those of the test split, textures those of the test
 split, seeds others. A camera that only turns, or holds still, sees any scene; a plane fills the picture; of
 general motion those scenes are kept whose parallax is at least a fifth of the smears (`off_plane`).
@@ -11,11 +11,9 @@ Nothing moves by itself.
 
 from __future__ import annotations
 
-import multiprocessing
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray, Array
@@ -23,9 +21,9 @@ from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.smears.field import smear_ends
-from tools.arguments import parser_of
-from tools.datasets.shards import start_worker
-from tools.datasets.testset import SERIES, write_truth
+from tools.arguments import scene_parser
+from tools.datasets.testset import SERIES, write_photographed
+from tools.processes import single_threaded_pool
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.motion import sample_camera_path
 from tools.rendering.render import Rendering, expose, scaled_exposure
@@ -37,7 +35,7 @@ from tools.rendering.scene import (
     sample_plane,
     tilted_normal,
 )
-from tools.rendering.sensor import SensorOptions, log_uniform, photograph
+from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import Image, photographs
 
 TRANSLATING = ("translation", "forward", "orbit", "mixed")
@@ -60,18 +58,9 @@ SAMPLE = 1000
 
 
 def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
-    """Return how far true smears are from the homography of most of them, and their lengths.
+    """Return how far true smears (h, w, 2), where chosen, are from the homography of most, and their lengths.
 
-    Parameters
-    ----------
-    displacement : ndarray of shape (h, w, 2)
-    chosen : ndarray of bool, shape (h, w)
-    K : ndarray of shape (3, 3)
-
-    Returns
-    -------
-    deviation, length : ndarray of shape (M,)
-        Of at most SAMPLE of the smears, focal lengths; the same if no homography is found.
+    Both (M,), of at most SAMPLE of the smears, in focal lengths; the same if no homography is found.
     """
     rows, columns = chosen.shape
     points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
@@ -130,26 +119,19 @@ def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tup
     if path.exists():
         return
     scene = motion_scene(kind, seed, photos, size)
-    picture = photograph(np.random.default_rng([seed, 3]), scene.linear, SensorOptions())
-    cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
-    write_truth(path, scene)
+    write_photographed(path, scene, np.random.default_rng([seed, 3]))
 
 
 def main() -> None:
     """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--scenes", type=int, default=30, help="of each kind")
-    parser.add_argument("--seed", type=int, default=20_000, help="of the first of each kind")
-    parser.add_argument("--photos", type=Path, help="folder of photographs; its held-out part is used")
-    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    parser = scene_parser(__doc__, 30, (640, 480))
+    parser.add_argument("--seed", type=int, default=20_000, help="of the first scene of each kind")
     arguments = parser.parse_args()
     for kind in KINDS:
         (arguments.out / kind).mkdir(parents=True, exist_ok=True)
     tasks = [(kind, arguments.seed + i) for i in range(arguments.scenes) for kind in KINDS]
     write = partial(write_scene, out=arguments.out, photos=arguments.photos, size=tuple(arguments.size))
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs, start_worker) as pool:
+    with single_threaded_pool(arguments.jobs) as pool:
         pool.map(write, tasks, chunksize=1)
 
 

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tools.arguments import existing, parser_of
-from tools.datasets.testset import test_options, write_truth
+from tools.datasets.testset import test_options, write_photographed
 from tools.rendering.render import Rendering, RenderOptions, render
-from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.shaken import ShakeOptions, cell_centres, processed, sample_paths, shake
 from tools.rendering.textures import read_photograph, split_files
 
@@ -30,15 +29,11 @@ FIRST_SEED = 6_000_000
 SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 LARGEST_TRAINING = 0.45
-SIZE = (640, 480)
 SOURCE_PX, SHARP_PX = 1600, (1024, 768)  # longer sides of surfaces, and of sharp photographs by turns
+SHAKE = ShakeOptions(size=(640, 480), short_share=0.0)
 SHAKEN = {
-    "shaken": ShakeOptions(
-        size=SIZE, smear_px=(2.0, 60.0), short_share=0.0, mover_share=0.75, still_share=0.12
-    ),
-    "standing": ShakeOptions(
-        size=SIZE, smear_px=(4.0, 50.0), short_share=0.0, mover_share=1.0, still_share=1.0
-    ),
+    "shaken": replace(SHAKE, smear_px=(2.0, 60.0), mover_share=0.75, still_share=0.12),
+    "standing": replace(SHAKE, smear_px=(4.0, 50.0), mover_share=1.0, still_share=1.0),
 }
 
 
@@ -55,18 +50,13 @@ def suits(scene: Rendering, options: RenderOptions) -> bool:
     return bool(options.smear_px[0] <= median <= options.smear_px[1])
 
 
-def write_mover_scenes(out: Path, scenes: int, options: RenderOptions, first_seed: int = FIRST_SEED) -> None:
-    """Write the first ``scenes`` that suit, in order of their seeds, to a new or empty folder."""
-    out.mkdir(parents=True, exist_ok=True)
-    if any(out.iterdir()):
-        raise SystemExit(f"{out} is not empty")
+def write_mover_scenes(out: Path, scenes: int, options: RenderOptions) -> None:
+    """Write the first ``scenes`` that suit, in order of their seeds."""
     done = 0
-    for seed in range(first_seed, first_seed + TRIES * scenes):
+    for seed in range(FIRST_SEED, FIRST_SEED + TRIES * scenes):
         scene = render(seed, options)
         if suits(scene, options):
-            picture = photograph(np.random.default_rng([seed, 2]), scene.linear, SensorOptions())
-            cv2.imwrite(str(out / f"{done:04d}.png"), picture[..., ::-1])
-            write_truth(out / f"{done:04d}.npz", scene)
+            write_photographed(out / f"{done:04d}.npz", scene, np.random.default_rng([seed, 2]))
             done += 1
         if done == scenes:
             break
@@ -76,23 +66,14 @@ def write_mover_scenes(out: Path, scenes: int, options: RenderOptions, first_see
 
 def write_rendered(out: Path, photos: Path, scenes: int, first_seed: int, *, movers: bool) -> None:
     """Write the first scenes in which enough moves, or in none of which anything does."""
-    options = RenderOptions(
-        size=SIZE,
-        smear_px=(4.0, 60.0),
-        sharp_share=0.12,
-        mover_share=float(movers),
-        split="train",
-        photos=photos,
-    )
+    options = replace(test_options(photos), sharp_share=0.12, mover_share=float(movers), split="train")
     seed = first_seed
     for index in range(scenes):
         scene = render(seed, options)
         while movers and not SMALLEST <= moving_share(scene) <= LARGEST_TRAINING:
             seed += 1
             scene = render(seed, options)
-        picture = photograph(np.random.default_rng([seed, 2]), scene.linear, SensorOptions())
-        cv2.imwrite(str(out / f"{index:04d}.png"), picture[..., ::-1])
-        write_truth(out / f"{index:04d}.npz", scene)
+        write_photographed(out / f"{index:04d}.npz", scene, np.random.default_rng([seed, 2]))
         seed += 1
 
 
@@ -134,10 +115,7 @@ def _reduced(path: Path, longest_px: int) -> NDArray[np.uint8]:
 
 
 def write_training(out: Path, photos: Path, kind: str, scenes: int, seed: int) -> None:
-    """Write training photographs of one kind to a new or empty folder."""
-    out.mkdir(parents=True, exist_ok=True)
-    if any(out.iterdir()):
-        raise SystemExit(f"{out} is not empty")
+    """Write training photographs of one kind."""
     if kind in ("rendered", "still"):
         write_rendered(out, photos, scenes, seed, movers=kind == "rendered")
     elif kind == "sharp":
@@ -155,6 +133,9 @@ def main() -> None:
     parser.add_argument("--kind", choices=("rendered", "still", "sharp", *SHAKEN), default="rendered")
     parser.add_argument("--seed", type=int, default=60_000_000, help="of the first training scene")
     arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    if any(arguments.out.iterdir()):
+        raise SystemExit(f"{arguments.out} is not empty")
     if arguments.training is not None:
         write_training(arguments.out, arguments.training, arguments.kind, arguments.scenes, arguments.seed)
     else:

@@ -1,24 +1,23 @@
 """Write rendered scenes for training, in resumable shards, with the measured speed.
 
-``python -m tools.datasets.shards --out render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
+``python -m tools.datasets.shards render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
 all processes the machine has and prints scenes a second; run again, it goes on where it stopped.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import Blur2ViewError
-from tools.arguments import existing, parser_of
+from tools.arguments import scene_parser
+from tools.processes import single_threaded_pool
 from tools.rendering.render import RenderOptions, render
 
 WHITE = 4.0
@@ -29,14 +28,8 @@ WHITE = 4.0
 class Scenes:
     """Rendered scenes in memory, compactly.
 
-    Attributes
-    ----------
-    linear : ndarray of shape (N, H, W, 3)
-        uint16 code of the radiance, see :func:`decode_linear`.
-    displacement : ndarray of shape (N, H/4, W/4, 2)
-        float16, pixels; not finite where it overflows.
-    labels : ndarray of shape (N, H/4, W/4)
-        uint8: 1 valid + 2 static.
+    ``linear`` (N, H, W, 3) is the uint16 code of the radiance (:func:`decode_linear`), ``displacement``
+    (N, H/4, W/4, 2) float16 pixels, not finite where they overflow, ``labels`` uint8: 1 valid + 2 static.
     """
 
     linear: AnyArray
@@ -102,7 +95,7 @@ def require_shards(folder: Path) -> list[Path]:
     """Return the finished shards of a folder; Blur2ViewError if there are none."""
     paths = sorted(p for p in folder.glob("*.npz") if not p.name.endswith(".tmp.npz"))
     if not paths:
-        raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards --out {folder}")
+        raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards {folder}")
     return paths
 
 
@@ -112,11 +105,6 @@ def stored_count(path: Path) -> int:
         return len(shard["labels"])
 
 
-def start_worker() -> None:
-    """Give this process one OpenCV thread: scenes run in parallel instead."""
-    cv2.setNumThreads(1)
-
-
 def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, shard: int) -> Iterator[Path]:
     """Render `seeds`, rounded up to whole files of `shard` scenes; yield each file when it is written.
 
@@ -124,7 +112,7 @@ def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, sha
     """
     out.mkdir(parents=True, exist_ok=True)
     record = partial(training_record, options=options)
-    with multiprocessing.get_context("spawn").Pool(jobs, start_worker) as pool:
+    with single_threaded_pool(jobs) as pool:
         for start in range(seeds.start, seeds.stop, shard):
             path = out / f"{options.split}_{start:08d}.npz"
             if not path.exists():
@@ -134,15 +122,10 @@ def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, sha
 
 def main() -> None:
     """Write a dataset and print its speed."""
-    parser, defaults = parser_of(__doc__), RenderOptions()
-    parser.add_argument("--out", type=Path, required=True, help="folder of shards")
-    parser.add_argument("--scenes", type=int, default=12, help="number of seeds (default 12)")
+    parser = scene_parser(__doc__, 12, RenderOptions.size)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--split", choices=["train", "test"], default=defaults.split)
-    parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
-    parser.add_argument("--size", type=int, nargs=2, default=defaults.size, metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
-    parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default 50)")
+    parser.add_argument("--split", choices=["train", "test"], default=RenderOptions.split)
+    parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default: %(default)s)")
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
     options = RenderOptions(size=tuple(arguments.size), split=arguments.split, photos=arguments.photos)

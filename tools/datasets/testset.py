@@ -7,7 +7,6 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -17,8 +16,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from tools.arguments import existing, parser_of
-from tools.datasets.shards import start_worker
+from tools.arguments import scene_parser
+from tools.processes import single_threaded_pool
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
@@ -26,6 +25,8 @@ from tools.rendering.sensor import SensorOptions, compress, photograph, tone
 FIRST_SEED = 1_000_000
 SERIES = 100_000
 """Distance of the seeds that are tried for one scene."""
+ARRAYS = ("displacement", "valid", "static", "K", "R", "t")
+"""What is stored of a scene as it is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,35 +93,24 @@ def write_scene(index: int, out: Path, options: RenderOptions) -> None:
         return
     scene, seed = scene_in_range(FIRST_SEED + index, options)
     rng = np.random.default_rng([seed, 2])
-    pictures = {
-        "": photograph(rng, scene.linear, SensorOptions()),
-        "_open": sharp_photograph(rng, scene.open_image, scene.linear),
-        "_close": sharp_photograph(rng, scene.close_image, scene.linear),
-    }
-    for suffix, picture in pictures.items():
+    write_photographed(truth_path, scene, rng)
+    for suffix, instant in {"_open": scene.open_image, "_close": scene.close_image}.items():
+        picture = sharp_photograph(rng, instant, scene.linear)
         cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
-    write_truth(truth_path, scene)
 
 
-def write_truth(path: Path, scene: Rendering) -> None:
-    """Store what :func:`read_test_set` reads."""
-    np.savez(
-        path,
-        displacement=scene.displacement,
-        valid=scene.valid,
-        static=scene.static,
-        K=scene.K,
-        R=scene.R,
-        t=scene.t,
-        F=np.zeros((0, 3)) if scene.F is None else scene.F,
-        kind=scene.kind,
-    )
+def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -> None:
+    """Write what :func:`read_test_set` reads: the truth to ``path``, the photograph beside it as PNG."""
+    picture = photograph(rng, scene.linear, SensorOptions())
+    cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
+    stored = {name: getattr(scene, name) for name in (*ARRAYS, "kind")}
+    np.savez(path, **stored, F=np.zeros((0, 3)) if scene.F is None else scene.F)
 
 
 def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
     """Write scenes 0 to `scenes` - 1 in parallel."""
     out.mkdir(parents=True, exist_ok=True)
-    with multiprocessing.get_context("spawn").Pool(jobs, start_worker) as pool:
+    with single_threaded_pool(jobs) as pool:
         pool.map(partial(write_scene, out=out, options=options), range(scenes), chunksize=1)
 
 
@@ -128,7 +118,7 @@ def read_test_set(folder: Path) -> Iterator[TestScene]:
     """Yield the scenes of a folder in order of their names."""
     for path in sorted(folder.glob("[0-9]*.npz")):
         with np.load(path) as stored:
-            arrays = {key: stored[key] for key in ("displacement", "valid", "static", "K", "R", "t")}
+            arrays = {key: stored[key] for key in ARRAYS}
             F = stored["F"] if stored["F"].shape == (3, 3) else None
             image_path, kind = path.with_suffix(".png"), str(stored["kind"])
             yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
@@ -136,13 +126,7 @@ def read_test_set(folder: Path) -> Iterator[TestScene]:
 
 def main() -> None:
     """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--scenes", type=int, default=60)
-    parser.add_argument("--photos", type=existing, help="folder of photographs; its held-out part is used")
-    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
-    arguments = parser.parse_args()
+    arguments = scene_parser(__doc__, 60, (640, 480)).parse_args()
     options = test_options(arguments.photos, tuple(arguments.size))
     write_test_set(arguments.out, arguments.scenes, options, arguments.jobs)
 

@@ -38,6 +38,7 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tools.arguments import parser_of, target
 from tools.datasets.testset import test_options, write_scene
+from tools.pages import publish, table
 
 SIZE = (1280, 720)
 LARGE = (6000, 4000)
@@ -110,17 +111,13 @@ def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
     return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
 
-def table(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
+def page(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
     """Return markdown of the figures, each beside its ratio to the classical alternative."""
-    rows = [
-        f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph.",
-        "",
-        "| step | seconds | over the classical alternative |",
-        "|---|---|---|",
-    ]
     named = {**times, "whole process, all files": process[0], "classical: two sharp frames": rival}
-    rows += [f"| {name} | {seconds:.3f} | {seconds / rival:.2f} |" for name, seconds in named.items()]
-    return "\n".join([*rows, "", f"Peak memory of the whole process: {process[1]:.0f} MiB.", ""])
+    rows = [(name, f"{seconds:.3f}", f"{seconds / rival:.2f}") for name, seconds in named.items()]
+    words = f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph."
+    lines = table("step | seconds | over the classical alternative", rows)
+    return "\n".join([words, "", *lines, "", f"Peak memory of the whole process: {process[1]:.0f} MiB.", ""])
 
 
 def machine() -> str:
@@ -149,12 +146,9 @@ def main() -> None:
         cv2.imwrite(str(folder / "large.jpg"), cv2.resize(picture, LARGE))
         large = whole_process(folder / "large.jpg", folder / "out")
     wall = median(seconds for seconds, _ in process)
-    text = table(times, (wall, process[-1][1]), rival, arguments.repeats)
+    text = page(times, (wall, process[-1][1]), rival, arguments.repeats)
     text += f"\nA photograph of {LARGE[0]}x{LARGE[1]}: {large[0]:.1f} s, {large[1]:.0f} MiB, whole process.\n"
-    print(text)
-    if arguments.out:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.with_suffix(".md").write_text(text)
+    publish(text, arguments.out and arguments.out.with_suffix(".md"))
 
 
 if __name__ == "__main__":

@@ -36,8 +36,9 @@ from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
-from tools.evaluation.processes import single_threaded_pool
 from tools.metrics import rho
+from tools.pages import publish, table
+from tools.processes import single_threaded_pool
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
@@ -134,19 +135,17 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
     return Named(kind=kind, outcome=outcome(geometry, scene), rho=error, seconds=seconds)
 
 
-def table(rows: list[Named]) -> list[str]:
+def confusions(rows: list[Named]) -> list[str]:
     """Return confusions as Markdown: one row per kind, one column per outcome, the share named correctly."""
-    lines = ["| scene | " + " | ".join(OUTCOMES) + " | correct % |", "|---" * (len(OUTCOMES) + 2) + "|"]
-    total = 0
+    lines, total = [], 0
     for kind in KINDS:
         counts = Counter(row.outcome for row in rows if row.kind == kind)
         correct = sum(counts[name] for name in RIGHT[kind])
         total += correct
-        cells = [
-            f"**{counts[name]}**" if name in RIGHT[kind] else str(counts[name] or "") for name in OUTCOMES
-        ]
-        lines.append(f"| {kind} | " + " | ".join(cells) + f" | {100 * correct / counts.total():.1f} |")
-    return [*lines, f"| all | {'| ' * len(OUTCOMES)}| {100 * total / len(rows):.1f} |"]
+        cells = [f"**{counts[n]}**" if n in RIGHT[kind] else str(counts[n] or "") for n in OUTCOMES]
+        lines.append([kind, *cells, f"{100 * correct / counts.total():.1f}"])
+    lines.append(["all", *[""] * len(OUTCOMES), f"{100 * total / len(rows):.1f}"])
+    return table(f"scene | {' | '.join(OUTCOMES)} | correct %", lines)
 
 
 def true_structure(scene: TestScene) -> str:
@@ -168,15 +167,14 @@ def estimated(folder: Path, network: blur2view.SmearNetwork) -> list[tuple[TestS
 
 def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
     """Return the verdicts on photographs as Markdown, a row for each kind."""
-    titles = ["photographs", "images", *(c.name for c in REPORTED), "parallax proven", "correct %"]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    rows = []
     for name, found in groups.items():
         counts = [sum(g.config is config for g in found) or "" for config in REPORTED]
         proven = sum(g.parallax is Parallax.PROVEN for g in found)
         right = [g.config is NAMED[name] for g in found] if name in NAMED else []
-        cells = [name, len(found), *counts, proven, f"{100 * np.mean(right):.0f}" if right else ""]
-        lines.append(f"| {' | '.join(map(str, cells))} |")
-    return lines
+        rows.append([name, len(found), *counts, proven, f"{100 * np.mean(right):.0f}" if right else ""])
+    configs = " | ".join(config.name for config in REPORTED)
+    return table(f"photographs | images | {configs} | parallax proven | correct %", rows)
 
 
 def study(first_seed: int, count: int, jobs: int) -> dict[str, list[Named]]:
@@ -201,11 +199,11 @@ def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
         f"{len(independent)} synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to "
         "30 % outliers. Bold: correct. Pure rotations and planes that came back as UNCALIBRATED with F: "
         f"{confident} of {len(off)}. Median {ms:.0f} ms a scene.", "",
-        *table(independent), "",
+        *confusions(independent), "",
         f"{len(shared)} of these scenes with errors that neighbours share besides (direction "
         f"{SHARED_DEG:.0f} degrees, length 15 %, correlated over 40 px). Small parallax cannot be "
         "distinguished from them and is left open.", "",
-        *table(shared), "",
+        *confusions(shared), "",
         *photographs,
     ])  # fmt: skip
 
@@ -236,8 +234,7 @@ def main() -> None:
         ]
         photographs += ["", *photograph_table(groups), ""]
     page = report(study(options.seed, options.count, options.jobs), photographs)
-    options.out.write_text(page)
-    print(page)
+    publish(page, options.out)
 
 
 if __name__ == "__main__":

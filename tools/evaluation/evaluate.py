@@ -9,7 +9,6 @@ Every method gets the same matches, the network's own. F is judged on the true s
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -32,8 +31,11 @@ from tools.estimators.baselines import two_parameter_fundamental
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
+from tools.pages import publish, table, write_json
 
 Order = Callable[[SmearMatches], AnyArray]
+SHARES = ("under_05", "under_10", "inliers")
+"""What of `Judged` is a share of the smears; the rest are errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,15 +43,15 @@ class FundamentalFigures:
     """Quality of one method's F over the images whose camera translates; no F counts as the worst.
 
     Medians over images of ``rho`` and ``serrmin_px2`` (themselves medians over smears) and ``epipole_deg``;
-    means of the shares of smears.
+    means of the shares of smears, ``under_05`` and ``under_10`` with a rho below 0.05 and 0.10.
     """
 
     method: str
     images: int
     without_F: int
     rho: float
-    rho_under_05: float
-    rho_under_10: float
+    under_05: float
+    under_10: float
     inliers: float
     inliers_of_true: float
     serrmin_px2: float
@@ -138,18 +140,12 @@ def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
 def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
     """Return medians of the errors, means of the shares, and inliers as a fraction of the true F's."""
     values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
-    inliers = float(values["inliers"].mean())
+    shares = {name: float(values[name].mean()) for name in SHARES}
+    medians = {name: float(np.median(v)) for name, v in values.items() if name not in SHARES}
+    of_true = shares["inliers"] / float(np.mean([r.inliers for r in reference]))
+    images = len(judged)
     return FundamentalFigures(
-        method=method,
-        images=len(judged),
-        without_F=missing,
-        rho=float(np.median(values["rho"])),
-        rho_under_05=float(values["under_05"].mean()),
-        rho_under_10=float(values["under_10"].mean()),
-        inliers=inliers,
-        inliers_of_true=inliers / float(np.mean([r.inliers for r in reference])),
-        serrmin_px2=float(np.median(values["serrmin_px2"])),
-        epipole_deg=float(np.median(values["epipole_deg"])),
+        method=method, images=images, without_F=missing, inliers_of_true=of_true, **shares, **medians
     )
 
 
@@ -170,19 +166,18 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
 
 def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
     """Return all tables."""
-    rows = [f"Model {model_id}, {smears.images} rendered images.", "", *smear_tables(smears), ""]
+    rows = [
+        (f.method, f.images, f.without_F, f"{f.rho:.4f}")
+        + tuple(f"{share:.3f}" for share in (f.under_05, f.under_10, f.inliers, f.inliers_of_true))
+        + (f"{f.serrmin_px2:.3g}", f"{f.epipole_deg:.1f}")
+        for f in fundamentals
+    ]
     head = (
-        "| F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
-        "| median SErrMin, px^2 | epipole, deg |"
+        "F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
+        "| median SErrMin, px^2 | epipole, deg"
     )
-    rows += [head, "|---|---|---|---|---|---|---|---|---|---|"]
-    for f in fundamentals:
-        shares = f"{f.rho_under_05:.3f} | {f.rho_under_10:.3f} | {f.inliers:.3f} | {f.inliers_of_true:.3f}"
-        rows.append(
-            f"| {f.method} | {f.images} | {f.without_F} | {f.rho:.4f} | {shares} "
-            f"| {f.serrmin_px2:.3g} | {f.epipole_deg:.1f} |"
-        )
-    return "\n".join(rows) + "\n"
+    words = f"Model {model_id}, {smears.images} rendered images."
+    return "\n".join([words, "", *smear_tables(smears), "", *table(head, rows), ""])
 
 
 def main() -> None:
@@ -202,17 +197,12 @@ def main() -> None:
     smears, images = pooled((scene, grid.at_pixels()) for scene, grid in pairs)
     figures, fundamentals = evaluate_smears(smears, images), evaluate_fundamentals(pairs)
     text = markdown(figures, fundamentals, network.info.model_id)
-    print(text)
+    publish(text, arguments.out and arguments.out.with_suffix(".md"))
     if arguments.out:
-        document = {
-            "model_id": network.info.model_id,
-            "smears": asdict(figures),
-            "fundamentals": [asdict(row) for row in fundamentals],
-        }
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        smear_rows, rows = asdict(figures), [asdict(row) for row in fundamentals]
+        document = {"model_id": network.info.model_id, "smears": smear_rows, "fundamentals": rows}
+        write_json(arguments.out.with_suffix(".json"), document)
         plot(smears, figures, arguments.out.with_suffix(".png"))
-        arguments.out.with_suffix(".md").write_text(text)
-        arguments.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ and through the renderer's whole camera model.
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,11 +19,13 @@ import blur2view
 from blur2view.arrays import AnyArray
 from tools.arguments import existing, parser_of
 from tools.metrics import direction_error_deg
+from tools.pages import table
 from tools.rendering.sensor import photograph
 from tools.rendering.textures import read_photograph
 
 SIDE = 320
 LENGTHS_PX = (4, 6, 10, 20, 40)
+SUFFIXES = (".png", ".jpg")
 NOISE = 0.003
 GAMMA = 2.2
 LARGEST_PX = 1600
@@ -47,6 +51,20 @@ def kernel(length_px: float, angle: float) -> AnyArray:
         j, i = int(x), int(y)
         weights[i : i + 2, j : j + 2] += np.outer([i + 1 - y, y - i], [j + 1 - x, x - j])
     return np.asarray(weights / weights.sum())
+
+
+def photographs_of(folders: Iterable[Path]) -> list[Path]:
+    """Return the photographs of folders, by name; without any the tool ends."""
+    paths = [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES]
+    if not paths:
+        raise SystemExit(f"no photograph in {', '.join(map(str, folders))}")
+    return paths
+
+
+def middles(folders: Iterable[Path]) -> Iterator[AnyArray]:
+    """Yield the middle of every photograph of folders that is large enough."""
+    pieces = (middle(read_photograph(path)) for path in photographs_of(folders))
+    yield from (piece for piece in pieces if piece is not None)
 
 
 def middle(photo: AnyArray) -> AnyArray | None:
@@ -88,10 +106,7 @@ def readings(folders: list[Path], network: blur2view.SmearNetwork, sensor: bool)
     """Return the readings of all photographs of folders at all lengths; the same seed for all networks."""
     rows = []
     rngs = {length_px: np.random.default_rng(length_px) for length_px in LENGTHS_PX}
-    for path in (path for folder in folders for path in sorted(folder.iterdir())):
-        radiance = middle(read_photograph(path))
-        if radiance is None:
-            continue
+    for radiance in middles(folders):
         for length_px, rng in rngs.items():
             angle = float(rng.uniform(0, np.pi))
             picture = blurred(rng, radiance, length_px, angle, sensor)
@@ -99,39 +114,40 @@ def readings(folders: list[Path], network: blur2view.SmearNetwork, sensor: bool)
     return rows
 
 
-def table(rows: list[Reading]) -> str:
-    """Return medians over pictures by length, and over all."""
-    lines = [
-        "| px | pictures | direction, deg | certain half | length ratio | within 5 % |",
-        "|---|---|---|---|---|---|",
-    ]
+def page(rows: list[Reading]) -> str:
+    """Return medians over pictures by length, and over all, as Markdown."""
+    lines = []
     for length_px in (*LENGTHS_PX, None):
         some = [row for row in rows if length_px in (None, row.length_px)]
-        ratio = np.array([row.length_ratio for row in some])
-        medians = (
+        all_deg, certain_deg = (
             np.median([getattr(row, name) for row in some])
             for name in ("direction_deg", "direction_deg_top50")
         )
-        figures = " | ".join(f"{value:.2f}" for value in medians)
-        within = float(np.mean(np.abs(np.log(ratio)) < 0.05))
-        lines.append(
-            f"| {length_px or 'all'} | {len(some)} | {figures} | {np.median(ratio):.3f} | {within:.2f} |"
-        )
-    return "\n".join(lines)
+        ratio = np.array([row.length_ratio for row in some])
+        within, ratio_50 = float(np.mean(np.abs(np.log(ratio)) < 0.05)), f"{np.median(ratio):.3f}"
+        figures = (f"{all_deg:.2f}", f"{certain_deg:.2f}", ratio_50, f"{within:.2f}")
+        lines.append((length_px or "all", len(some), *figures))
+    head = "px | pictures | direction, deg | certain half | length ratio | within 5 %"
+    return "\n".join(table(head, lines))
+
+
+def photograph_parser(text: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a tool that reads sharp photographs by a network."""
+    parser = parser_of(text)
+    parser.add_argument("photos", type=existing, nargs="+", help="folders of sharp photographs")
+    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
+    return parser
 
 
 def main() -> None:
     """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("photos", type=existing, nargs="+", help="folders of sharp photographs")
-    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
-    arguments = parser.parse_args()
+    arguments = photograph_parser(__doc__).parse_args()
     network = blur2view.SmearNetwork(arguments.model)
     for sensor in (False, True):
         rows = readings(arguments.photos, network, sensor)
         if not rows:
             raise SystemExit("no photograph of at least 320x320 px there")
-        print("\nThrough the whole camera:\n" if sensor else "", table(rows), sep="\n", flush=True)
+        print("\nThrough the whole camera:\n" if sensor else "", page(rows), sep="\n", flush=True)
 
 
 if __name__ == "__main__":

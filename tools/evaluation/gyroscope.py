@@ -18,11 +18,10 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
-from tools.arguments import existing, parser_of
+from tools.evaluation.even_blur import photograph_parser, photographs_of
 from tools.evaluation.smear_figures import by_octave, octave_table
 from tools.metrics import DIRECTION_MIN_PX
-
-SUFFIXES = (".png", ".jpg")
+from tools.pages import table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +65,12 @@ def figures_of(read: AnyArray, true: AnyArray, sigma: AnyArray) -> GyroscopeFigu
     )
 
 
-def evaluate(folder: Path, network: blur2view.SmearNetwork) -> dict[str, tuple[AnyArray, AnyArray, AnyArray]]:
-    """Return `pairs_of` every photograph of a folder that has a measurement, by name."""
+def evaluate(
+    folders: list[Path], network: blur2view.SmearNetwork
+) -> dict[str, tuple[AnyArray, AnyArray, AnyArray]]:
+    """Return `pairs_of` every photograph of folders that has a measurement, by name."""
     pairs = {}
-    for path in sorted(p for p in folder.iterdir() if p.suffix in SUFFIXES):
+    for path in photographs_of(folders):
         truth = path.with_suffix(".npz")
         if truth.exists():
             with np.load(truth) as file:
@@ -78,33 +79,24 @@ def evaluate(folder: Path, network: blur2view.SmearNetwork) -> dict[str, tuple[A
     return pairs
 
 
-def table(figures: dict[str, GyroscopeFigures]) -> str:
+def page(figures: dict[str, GyroscopeFigures]) -> list[str]:
     """Return figures as lines of Markdown, their medians last (of magnitudes, as signs cancel)."""
-    lines = [
-        "| photograph | px | direction, deg | certain half | signed | length ratio | spread of its log |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    head = "photograph | px | direction, deg | certain half | signed | length ratio | spread of its log"
     rows = {name: astuple(row) for name, row in figures.items()}
     rows["median"] = tuple(np.median(np.abs(list(rows.values())), axis=0))
-    for name, (length, *others) in rows.items():
-        lines.append(f"| {name} | {length:.1f} | " + " | ".join(f"{value:.2f}" for value in others) + " |")
-    return "\n".join(lines)
+    cells = ((name, f"{px:.1f}", *(f"{x:.2f}" for x in rest)) for name, (px, *rest) in rows.items())
+    return table(head, list(cells))
 
 
 def main() -> None:
     """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("folder", type=existing, help="photographs, and their measurements as .npz")
-    parser.add_argument("--model", type=existing, help="ONNX file; the shipped one by default")
-    arguments = parser.parse_args()
-    if not arguments.folder.is_dir():
-        raise SystemExit(f"{arguments.folder}: no such folder")
-    pairs = evaluate(arguments.folder, blur2view.SmearNetwork(arguments.model))
+    arguments = photograph_parser(__doc__).parse_args()
+    pairs = evaluate(arguments.photos, blur2view.SmearNetwork(arguments.model))
     if not pairs:
-        raise SystemExit(f"no photograph with a measurement in {arguments.folder}")
-    print(table({name: figures_of(*pair) for name, pair in pairs.items()}))
+        raise SystemExit(f"no photograph with a measurement in {arguments.photos[0]}")
     found, true = (np.concatenate([pair[k] for pair in pairs.values()]) for k in (0, 1))
-    print("", *octave_table(by_octave(found, true)), sep="\n")
+    figures = page({name: figures_of(*pair) for name, pair in pairs.items()})
+    print(*figures, "", *octave_table(by_octave(found, true)), sep="\n")
 
 
 if __name__ == "__main__":

@@ -30,8 +30,9 @@ from tools.datasets.synthetic_matches import (
     SyntheticSmears,
     synthetic_smears,
 )
-from tools.evaluation.processes import single_threaded_pool
 from tools.metrics import rotation_error, translation_direction_error_deg
+from tools.pages import publish, table
+from tools.processes import single_threaded_pool
 
 CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
@@ -102,19 +103,16 @@ def outcome(case: Case, seed: int) -> Outcome | None:
 
 def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
     """Return a table of the shares of seeds whose regions hold the truth."""
-    rows = [
-        f"Share of {max(map(len, outcomes.values()))} seeds whose nominal 90 % region holds the truth, and "
-        "median errors.",
-        "",
-        "| smears | poses | pose | rotation | translation | rotation error | translation error, degrees |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for case, of_seeds in outcomes.items():
         found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
-        shares = " | ".join(f"{share:.2f}" for share in found[:, :3].mean(axis=0))
         rotation, translation = np.median(found[:, 3:], axis=0)
-        rows.append(f"| {case.name} | {len(found)} | {shares} | {rotation:.0%} | {translation:.1f} |")
-    return "\n".join([*rows, ""])
+        shares = (f"{share:.2f}" for share in found[:, :3].mean(axis=0))
+        rows.append((case.name, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
+    seeds = max(map(len, outcomes.values()))
+    words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
+    head = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
+    return "\n".join([words, "", *table(head, rows), ""])
 
 
 def main() -> None:
@@ -125,10 +123,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     with single_threaded_pool(arguments.jobs) as pool:
-        table = markdown({c: pool.map(partial(outcome, c), range(arguments.seeds)) for c in CASES})
-    print(table)
-    if arguments.out is not None:
-        arguments.out.write_text(table)
+        text = markdown({c: pool.map(partial(outcome, c), range(arguments.seeds)) for c in CASES})
+    publish(text, arguments.out)
 
 
 if __name__ == "__main__":

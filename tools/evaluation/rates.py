@@ -3,9 +3,7 @@
 ``blur2view estimate FOLDER --sequence --camera CAMERA --csv rates.csv``, then ``python -m
 tools.evaluation.rates rates.csv poses.npz`` prints in how many frames the rate points the right way, and the
 correlation of wx, wy and wz with the poses' rates, of single frames and of means over five. ``poses.npz``
-holds ``frame`` (N,), by which rows are named or numbered, and ``cam_from_world`` (N, 3, 4). ``--tracks
-FOLDER`` adds the rotations ``R`` (3, 3) of FOLDER/<frame>.npz, measured in the pictures: how well they agree
-with the rates, and with the poses, which is the most that can be asked for.
+holds ``frame`` (N,), by which rows are named or numbered, and ``cam_from_world`` (N, 3, 4).
 """
 
 from __future__ import annotations
@@ -18,8 +16,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.exposure.trajectory import velocities
-from blur2view.geometry.rotation import rotation_vector
 from tools.arguments import existing, parser_of
+from tools.pages import table
 
 Series = dict[int, Array]  # by the frame's number: a rate (3,) of any one unit
 MEAN_OF = 5  # frames: poses are noisy, and pictures not taken at even times
@@ -44,12 +42,6 @@ def rates_of_poses(path: Path) -> Series:
         return dict(zip(file["frame"].tolist(), rates, strict=True))
 
 
-def rates_of_tracks(folder: Path) -> Series:
-    """Return the rotations of a folder of measured motions."""
-    files = (path for path in sorted(folder.glob("*.npz")) if path.stem.isdecimal())
-    return {int(path.stem): rotation_vector(np.load(path)["R"]) for path in files}
-
-
 def averaged(series: Series, count: int = MEAN_OF) -> Series:
     """Return means over so many consecutive frames, by the middle one."""
     around = range(-(count // 2), count // 2 + 1)
@@ -60,26 +52,21 @@ def averaged(series: Series, count: int = MEAN_OF) -> Series:
     }
 
 
-def line(title: str, one: Series, other: Series) -> str:
-    """Return how well two series agree, as a line of Markdown."""
+def agreement(title: str, one: Series, other: Series) -> tuple[object, ...]:
+    """Return a row of the table: in how many frames two series agree in direction, correlations by axis."""
     frames = sorted(one.keys() & other.keys())
     if len(frames) < 3:
-        return f"| {title} | {len(frames)} | | | | |"
+        return title, len(frames), "", "", "", ""
     a, b = (np.array([series[k] for k in frames]) for series in (one, other))
-    right = float(((a * b).sum(axis=1) > 0).mean())
-    each = " | ".join(f"{np.corrcoef(a[:, axis], b[:, axis])[0, 1]:.3f}" for axis in range(3))
-    return f"| {title} | {len(frames)} | {right:.1%} | {each} |"
+    right = f"{((a * b).sum(axis=1) > 0).mean():.1%}"
+    return title, len(frames), right, *(f"{np.corrcoef(a[:, k], b[:, k])[0, 1]:.3f}" for k in range(3))
 
 
-def table(rates: Series, poses: Series, tracks: Series) -> str:
-    """Return the agreement of all that there is, as Markdown."""
-    rows = ["| | frames | same way | wx | wy | wz |", "|---|---|---|---|---|---|"]
-    rows.append(line("photographs, poses", rates, poses))
-    rows.append(line(f"the same, means of {MEAN_OF}", averaged(rates), averaged(poses)))
-    if tracks:
-        rows.append(line("photographs, tracks", rates, tracks))
-        rows.append(line("poses, tracks", poses, tracks))
-    return "\n".join(rows)
+def page(rates: Series, poses: Series) -> str:
+    """Return how single frames agree, and means of several, as Markdown."""
+    means = agreement(f"means of {MEAN_OF}", averaged(rates), averaged(poses))
+    rows = [agreement("single frames", rates, poses), means]
+    return "\n".join(table(" | frames | same way | wx | wy | wz", rows))
 
 
 def main() -> None:
@@ -87,10 +74,8 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("table", type=existing, help="CSV of blur2view estimate")
     parser.add_argument("poses", type=existing, help="the recorder's poses, .npz")
-    parser.add_argument("--tracks", type=existing, help="folder of motions measured in the pictures")
     arguments = parser.parse_args()
-    tracks = {} if arguments.tracks is None else rates_of_tracks(arguments.tracks)
-    print(table(rates_of_table(arguments.table), rates_of_poses(arguments.poses), tracks))
+    print(page(rates_of_table(arguments.table), rates_of_poses(arguments.poses)))
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import smear_ends, upsample_grid
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
+from tools.pages import publish, table
 from tools.rendering.exposure import GRID
 from tools.reports.figure_style import save_picture
 
@@ -170,7 +171,7 @@ def judged_scenes(folders: Iterable[Path], network: SmearNetwork) -> Iterator[tu
             yield folder, Judged(scene=scene, image=image, mask=mask, figures=figures)
 
 
-def split_rows(name: str, judged: list[Judged]) -> list[str]:
+def split_rows(name: str, judged: list[Judged]) -> list[tuple[str, ...]]:
     """Return rows of a split: scenes with movers, scenes without any."""
     some = [one.figures for one in judged if one.figures.share >= LEAST_SHARE]
     still = [one.figures for one in judged if one.scene.static.all()]
@@ -181,24 +182,21 @@ def split_rows(name: str, judged: list[Judged]) -> list[str]:
     ]
 
 
-def _row(name: str, scenes: list[SceneFigures]) -> str:
+def _row(name: str, scenes: list[SceneFigures]) -> tuple[str, ...]:
     """Return means over scenes, those without a value left out."""
-    cells = []
-    for column in COLUMNS:
-        values = np.array([getattr(scene, column) for scene in scenes], float)
-        known = values[np.isfinite(values)]
-        cells.append(f"{known.mean():.3f}" if len(known) else "-")
-    return f"| {name} | {len(scenes)} | {' | '.join(cells)} |"
+    values = (np.array([getattr(scene, column) for scene in scenes], float) for column in COLUMNS)
+    known = [value[np.isfinite(value)] for value in values]
+    return name, str(len(scenes)), *(f"{value.mean():.3f}" if len(value) else "-" for value in known)
 
 
 def calibration_lines(scenes: list[SceneFigures]) -> list[str]:
     """Return a table of the probability: of the pixels in each tenth, how many move."""
     every, moving = np.sum([scene.counts for scene in scenes], axis=0)
-    shares = " | ".join("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
+    shares = ("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
     tenths = " | ".join(f"{k / 10:.1f}-{(k + 1) / 10:.1f}" for k in range(10))
-    pixels = " | ".join(f"{n / every.sum():.4f}" for n in every)
-    rows = [f"| share of the pixels | {pixels} |", f"| of these, moving | {shares} |"]
-    return [f"| probability | {tenths} |", "|---" * 11 + "|", *rows]
+    pixels = (f"{n / every.sum():.4f}" for n in every)
+    rows = [("share of the pixels", *pixels), ("of these, moving", *shares)]
+    return table(f"probability | {tenths}", rows)
 
 
 def real_lines(folder: Path, static: list[Path], network: SmearNetwork) -> list[str]:
@@ -263,12 +261,12 @@ still beside them.
 """
 
 
-def table(folders: dict[Path, list[Judged]]) -> list[str]:
+def tables(folders: dict[Path, list[Judged]]) -> list[str]:
     """Return the rows of every folder under their heads, and the calibration over all."""
-    head = ["| scenes | n | " + " | ".join(COLUMNS) + " |", "|---" * (2 + len(COLUMNS)) + "|"]
     rows = [row for folder, judged in folders.items() for row in split_rows(folder.name, judged)]
     figures = [one.figures for judged in folders.values() for one in judged]
-    return [*head, *rows, "", "Calibration, all pixels of all scenes:", "", *calibration_lines(figures)]
+    words = "Calibration, all pixels of all scenes:"
+    return [*table(f"scenes | n | {' | '.join(COLUMNS)}", rows), "", words, "", *calibration_lines(figures)]
 
 
 def main() -> None:
@@ -284,11 +282,11 @@ def main() -> None:
     for folder, one in judged_scenes(arguments.scenes, network):
         judged[folder].append(one)
     command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
-    lines = table(judged)
+    lines = tables(judged)
     if arguments.real.is_dir():
         lines += ["", "Real photographs:", "", *real_lines(arguments.real, arguments.static, network)]
     text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(lines) + "\n"
-    arguments.out.with_suffix(".md").write_text(text)
+    publish(text, arguments.out.with_suffix(".md"))
     some = [one for split in judged.values() for one in split if one.figures.share >= LEAST_SHARE]
     if some:
         save_picture(panel(some), arguments.out.with_suffix(".webp"))

@@ -12,6 +12,7 @@ from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
 from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
+from tools.pages import table
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
@@ -81,16 +82,8 @@ class SmearFigures:
 class Smears:
     """Smears of many images.
 
-    Attributes
-    ----------
-    found, true : ndarray of shape (N, 2)
-        Displacements in pixels.
-    sigma : ndarray of shape (N,)
-        What the network expects of their error, pixels.
-    sure : ndarray of bool, shape (N,)
-        Whether sigma is at most its median over the image.
-    blocks : ndarray of shape (B,)
-        See :func:`block_errors`.
+    ``found`` and ``true`` (N, 2) are displacements, ``sigma`` (N,) their expected error, pixels; ``sure``
+    (N,) whether it is at most its median over the image; ``blocks`` (B,) are :func:`block_errors`.
     """
 
     found: AnyArray
@@ -193,17 +186,14 @@ def median_of(values: AnyArray) -> float:
 
 def octave_table(octaves: Iterable[OctaveFigures]) -> list[str]:
     """Return figures by length as lines of Markdown."""
-    rows = [
-        "| true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    head = "true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length"
+    rows = []
     for f in octaves:
-        lengths = f"{f.length_ratio:.3f} | {f.length_spread:.3f}"
-        near, far = f.lean_deg
-        directions = f"{f.direction_deg:.2f} | {near:.2f}; {far:.2f}"
-        span = f"{f.from_px} to {2 * f.from_px} | {f.smears}"
-        rows.append(f"| {span} | {lengths} | {directions} | {f.epe_s_over_length:.3f} |")
-    return rows
+        lengths = f"{f.length_ratio:.3f}", f"{f.length_spread:.3f}"
+        directions = f"{f.direction_deg:.2f}", f"{f.lean_deg[0]:.2f}; {f.lean_deg[1]:.2f}"
+        span = f"{f.from_px} to {2 * f.from_px}"
+        rows.append((span, f.smears, *lengths, *directions, f"{f.epe_s_over_length:.3f}"))
+    return table(head, rows)
 
 
 def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
@@ -219,10 +209,8 @@ def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
 def smear_tables(smears: SmearFigures) -> list[str]:
     """Return the figures as lines of Markdown: all, by length, by sigma."""
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
-    rows = ["| smears | |", "|---|---|", *(f"| {name} | {getattr(smears, name):.4g} |" for name in plain)]
-    rows += ["", *octave_table(smears.octaves)]
-    rows += ["", "| sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma |"]
-    rows += ["|---|---|---|---|"]
-    for b in smears.bins:
-        rows.append(f"| {b.sigma_px:.2f} | {b.error_px:.2f} | {b.normalised_error:.2f} | {b.within:.2f} |")
-    return rows
+    whole = table("smears | ", [(name, f"{getattr(smears, name):.4g}") for name in plain])
+    head = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
+    bins = [(b.sigma_px, b.error_px, b.normalised_error, b.within) for b in smears.bins]
+    sigmas = table(head, [[f"{value:.2f}" for value in row] for row in bins])
+    return [*whole, "", *octave_table(smears.octaves), "", *sigmas]

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
-from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra
+from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import existing, target
 from tools.rendering.render import RenderOptions, render
@@ -150,7 +150,7 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
     with torch.no_grad():
         expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
-    cepstra, scales = polar_cepstra(grey[0, 0].numpy())
+    cepstra, scales = polar_cepstra(power_spectra(grey[0, 0].numpy()))
     inputs = grey.numpy(), cepstra[None], scales[None], coarser.numpy()
     actual, _ = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
     return float(np.abs(actual - expected.numpy()).max())

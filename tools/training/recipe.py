@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tools.arguments import existing
-from tools.datasets.shards import require_shards, start_worker, write_shards
+from tools.datasets.shards import require_shards, write_shards
+from tools.processes import start_worker
 from tools.rendering.render import RenderOptions
 from tools.training import reader_data
 from tools.training.export_reader import export

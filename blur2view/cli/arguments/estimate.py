@@ -1,6 +1,7 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, series, shared
+from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
 ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
@@ -30,7 +31,8 @@ FILES = """
     --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
     sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
 <stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
-    lines white and epipoles ringed; below it the verdict and a map of sigma
+    lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
+    uncertainty (sigma)
 """
 EXAMPLES = (
     "blur2view estimate models/sample.jpg -o out",
@@ -41,34 +43,23 @@ EXAMPLES = (
 )
 
 
-def describe(parser: shared.CommandParser) -> None:
+OUTPUT = """
+-o, --output DIR: write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below
+"""
+FULL_FIELD = """
+--full-field: write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16
+    bytes a pixel
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
-    add = output.add_argument
-    add(
-        "-o",
-        "--output",
-        type=shared.output_path,
-        metavar="DIR",
-        help="write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below",
-    )
-    add(
-        "--overwrite",
-        action="store_true",
-        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
-    )
-    add(
-        "--full-field",
-        action="store_true",
-        help="write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 "
-        "bytes a pixel",
-    )
-    series.add_json(add)
-    series.add_sequence(add)
-    shared.add_timings(add)
-    shared.add_table(add)
+    help_text.add_options(output, OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM)
+    shared.add_sequence(output)
+    help_text.add_options(output, shared.TIMINGS + shared.TABLE)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     parser.epilog = help_text.epilog(

@@ -1,22 +1,52 @@
-"""The text of ``--help``: paragraphs, tables of files and keys, examples."""
+"""The text of ``--help``: options and tables written as "name: explanation", paragraphs, examples."""
 
 import re
 import shutil
 import textwrap
 from collections.abc import Iterable, Sequence
 from inspect import cleandoc
+from typing import Any
 
-from blur2view.cli.arguments.parser import EXAMPLES
+from blur2view.cli.arguments.parser import EXAMPLES, output_path
+from blur2view.cli.arguments.values import frame_or_seconds, pixels, positive, seconds
 
 NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
-
-
+PATHS = dict.fromkeys(("DB", "DIR", "FILE", "FRAMES", "HTML", "JSON", "LIST", "MODEL"), output_path)
+TYPES: dict[str, Any] = {**PATHS, "FRAME": frame_or_seconds, "N": positive, "PX": pixels, "S": seconds}
+"""What an option's value is, by the name that the help gives it."""
 EXIT_CODES = """
 0: done; a photograph without F is a result, with its reason
 1: something failed: one line on stderr each, other photographs are done all the same
 2: wrong usage
 130: interrupted by Ctrl-C: what is done is kept, --resume goes on
 """
+MANIFEST = """
+<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+    with
+"""
+
+
+def add_options(group: Any, text: str, **settings: dict[str, Any]) -> None:
+    """Add the options of a text, of lines as "-o, --output DIR: explanation", see `entries`.
+
+    One without a value is a flag, --no-NAME one that is true without it. ``settings`` are those of
+    `argparse` by the option's name, - written as _.
+    """
+    for names, explanation in entries(text):
+        *short, last = names.split(", ")
+        name, _, value = last.partition(" ")
+        own = settings.get(name.lstrip("-").replace("-", "_"), {})
+        kind = {} if {"action", "choices"} & own.keys() else _kind(name, value)
+        group.add_argument(*short, name, **{"help": explanation} | kind | own)
+
+
+def _kind(name: str, value: str) -> dict[str, Any]:
+    """Return what `argparse` makes of an option with such a value, empty of a flag."""
+    if value:
+        return {"metavar": value} | ({"type": TYPES[value]} if value in TYPES else {})
+    if name.startswith("--no-"):
+        return {"action": "store_false", "dest": name.removeprefix("--no-").replace("-", "_")}
+    return {"action": "store_true"}
 
 
 def width() -> int:
@@ -32,7 +62,7 @@ def paragraph(text: str) -> str:
 def entries(text: str) -> list[tuple[str, str]]:
     """Return names and explanations of a text: "name: explanation", whose other lines are indented."""
     whole = filter(None, re.sub(r"\n +", " ", text).splitlines())
-    return [(name, told) for name, _, told in (line.partition(": ") for line in whole)]
+    return [(name, explanation) for name, _, explanation in (line.partition(": ") for line in whole)]
 
 
 def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:
@@ -58,12 +88,6 @@ def keys(document: type) -> list[tuple[str, str]]:
             name, _, kind = line.partition(" : ")
             rows.append((name, f"({kind})"))
     return rows
-
-
-MANIFEST = """
-<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
-    with
-"""
 
 
 def epilog(*tables: str, examples: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from blur2view.cli.terminal import printable
 BRIEF = {
     *("recursive", "every", "output", "db", "link", "format", "csv", "keep", "max_smear", "blurred", "mask"),
     *("masks", "photographs", "dialect", "json", "verbosity", "focal", "camera", "exposure", "sequence"),
-    *("extract", "best", "every_best", "jobs", "resume", "help", "help_all"),
+    *("extract", "best", "every_best", "in_order", "jobs", "resume", "help", "help_all"),
 }
 """Options that ``--help`` shows, by the names that argparse keeps their values by."""
 EXAMPLES = "examples:"
@@ -22,6 +22,7 @@ MESSAGES = {
     "^the following arguments are required: ": "name ",
     "invalid (int|float) value: ": "expected a number, got ",
     "expected one argument": "needs a value behind it",
+    "not allowed with argument (.*)": r"does not go with \1; choose one of them",
     "invalid choice: (.*) \\(choose from (.*)\\)": r"expected one of \2, got \1",
 }
 """What argparse says, and what we do."""

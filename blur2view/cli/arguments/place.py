@@ -1,8 +1,7 @@
 """``blur2view place``: its options and its help."""
 
-from pathlib import Path
-
 from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 
 ABOUT = "put the views of a linked project into COLMAP's model of its frames"
 DESCRIPTION = """
@@ -21,34 +20,23 @@ EXAMPLES = (
 )
 
 
-def describe(parser: shared.CommandParser) -> None:
+INPUT = """
+database DB: the project with the views
+model MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken
+photographs FRAMES: folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave
+    some out, no two are taken for neighbours
+--fraction F: exposure time over frame interval, if it is known (default: measured from the smears)
+"""
+OUTPUT = """
+-o, --output DIR: where the model goes
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view place``."""
     parser.description = help_text.paragraph(DESCRIPTION)
-    given = parser.add_argument_group("input")
-    add = given.add_argument
-    add("database", type=Path, metavar="DB", help="the project with the views")
-    add(
-        "model",
-        type=Path,
-        metavar="MODEL",
-        help="folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken",
-    )
-    add(
-        "photographs",
-        type=Path,
-        metavar="FRAMES",
-        help="folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some "
-        "out, no two are taken for neighbours",
-    )
-    add(
-        "--fraction",
-        type=float,
-        metavar="F",
-        help="exposure time over frame interval, if it is known (default: measured from the smears)",
-    )
+    help_text.add_options(parser.add_argument_group("input"), INPUT, fraction={"type": float})
     output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o", "--output", type=shared.output_path, required=True, metavar="DIR", help="where the model goes"
-    )
+    help_text.add_options(output, OUTPUT, output={"required": True})
     shared.add_verbosity(output)
     parser.epilog = help_text.epilog(help_text.table("what is written", WRITTEN), examples=EXAMPLES)

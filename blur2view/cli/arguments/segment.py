@@ -1,6 +1,7 @@
 """``blur2view segment``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, series, shared
+from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 from blur2view.results.masks import MaskDocument, MasksDocument
 
 ABOUT = "segment what moves by itself from what the camera's motion explains"
@@ -31,39 +32,25 @@ REFUSED = {
 }
 
 
-def describe(parser: shared.CommandParser) -> None:
+OUTPUT = """
+-o, --output DIR: write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below
+--masks: also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png,
+    0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there
+--unobservable: what --masks makes of unobservable pixels (default: keep)
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view segment``."""
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
-    add = output.add_argument
-    add(
-        "-o",
-        "--output",
-        type=shared.output_path,
-        metavar="DIR",
-        help="write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below",
+    help_text.add_options(
+        output,
+        OUTPUT + shared.OVERWRITE + shared.STREAM + shared.TIMINGS + shared.TABLE,
+        masks={"choices": ("colmap", "nerfstudio", "instant-ngp")},
+        unobservable={"choices": ("keep", "ignore"), "default": "keep"},
     )
-    add(
-        "--masks",
-        choices=("colmap", "nerfstudio", "instant-ngp"),
-        help="also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, "
-        "0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there",
-    )
-    add(
-        "--unobservable",
-        choices=("keep", "ignore"),
-        default="keep",
-        help="what --masks makes of unobservable pixels (default: keep)",
-    )
-    add(
-        "--overwrite",
-        action="store_true",
-        help="replace results of other photographs, too (those of an earlier call of the same are anyway)",
-    )
-    series.add_json(add)
-    shared.add_timings(add)
-    shared.add_table(add)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=False)
     parser.epilog = help_text.epilog(

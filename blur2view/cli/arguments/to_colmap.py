@@ -1,9 +1,7 @@
 """``blur2view to-colmap``: its options and its help."""
 
-import argparse
-from typing import Any
-
 from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
@@ -14,9 +12,11 @@ shutter opened and when it closed. They share the photograph's camera and have a
 intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the orientation
 of EXIF is not applied. No files have these names, and mapping needs none; blur2view.mapper_options() has the
 mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
-to map.
+to map. With --link the views join a project of yours; blur2view place puts them into its model.
 """
 WRITTEN = """
+NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
+    COLMAP with --image_path of that folder; with --link the name in your database
 a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
     COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
     as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
@@ -35,7 +35,7 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
 --format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
     blur2view.colmap.text_formats has both commands
 --format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
-open or close first: one photograph does not show the direction of time; neighbours in a video do, by the
+order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
 EXAMPLES = (
@@ -50,15 +50,40 @@ REFUSED = {
 }
 
 
-def describe(parser: shared.CommandParser) -> None:
+OUTPUT = """
+--db DB: the database: a new one, or with --link yours
+--link: add to a database that holds the photographs and their features
+--replace: with --link: write anew what an earlier call has written (after new features, a new network)
+--no-backup: with --link: do not copy the database to DB.<time>.bak first
+--format: instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files
+    (default: %(default)s)
+-o, --output DIR: where --format matches and hloc write
+--dry-run: estimate, say what would be written, and write nothing
+--json: print one JSON document instead of the summaries, see below
+"""
+VIEWS = """
+--skip-degenerate: leave out photographs without F
+--skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
+--corrected: move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at the
+    pose that was estimated; not with --link
+"""
+SEQUENCE = """
+--sequence: the photographs are a video in this order, so that neighbours show which view came first; with
+    --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names differ
+    by one in their number)
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
-    output = parser.add_argument_group("output")
-    _add_target(output.add_argument)
-    shared.add_table(output.add_argument)
+    output, views = parser.add_argument_group("output"), parser.add_argument_group("views")
+    formats = {"choices": FORMATS, "default": DATABASE}
+    help_text.add_options(output, OUTPUT + shared.TABLE, format=formats)
     shared.add_verbosity(output)
-    _add_views(parser.add_argument_group("views").add_argument)
+    help_text.add_options(views, VIEWS)
+    shared.add_sequence(views, SEQUENCE)
     shared.add_estimating(parser, exposure=False)
     parser.epilog = help_text.epilog(
         help_text.table("what is written", WRITTEN),
@@ -66,51 +91,4 @@ def describe(parser: shared.CommandParser) -> None:
         help_text.table("JSON object of a photograph", help_text.keys(ViewsDocument)),
         help_text.table("not here", REFUSED.items()),
         examples=EXAMPLES,
-    )
-
-
-def _add_target(add: Any) -> None:
-    """Describe where the views go."""
-    add("--db", type=shared.output_path, metavar="DB", help="the database: a new one, or with --link yours")
-    add("--link", action="store_true", help="add to a database that holds the photographs and their features")
-    add(
-        "--replace",
-        action="store_true",
-        help="with --link: write anew what an earlier call has written (after new features, a new network)",
-    )
-    add(
-        "--no-backup",
-        dest="backup",
-        action="store_false",
-        help="with --link: do not copy the database to DB.<time>.bak first",
-    )
-    add(
-        "--format",
-        choices=FORMATS,
-        default=DATABASE,
-        help="instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files "
-        "(default: %(default)s)",
-    )
-    add(
-        "-o", "--output", type=shared.output_path, metavar="DIR", help="where --format matches and hloc write"
-    )
-    add("--dry-run", action="store_true", help="estimate, say what would be written, and write nothing")
-    add("--json", action="store_true", help="print one JSON document instead of the summaries, see below")
-
-
-def _add_views(add: Any) -> None:
-    """Describe what the views are."""
-    add("--skip-degenerate", action="store_true", help="leave out photographs without F")
-    add(
-        "--corrected",
-        action="store_true",
-        help="move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at "
-        "the pose that was estimated; not with --link",
-    )
-    add(
-        "--sequence",
-        action=argparse.BooleanOptionalAction,
-        help="the photographs are a video in this order, so that neighbours show which view came first; with "
-        "--no-sequence nothing is concluded from neighbours (default: from those in one folder whose names "
-        "differ by one in their number)",
     )

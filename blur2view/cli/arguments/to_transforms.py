@@ -4,6 +4,7 @@ from argparse import SUPPRESS
 from pathlib import Path
 
 from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
 from blur2view.colmap import DIALECTS
 
 ABOUT = "write a COLMAP model with views as transforms.json, for radiance fields of blurred photographs"
@@ -22,7 +23,7 @@ instant-ngp: transform_matrix_start and _end at shutter-open and shutter-close; 
 nerfstudio: camera_linear_velocity (units of the model per second) and camera_angular_velocity (radians per
     second) in the camera's axes; exposure_time, rolling_shutter_time 0; ply_file_path: the model's points,
     sparse_pc.ply beside the file
-open or close first: a photograph does not show it, nor does it matter to one blurred by a global shutter
+order in time: which view came first does not matter to a photograph blurred by a global shutter
 """
 EXAMPLES = (
     "blur2view to-transforms with_views",
@@ -31,39 +32,33 @@ EXAMPLES = (
 )
 
 
-def describe(parser: shared.CommandParser) -> None:
+INPUT = """
+model MODEL: folder of a COLMAP model with views
+--images DIR: folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
+    MODEL/project.ini, or else images beside the file)
+--exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities
+    shows in a photograph (default: %(default)g, velocities per exposure)
+"""
+OUTPUT = """
+-o, --output JSON: the file (default: %(default)s); one of an earlier call is replaced
+--dialect: whose file (default: %(default)s)
+--overwrite: which does nothing here
+"""
+
+
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-transforms``."""
     parser.description = help_text.paragraph(DESCRIPTION)
-    given = parser.add_argument_group("input")
-    given.add_argument("model", type=Path, metavar="MODEL", help="folder of a COLMAP model with views")
-    given.add_argument(
-        "--images",
-        dest="photographs",
-        type=Path,
-        metavar="DIR",
-        help="folder of the photographs (default: the one that blur2view place, or COLMAP, noted in "
-        "MODEL/project.ini, or else images beside the file)",
-    )
-    given.add_argument(
-        "--exposure",
-        type=shared.seconds,
-        default=1.0,
-        metavar="S",
-        help="exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the "
-        "velocities shows in a photograph (default: %(default)g, velocities per exposure)",
+    help_text.add_options(
+        parser.add_argument_group("input"), INPUT, images={"dest": "photographs"}, exposure={"default": 1.0}
     )
     output = parser.add_argument_group("output")
-    output.add_argument(
-        "-o",
-        "--output",
-        type=shared.output_path,
-        default=Path("transforms.json"),
-        metavar="JSON",
-        help="the file (default: %(default)s); one of an earlier call is replaced",
+    help_text.add_options(
+        output,
+        OUTPUT,
+        output={"default": Path("transforms.json")},
+        dialect={"choices": DIALECTS, "default": DIALECTS[0]},
+        overwrite={"action": "store_true", "help": SUPPRESS},
     )
-    output.add_argument(
-        "--dialect", choices=DIALECTS, default=DIALECTS[0], help="whose file (default: %(default)s)"
-    )
-    output.add_argument("--overwrite", action="store_true", help=SUPPRESS)
     shared.add_verbosity(output)
     parser.epilog = help_text.epilog(help_text.table("what is written", KEYS), examples=EXAMPLES)

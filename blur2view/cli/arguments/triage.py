@@ -1,9 +1,8 @@
 """``blur2view triage``: its options and its help."""
 
-import argparse
-import math
-
 from blur2view.cli.arguments import help_text, shared
+from blur2view.cli.arguments.parser import CommandParser
+from blur2view.cli.arguments.values import amount, best
 from blur2view.cli.options import Amount
 from blur2view.results.table import Row
 
@@ -13,7 +12,7 @@ that a photograph shares with itself under fresh noise are still matched (``pyth
 tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
 others)."""
 
-ABOUT = "sort photographs by their smears: sharp, blurred but of use, unusable"
+ABOUT = "sort photographs by their smears: sharp, blurred but of use, unclear, unusable"
 DESCRIPTION = """
 Look at every photograph and say how long its smears are: a table of all, and a list, or a folder, of those to
 use for structure from motion: the sharp ones, the sharpest ones, or the sharpest of every few neighbours.
@@ -23,9 +22,11 @@ USES = """
 sharp: the median of all smears of the picture is at most --max-smear; kept
 blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
     to-colmap); kept with --blurred only
-unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED), or nothing shows texture; kept
-    by --best and --every-best only
-near the limit: within a tenth of it a photograph is sharp if the one before it in its video or folder is
+unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
+    only
+unclear: the median is below its own standard deviation, or nothing shows texture: smooth or out of focus,
+    perhaps sharp; kept as unusable ones
+near the limit: within a tenth of it a frame is sharp if the one before it in its video is
 the same photographs of another size: give the limit in per cent of the diagonal. Frames that were compressed
     much again have shorter smears than those of their video; --extract compresses nothing
 """
@@ -49,71 +50,35 @@ EXAMPLES = (
 )
 
 
-def amount(text: str) -> Amount:
-    """Return a number of 0 or more, or a percentage as 50%."""
-    try:
-        number = float(text.removesuffix("%"))
-    except ValueError:
-        number = math.nan
-    if not 0 <= number < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
-    return Amount(number=number, percent=text.endswith("%"))
+OUTPUT = """
+--keep LIST: write the list of photographs to keep, see below
+--extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
+--max-smear PX: the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal
+    (default: %(default)s, up to which half of its SIFT features are still matched)
+"""
+CHOICE = """
+--blurred: keep the blurred ones, too, that geometry can use
+--best N: keep the N sharpest, or as 50%% of all
+--every-best N: keep the sharpest of every N neighbours, and of each view among them
+"""
+FRAMES = """
+--sequence: the photographs of a folder are the frames of a video in this order: near the limit each is as
+    sharp as the one before, as frames of a video are anyway
+--overwrite: replace a list that was changed since it was written, too, if it names nothing but these
+    photographs
+"""
 
 
-def best(text: str) -> Amount:
-    """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
-    found = amount(text)
-    whole = found.number.is_integer() or found.percent
-    if not whole or not 0 < found.number <= (100 if found.percent else math.inf):
-        raise argparse.ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
-    return found
-
-
-def describe(parser: shared.CommandParser) -> None:
+def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view triage``."""
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
-    add = output.add_argument
-    shared.add_table(add)
-    add(
-        "--keep",
-        type=shared.output_path,
-        metavar="LIST",
-        help="write the list of photographs to keep, see below",
-    )
-    add(
-        "--extract",
-        type=shared.output_path,
-        metavar="DIR",
-        help="write the photographs to keep into a folder, frames of videos as PNG, see below",
-    )
-    add(
-        "--max-smear",
-        type=amount,
-        default=MAX_SMEAR,
-        metavar="PX",
-        help="the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal "
-        "(default: %(default)s, up to which half of its SIFT features are still matched)",
-    )
-    which = output.add_mutually_exclusive_group()
-    which.add_argument(
-        "--blurred", action="store_true", help="keep the blurred ones, too, that geometry can use"
-    )
-    which.add_argument("--best", type=best, metavar="N", help="keep the N sharpest, or as 50%% of all")
-    which.add_argument(
-        "--every-best",
-        type=shared.positive,
-        metavar="N",
-        help="keep the sharpest of every N neighbours, and of each view among them",
-    )
-    add(
-        "--overwrite",
-        action="store_true",
-        help="replace a list that was changed since it was written, too, if it names nothing but these "
-        "photographs",
-    )
-    shared.add_timings(add)
+    limit = {"type": amount, "default": MAX_SMEAR}
+    help_text.add_options(output, shared.TABLE + OUTPUT, max_smear=limit)
+    help_text.add_options(output.add_mutually_exclusive_group(), CHOICE, best={"type": best})
+    in_order = {"action": "store_true", "dest": "in_order"}
+    help_text.add_options(output, FRAMES + shared.TIMINGS, sequence=in_order)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     parser.epilog = help_text.epilog(

@@ -121,9 +121,9 @@ function gridPieces(view, photo) {
 }
 
 function drawSmears(context, view, pieces) {
-  const sure = pieces.filter((piece) => !piece.faint);
-  strokePieces(context, view, sure, 4, "rgb(0 0 0 / 0.55)");
-  for (const [list, alpha] of [[pieces.filter((piece) => piece.faint), 0.4], [sure, 1]]) {
+  const certain = pieces.filter((piece) => !piece.faint);
+  strokePieces(context, view, certain, 4, "rgb(0 0 0 / 0.55)");
+  for (const [list, alpha] of [[pieces.filter((piece) => piece.faint), 0.4], [certain, 1]]) {
     for (let bucket = 0; bucket < HUES; bucket++) {
       strokePieces(context, view, list.filter((piece) => piece.bucket === bucket), 2, hueColour(bucket, alpha));
     }
@@ -185,8 +185,8 @@ function drawFan(context, view, photo) {
   const chosen = once(photo, "fan", () => farthest(inliers.map(({ x, y }) => [x, y]), FAN_LINES));
   const lines = chosen.map((k) => {
     const ends = straightened(photo, inliers[k].ends);
-    const [first] = inOrder(ends, orderOf(photo.facts.F, ends));
-    return lineInView2(photo.facts.F, first);
+    const [first] = inOrder(ends, orderOf(photo.estimate.F, ends));
+    return lineInView2(photo.estimate.F, first);
   });
   const pieces = lines.flatMap((line) => drawnLine(photo, line)).map((ends) => ({ ends }));
   strokePieces(context, view, pieces, 1.2, "rgb(255 255 255 / 0.75)");
@@ -195,9 +195,9 @@ function drawFan(context, view, photo) {
 
 /** Both epipoles [x, y] that are not at infinity. */
 function epipolesOf(photo) {
-  const { F } = photo.facts;
+  const { F } = photo.estimate;
   return [nullVector(F), nullVector(transposed(F))]
-    .filter(([x, y, w]) => Math.abs(w) * 1e5 > Math.hypot(x, y))
+    .filter(([x, y, w]) => Math.abs(w) * 1e4 > Math.hypot(x, y))
     .map(([x, y, w]) => [x / w, y / w]);
 }
 

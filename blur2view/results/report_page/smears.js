@@ -32,7 +32,7 @@ function described(photo, smear) {
   smear.lengthPx = Math.hypot(dx, dy);
   const degrees = orientationOf(dx, dy);
   smear.directionDeg = degrees > 90 ? degrees - 180 : degrees;
-  smear.order = photo.facts.F && orderOf(photo.facts.F, straightened(photo, smear.ends));
+  smear.order = photo.estimate.F && orderOf(photo.estimate.F, straightened(photo, smear.ends));
   smear.label = labelAt(photo, smear);
   return smear;
 }

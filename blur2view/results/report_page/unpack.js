@@ -67,7 +67,7 @@ async function photographOf(index) {
     medianPx: record.median_px,
     seconds: record.seconds,
     text: record.document,
-    facts: JSON.parse(record.document),
+    estimate: JSON.parse(record.document),
     picture,
     grid: {
       x0: grid.x0,

@@ -29,7 +29,7 @@ class Viewer {
     this.stage.style.aspectRatio = `${photo.width} / ${photo.height}`;
     byId("stage-frame").style.setProperty("--shape", photo.width / photo.height);
     this.offer(photo);
-    showFacts(photo);
+    showEstimate(photo);
     this.measure();
     this.choose(null);
     showValues("pointer", null);
@@ -38,7 +38,7 @@ class Viewer {
   /** Offer the layers that this photograph has. */
   offer(photo) {
     const { mask } = photo;
-    const { F, H } = photo.facts;
+    const { F, H } = photo.estimate;
     const lines = Boolean(F) && !H; // beside H they would tell what nothing shows
     const has = { inliers: photo.used.length > 0, lines, mask, probability: mask };
     for (const box of this.boxes) {
@@ -87,7 +87,7 @@ class Viewer {
     this.marks.replaceChildren();
     const smear = this.chosen;
     if (!smear) return;
-    const { F, H } = this.photo.facts;
+    const { F, H } = this.photo.estimate;
     const ends = smear.order ? inOrder(smear.ends, smear.order) : smear.ends;
     if (F && !H) {
       const [first, second] = straightened(this.photo, ends);
@@ -155,7 +155,7 @@ class Viewer {
     const row = within(from.row + nodes * down, grid.rows);
     const column = within(from.column + nodes * right, grid.columns);
     this.choose(smearAt(this.photo, row, column));
-    byId("said").textContent = sentenceOf(this.chosen);
+    byId("spoken").textContent = sentenceOf(this.chosen);
   }
 
   zoom(how, about) {

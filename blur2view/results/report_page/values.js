@@ -13,20 +13,20 @@ function element(tag, { className = "", text = "", children = [] } = {}) {
   return made;
 }
 
-function showFacts(photo) {
-  const { facts } = photo;
+function showEstimate(photo) {
+  const { estimate } = photo;
   const [, folder, base] = /^(.*[\\/])?(.*)$/s.exec(photo.name);
   byId("photo-name").textContent = base;
   byId("photo-folder").textContent = folder || "";
-  byId("chip").textContent = facts.config;
+  byId("chip").textContent = estimate.config;
   byId("chip").className = `chip chip-${photo.kind}`;
   byId("meaning").textContent = photo.meaning;
-  byId("reason").textContent = facts.reason;
-  byId("ends-note").textContent = facts.F
+  byId("reason").textContent = estimate.reason;
+  byId("ends-note").textContent = estimate.F
     ? "1 is the end of shutter-open and 2 that of shutter-close, or all of them the other way round: one photograph does not show the direction of time."
     : "";
   showPairs(byId("counts"), countsOf(photo));
-  showScores(facts);
+  showScores(estimate);
   showMatrix(photo);
   showSeconds(photo.seconds);
 }
@@ -36,18 +36,18 @@ function inliersOf({ F, H, num_inliers: inliers, num_matches: matches }) {
   return F && H ? `${inliers} of F; H explains them, too` : `${inliers} (${Math.floor((100 * inliers) / matches)} %)`;
 }
 
-function countsOf({ facts, medianPx, lens }) {
+function countsOf({ estimate, medianPx, lens }) {
   const pairs = [
-    ["photograph", `${facts.width} x ${facts.height}`],
-    ["smears used", facts.num_matches + (medianPx === null ? "" : `, of median length ${medianPx.toFixed(1)} px`)],
-    ["parallax", facts.parallax],
-    ["inliers", inliersOf(facts)],
-    ["network", facts.model_id],
-    ["seed", String(facts.seed)],
+    ["photograph", `${estimate.width} x ${estimate.height}`],
+    ["smears used", estimate.num_matches + (medianPx === null ? "" : `, of median length ${medianPx.toFixed(1)} px`)],
+    ["parallax", estimate.parallax],
+    ["inliers", inliersOf(estimate)],
+    ["network", estimate.model_id],
+    ["seed", String(estimate.seed)],
   ];
-  if (facts.rotation_deg !== null) pairs.push(["rotation", rotationOf(facts, facts.exposure_s)]);
-  if (facts.backward) pairs.push(["in the other order in time", rotationOf(facts.backward, facts.exposure_s)]);
-  if (facts.camera) pairs.push(["camera", `${facts.camera.model}, ${facts.camera.source}`]);
+  if (estimate.rotation_deg !== null) pairs.push(["rotation", rotationOf(estimate, estimate.exposure_s)]);
+  if (estimate.backward) pairs.push(["in the other order in time", rotationOf(estimate.backward, estimate.exposure_s)]);
+  if (estimate.camera) pairs.push(["camera", `${estimate.camera.model}, ${estimate.camera.source}`]);
   if (lens) pairs.push(["lens", "distorts: epipolar lines are curves"]);
   return pairs;
 }
@@ -94,7 +94,7 @@ function tableOf(matrix) {
 }
 
 function showMatrix(photo) {
-  const { F, H } = photo.facts;
+  const { F, H } = photo.estimate;
   byId("geometry").hidden = !F && !H;
   const given = [["Fundamental matrix F", F], ["Homography H", H]].filter(([, matrix]) => matrix);
   byId("matrix").replaceChildren(...given.flatMap(([title, matrix]) => [element("h2", { text: title }), tableOf(matrix)]));
@@ -102,9 +102,9 @@ function showMatrix(photo) {
   showPairs(byId("epipoles"), points.map((point, k) => [`epipole ${k + 1}`, placeOf(point)]));
 }
 
-/** Where a homogeneous point lies, or its direction if it is farther than 100,000 px. */
+/** Where a homogeneous point lies, or its direction if it is farther than 10,000 px. */
 function placeOf([x, y, w]) {
-  if (Math.abs(w) * 1e5 > Math.hypot(x, y)) return `(${(x / w).toFixed(0)}, ${(y / w).toFixed(0)})`;
+  if (Math.abs(w) * 1e4 > Math.hypot(x, y)) return `(${(x / w).toFixed(0)}, ${(y / w).toFixed(0)})`;
   return `at infinity, ${orientationOf(x, y).toFixed(0)}\u00b0`;
 }
 
@@ -127,9 +127,9 @@ const VALUES = [
   ["displacement", "smear dx, dy", ({ dx, dy }) => `\u00b1(${both(dx, dy)})`],
   ["length", "length", (smear) => fixed(smear.lengthPx, " px")],
   ["direction", "direction", (smear) => fixed(smear.directionDeg, "\u00b0", 1)],
-  ["sigma", "sigma", (smear) => fixed(smear.sigmaPx, " px")],
-  ["sigma-direction", "direction sigma", (smear) => (smear.sigmaRad === null ? "-" : fixed(degrees(smear.sigmaRad), "\u00b0", 1))],
-  ["error", "\u221aSErrMin", (smear) => (smear.order ? fixed(smear.order.errorPx, " px") : "-")],
+  ["sigma", "uncertainty", (smear) => fixed(smear.sigmaPx, " px")],
+  ["sigma-direction", "its direction's", (smear) => (smear.sigmaRad === null ? "-" : fixed(degrees(smear.sigmaRad), "\u00b0", 1))],
+  ["error", "distance from lines", (smear) => (smear.order ? fixed(smear.order.errorPx, " px") : "-")],
   ["label", "label", (smear) => (smear.label ? smear.label.name : "-")],
   ["probability", "P(moves)", (smear) => (smear.label ? fixed(smear.label.probability, "") : "-")],
   ["used", "used as", (smear) => (smear.match ? (smear.match.inlier ? "inlier" : "outlier") : "not used")],

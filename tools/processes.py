@@ -1,4 +1,4 @@
-"""Worker processes with one thread each, so that studies are fair to every library and fill the cores."""
+"""Worker processes with one thread each, so that studies are fair to every library and fill all cores."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tools.datasets.shards import start_worker
+import cv2
 
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def start_worker() -> None:
+    """Give this process one OpenCV thread: what is independent runs in parallel instead."""
+    cv2.setNumThreads(1)
 
 
 @contextmanager

@@ -1,0 +1,80 @@
+"""The values of options: numbers with their units, frames, paths."""
+
+import argparse
+import math
+
+from blur2view.cli.options import Amount
+
+LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below is asked about
+FILM_MM = 36.0  # width of 35-mm film
+
+
+def positive(text: str) -> int:
+    """Return a number of 1 or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text}")
+    return int(text)
+
+
+def number_and_unit(text: str, *units: str) -> tuple[str, str]:
+    """Return a text without the first of these units that it ends with, and that unit, empty if none."""
+    unit = next((one for one in units if text.endswith(one)), "")
+    return text.removesuffix(unit), unit
+
+
+def seconds(text: str) -> float:
+    """Return seconds, of a number, a fraction as 1/25 or milliseconds as 40ms; a long time needs its unit."""
+    amount, unit = number_and_unit(text, "ms", "s")
+    above, slash, below = amount.partition("/")
+    try:
+        value = float(above) / (float(below) if slash else 1.0) / (1000 if unit == "ms" else 1)
+    except (ValueError, ZeroDivisionError):
+        raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
+    if not unit and LONG_S < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
+    return value
+
+
+def pixels(text: str) -> float:
+    """Return a focal length in pixels; as few as millimetres would be need their unit."""
+    amount, unit = number_and_unit(text, "px", "mm")
+    try:
+        value = float(amount)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected pixels as 800, got {text}") from None
+    if unit != "px" and (unit or 0 < value < SHORT_PX):
+        share = f"{value:g} mm of 35-mm film are {value / FILM_MM:.2f} of the picture's width"
+        query = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
+        raise argparse.ArgumentTypeError(f"{query} {share}; write pixels, as {value:g}px, or --camera exif")
+    return value
+
+
+def frame_or_seconds(text: str) -> int | float:
+    """Return a frame's number, or a time in seconds as a float."""
+    try:
+        value = float(text.removesuffix("s")) if text.endswith("s") else int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
+    return value
+
+
+def amount(text: str) -> Amount:
+    """Return a number of 0 or more, or a percentage as 50%."""
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
+    return Amount(number=value, percent=text.endswith("%"))
+
+
+def best(text: str) -> Amount:
+    """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
+    value = amount(text)
+    whole = value.number.is_integer() or value.percent
+    if not whole or not 0 < value.number <= (100 if value.percent else math.inf):
+        raise argparse.ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
+    return value

@@ -1,0 +1,62 @@
+"""Fixtures of the command line.
+
+A folder of three kinds of photographs, and commands with a tiny network;
+five small photographs, and which of them are read.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view import pipeline
+from blur2view.cli import commands as cli
+from blur2view.photographs.image import read_image
+from tests.support.colour_code import colour_code, forward_motion, write_picture
+from tests.support.many_photographs import write_photographs
+from tests.support.tables import Call
+
+
+@pytest.fixture
+def call(tiny_model: Path) -> Call:
+    """Return a function that runs a command in this process."""
+
+    def run(command: str, *words: object) -> int:
+        return cli.main([command, "--model", str(tiny_model), "--jobs", "1", *map(str, words)])
+
+    return run
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """Return a folder of photographs: one still, one blurred by forward motion, one without any order."""
+    folder = tmp_path / "frames"
+    (folder / "left").mkdir(parents=True)
+    texture = 1 + 0.5 * (np.indices((64, 80)) // 8 % 2).sum(axis=0)  # in sigma; what has none has no smear
+    write_picture(folder / "still.png", colour_code(np.zeros((64, 80, 2)), texture))
+    write_picture(folder / "left" / "moving.png", colour_code(forward_motion(), 1.0))
+    rng = np.random.default_rng(0)
+    cells = rng.normal(0, 12, (15, 20, 2))
+    chaos = np.repeat(np.repeat(cells, 32, 0), 32, 1)
+    write_picture(folder / "chaos.png", colour_code(chaos, 1.0))
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of five small photographs."""
+    return write_photographs(tmp_path / "in", 5)[0].parent
+
+
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the names of the photographs that are read from now on."""
+    names: list[str] = []
+
+    def noted(path: Path, **options: Any) -> Any:
+        names.append(Path(path).name)
+        return read_image(path, **options)
+
+    monkeypatch.setattr(pipeline, "read_image", noted)
+    return names

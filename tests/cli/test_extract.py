@@ -1,0 +1,98 @@
+"""``blur2view triage --extract``: photographs and frames of videos as files, of one choice."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from blur2view.photographs.image import read_image
+from tests.support.many_photographs import contents
+from tests.support.tables import Call, table
+
+
+def write_clip(path: Path, count: int) -> Path:
+    """Return a video of one scene, the camera moved a little from frame to frame."""
+    rng = np.random.default_rng(0)
+    scene = cv2.resize(rng.integers(0, 255, (12, 24, 3), dtype=np.uint8), None, fx=10, fy=10)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 96))
+    for index in range(count):
+        video.write(scene[:96, index : index + 160])
+    video.release()
+    return path
+
+
+def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alike(
+    call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, folder = write_clip(tmp_path / "clip.mp4", 7), tmp_path / "clip"
+    whole = ("--best", "100%", "--extract", folder, "--csv", tmp_path / "video.csv")
+    assert call("triage", clip, *whole, "--no-timings") == 0
+    assert sorted(path.name for path in folder.iterdir()) == [f"frame_{k:05d}.png" for k in range(7)]
+    assert f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in capsys.readouterr().out
+    for number in range(7):  # the pixels themselves
+        np.testing.assert_array_equal(
+            read_image(folder / f"frame_{number:05d}.png"), read_image(clip / f"{number:06d}")
+        )
+    assert call("triage", folder, "--sequence", "--csv", tmp_path / "frames.csv", "--no-timings") == 0
+    video, frames = table(tmp_path / "video.csv"), table(tmp_path / "frames.csv")
+    place = dict.fromkeys(("name", "frame", "timestamp_s"), "")
+    assert [one | place for one in video] == [one | place for one in frames]
+
+
+def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(
+    call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, folder, keep = write_clip(tmp_path / "clip.mp4", 8), tmp_path / "deep" / "kept", tmp_path / "k.txt"
+    words = (clip, "--every-best", 4, "--extract", folder)
+    assert call("triage", *words, "--keep", keep) == 0
+    names = sorted(path.name for path in folder.iterdir())
+    assert keep.read_text().splitlines() == [f"clip.mp4/0{name[6:11]}" for name in names]
+    first, second = (int(name[6:11]) for name in names)
+    assert 0 <= first < 4 <= second < 8
+    before = contents(folder)
+    assert call("triage", *words) == 0 and contents(folder) == before
+    capsys.readouterr()
+    for others in (("--best", 1), ("--best", 100), ("--every-best", 4, "--seed", 1)):
+        assert call("triage", clip, *others, "--extract", folder) == 1
+        printed = capsys.readouterr()
+        assert "name an empty folder with --extract" in printed.err
+        assert printed.out == "" and contents(folder) == before  # before the first photograph
+    (folder / names[0]).write_bytes(b"mine")
+    assert call("triage", *words) == 1
+    assert f"{names[0]}: is there with another content" in capsys.readouterr().err
+    assert (folder / names[0]).read_bytes() == b"mine"
+    (folder / "mine.txt").touch()
+    assert call("triage", *words) == 1
+    assert (
+        capsys.readouterr().err
+        == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract\n"
+    )
+
+
+def test_photographs_are_copied_and_frames_of_several_videos_kept_apart(
+    frames: Path, call: Call, tmp_path: Path
+) -> None:
+    clips = [write_clip(tmp_path / name, 2) for name in ("a.mp4", "b.mp4")]
+    folder = tmp_path / "all"
+    words = (*clips, frames, "--recursive", "--best", "100%", "--extract", folder)
+    assert call("triage", *words) == 0
+    below = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    pictures = {"frames/still.png", "frames/chaos.png", "frames/left/moving.png"}
+    assert below == pictures | {f"{clip}.mp4/frame_0000{k}.png" for clip in "ab" for k in (0, 1)}
+    assert (folder / "frames/still.png").read_bytes() == (frames / "still.png").read_bytes()
+
+
+def test_a_run_that_is_ended_early_extracts_nothing_and_keeps_an_earlier_choice(
+    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keep, folder = tmp_path / "keep.txt", tmp_path / "chosen"
+    words = ["--best", "1", "--keep", keep, "--extract", folder]
+    assert call("triage", frames, *words) == 0
+    whole = keep.read_text()
+    (frames / "0.png").write_bytes(b"no picture")
+    capsys.readouterr()
+    words[-1] = folder = tmp_path / "others"
+    assert call("triage", frames, tmp_path / "none.png", *words, "--max-failures", "1") == 1
+    assert keep.read_text() == whole
+    assert str(folder) not in capsys.readouterr().out.splitlines()[-1]

@@ -1,0 +1,211 @@
+"""``--csv``: what the table holds, whatever the command, and what becomes of it when a run fails."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from blur2view import output_files
+from blur2view.errors import OutputError, RunError
+from blur2view.file_writing import write_atomically
+from blur2view.results.table import Row, table_text
+from blur2view.runs.manifest import Manifest
+from tests.support.tables import COLUMNS, Call, table
+
+
+@pytest.mark.parametrize("command", ["estimate", "segment", "report", "to-colmap"])
+def test_every_command_writes_the_same_rows(
+    command: str, moving: Path, still: Path, call: Call, tmp_path: Path
+) -> None:
+    target = {"report": ["-o", tmp_path / "a.html"], "to-colmap": ["--db", tmp_path / "a.db"]}
+    sheets = tmp_path / "triage.csv", tmp_path / "own.csv"
+    camera = ("--focal", 300)
+    assert call("triage", moving, still, *camera, "--csv", sheets[0]) == 0
+    assert call(command, moving, still, *camera, "--csv", sheets[1], *target.get(command, [])) == 0
+    first, second = map(table, sheets)
+    for ours, own in zip(first, second, strict=True):
+        assert {key: own[key] for key in COLUMNS[:11]} == {key: ours[key] for key in COLUMNS[:11]}
+        assert own["use"] == ""
+    assert float(first[0]["rotation_deg"]) >= 0
+
+
+def test_angular_velocity_is_the_rotation_over_the_exposure(
+    moving: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet = tmp_path / "t.csv"
+    words = (moving, "--focal", 300, "--exposure", 0.02, "--csv", sheet, "--json", "--no-timings")
+    assert call("estimate", *words) == 0
+    document = json.loads(capsys.readouterr().out)["estimates"][0]
+    (one,) = table(sheet)
+    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
+        assert float(one[axis]) == pytest.approx(document[axis], rel=1e-5)
+    assert one["rate_unit"] == document["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
+    assert float(one["rotation_deg"]) == pytest.approx(document["rotation_deg"], rel=1e-5)
+    assert int(one["inliers"]) == document["num_inliers"] and one["elapsed_s"] == ""
+    written = sheet.read_bytes()
+    assert call("estimate", *words, "--overwrite") == 0
+    assert sheet.read_bytes() == written
+
+
+def test_names_with_commas_and_lines_stay_one_cell() -> None:
+    odd = 'a,"b"\nc.png'
+    text = table_text([Row(name=odd, error="x"), Row(name="b.png", smear_px=1 / 3)])
+    rows = list(csv.DictReader(text.splitlines(keepends=True)))
+    assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
+
+
+@pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])
+def test_no_photograph_is_replaced_by_a_table_or_a_list(
+    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(frames.parent)
+    before = (frames / "still.png").read_bytes()
+    for more in ([], ["--overwrite"]):
+        assert call("triage", "frames", *words, *more) == 1
+    assert (frames / "still.png").read_bytes() == before
+
+
+def test_files_of_others_are_spared(
+    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
+    sheet.write_text("a,b\n")
+    keep.write_text("still.png\nsomething else\n")
+    assert call("triage", frames, "--csv", sheet, "--overwrite") == 1
+    assert call("triage", frames, "--keep", keep, "--overwrite") == 1
+    assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
+    assert capsys.readouterr().err.count("of an earlier call") == 2
+    assert call("triage", frames, "--csv", tmp_path / "one", "--keep", tmp_path / "one") == 1
+    assert call("report", frames, "-o", tmp_path / "two", "--csv", tmp_path / "two") == 1
+    assert capsys.readouterr().err.count("two results would be one file") == 2
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
+        ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
+        ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
+        ["triage", "--csv", "t.csv", "--keep", "t.csv.manifest.jsonl"],
+        ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
+    ],
+)
+def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
+    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(frames.parent)
+    assert call(words[0], "frames", *words[1:]) == 1
+    assert "two results would be one file" in capsys.readouterr().err
+    assert [path.name for path in frames.parent.iterdir() if path.is_file()] == []
+
+
+def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path) -> None:
+    (tmp_path / "there.csv").write_text("a,b\n")
+    (tmp_path / "file").touch()
+    words = ("estimate", frames / "still.png")
+    assert call(*words, "-o", tmp_path / "new", "--csv", tmp_path / "there.csv") == 1
+    assert call(*words, "-o", tmp_path / "file" / "new", "--csv", tmp_path / "sheets" / "t.csv") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "frames", "there.csv"]
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("report", ["-o", "a.html"]), ("triage", ["--keep", "a.html"]), ("to-colmap", ["--db", "a.html"])],
+)
+def test_table_that_cannot_be_written_costs_no_other_result(
+    frames: Path, call: Call, tmp_path: Path, command: str, words: list[str],
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def full(path: Path, write: Any) -> None:
+        if path.suffix == ".csv":
+            raise OSError(28, "No space left on device")
+        write_atomically(path, write)
+
+    monkeypatch.setattr(output_files, "write_atomically", full)
+    words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
+    assert call(command, frames, *words, "--csv", tmp_path / "t.csv") == 1
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1 and "No space left on device" in printed.err
+    assert (tmp_path / "a.html").exists() and "t.csv" not in printed.out
+
+
+@pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
+def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
+    frames: Path,
+    call: Call,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+) -> None:
+    sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
+    made = {"triage": keep, "report": tmp_path / "a.html", "to-colmap": tmp_path / "a.db"}
+    words = {
+        "triage": ("--csv", sheet, "--keep", keep),
+        "report": ("-o", made["report"]),
+        "to-colmap": ("--db", made["to-colmap"]),
+    }
+    for command, target in made.items():
+        assert call(command, frames, *words[command]) == 0 and target.exists()
+    before = {command: target.read_bytes() for command, target in made.items()}
+    shutil.copy(frames / "still.png", frames / "another.png")
+    capsys.readouterr()
+
+    def fail(manifest: Manifest, line: Any) -> None:
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Manifest, "_write", fail)
+        for command, target in made.items():
+            assert call(command, frames, *words[command], "--resume") == 1
+            assert target.read_bytes() == before[command]
+            assert capsys.readouterr().err == f"blur2view: {error}\n"
+    for command, target in made.items():
+        assert call(command, frames, *words[command], "--resume") == 0
+        assert target.read_bytes() != before[command]
+
+
+def test_what_was_done_before_the_run_could_not_go_on_is_printed(
+    frames: Path,
+    call: Call,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    append = Manifest.append
+
+    def fail(manifest: Manifest, job: Any, *rest: Any) -> None:
+        if job.index == 1:
+            raise RunError("the cluster is gone")
+        append(manifest, job, *rest)
+
+    monkeypatch.setattr(Manifest, "append", fail)
+    assert call("triage", frames, "--csv", tmp_path / "t.csv") == 1
+    assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
+    capsys.readouterr()
+    assert call("estimate", frames, "-o", tmp_path / "out", "--json") == 1
+    assert len(json.loads(capsys.readouterr().out)["estimates"]) == 1
+
+
+def test_table_and_page_of_any_name_are_replaced_if_asked(
+    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = ["tab.json", "tab.html", "tab", "tab.png"]
+    for name in odd:
+        for more in ([], ["--overwrite"], ["--resume"]):
+            assert call("triage", frames, "--csv", tmp_path / name, *more) == 0
+    for name in ("page.csv", "page.npz", "page"):
+        for more in ([], ["--overwrite"], ["--resume"]):
+            words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
+            assert call("report", *words) == 0
+    capsys.readouterr()
+    # of another kind
+    before = (tmp_path / "page.csv").read_bytes()
+    assert call("triage", frames, "--csv", tmp_path / "page.csv", "--overwrite") == 1
+    assert "is no table of an earlier call" in capsys.readouterr().err
+    assert (tmp_path / "page.csv").read_bytes() == before

@@ -1,0 +1,43 @@
+"""What tools write: tables in Markdown, pages, and lines of JSON that a killed run goes on from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
+    """Return a table in Markdown as lines; the head's cells have a bar between them."""
+    lines = [f"| {' | '.join(map(str, cells))} |" for cells in rows]
+    return [f"| {head} |", "|---" * (head.count("|") + 1) + "|", *lines]
+
+
+def publish(text: str, path: Path | None) -> None:
+    """Print a page, and write it where a path is given, whose folder is made."""
+    print(text)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+def write_json(path: Path, document: object) -> None:
+    """Write a document, making its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document, indent=1) + "\n")
+
+
+def append_line(path: Path, document: object) -> None:
+    """Add a document to a file of one JSON document a line."""
+    with path.open("a") as stream:
+        stream.write(json.dumps(document) + "\n")
+
+
+def finished_lines(path: Path) -> list[Any]:
+    """Return the documents of such a file; a last line that a kill cut short is left out and cut off."""
+    if not path.exists():
+        return []
+    lines = [line for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
+    path.write_text("".join(lines))
+    return [json.loads(line) for line in lines]
