@@ -75,15 +75,21 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         image = rgb_of(image)
-        grid = self._cells(image, options or TileOptions(), levels)
+        flat = _flat(image, STEP)
+        grid = self._cells(image, flat, options or TileOptions(), levels)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[_flat(image, STEP)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
+        grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
         height, width = image.shape[:2]
         return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
 
-    def _cells(self, image: NDArray[np.float32], options: TileOptions, levels: int) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended."""
+    def _cells(
+        self, image: NDArray[np.float32], flat: NDArray[np.bool_], options: TileOptions, levels: int
+    ) -> NDArray[np.float32]:
+        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended.
+
+        Tiles that are flat all over are not read.
+        """
         height, width = image.shape[:2]
         tiling = options if height * width > options.max_pixels else None
         piece = min(height, width, options.tile_px) if tiling else min(height, width)
@@ -97,12 +103,18 @@ class SmearNetwork:
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
         try:
-            read = pool.map(lambda t: self._reader.read(reflected(image, t[0][0], t[1][0]), levels), tiles)
-            for done, (tile, grid) in enumerate(zip(tiles, read, strict=True), 1):
-                (row, row_weight), (column, column_weight) = tile
-                window = cells(row, STEP), cells(column, STEP)
+            windows = [(cells(row, STEP), cells(column, STEP)) for (row, _), (column, _) in tiles]
+            read = pool.map(
+                lambda tile, window: (
+                    None if flat[window].all() else self._reader.read(reflected(image, *tile), levels)
+                ),
+                [(row, column) for (row, _), (column, _) in tiles],
+                windows,
+            )
+            for done, (tile, window, grid) in enumerate(zip(tiles, windows, read, strict=True), 1):
+                (_, row_weight), (_, column_weight) = tile
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[window] += grid * tile_weight
+                total[window] += 0 if grid is None else grid * tile_weight
                 weight[window] += tile_weight
                 self.on_tile(done, len(tiles))
         finally:
