@@ -62,7 +62,7 @@ def sentence(
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
     """
-    config, undecided = geometry.config, geometry.parallax is Parallax.OPEN
+    config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED
     posed, blur = geometry.cam2_from_cam1 is not None, Blur.of(geometry, matches, size[0])
     match config:
         case Configuration.DEGENERATE | Configuration.UNDEFINED:

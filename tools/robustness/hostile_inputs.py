@@ -32,6 +32,7 @@ import signal
 import stat
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections import Counter
@@ -53,12 +54,15 @@ from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 FRESH_EVERY = 100
+NO_FORK = threading.Lock()
+"""Held where this process may hold a lock of a library's, SQLite's for one, which a fork would wait for."""
 
 
 def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> Call:
     """Return what a call did, in a process of its own."""
     start = time.perf_counter()
-    child = os.fork()
+    with NO_FORK:
+        child = os.fork()
     if child == 0:
         _child(words, folder, case, fresh)
     code = None
@@ -195,9 +199,10 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
-        if case.prepare is not None:
-            case.prepare(folder, words)
-        kept = snapshot(folder) if case.kind == "databases" else None
+        with NO_FORK:
+            if case.prepare is not None:
+                case.prepare(folder, words)
+            kept = snapshot(folder) if case.kind == "databases" else None
         named = case.named or ["--", *map(str, case.photographs)]
         first = named.index("--") + 1
         # no shell can pass a null character
@@ -206,8 +211,10 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         more = [*alone, *case.words, *named[:first], GOOD, *named[first:]]
         every = [*words, *([] if case.commands is OF_MODELS else more)]
         call = run_call(every, folder, case, fresh=fresh)
-        found = complaints(call, full_disk=case.largest_file is not None, prepared=case.prepare is not None)
-        found += [] if kept is None else changes(call, kept)
+        full = case.largest_file is not None
+        with NO_FORK:
+            found = complaints(call, full_disk=full, prepared=case.prepare is not None)
+            found += [] if kept is None else changes(call, kept)
         found += [f"runs what a result says, see {RAN}"] if (folder / RAN).exists() else []
         rude += [f"{complaint}: {call.words!r}" for complaint in found]
         calls.append(call)
