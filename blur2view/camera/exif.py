@@ -60,7 +60,7 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
         with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
             if photo.format == "PNG" and content and not any(mark in content for mark in PNG_MARKS):
-                return ExifFacts()  # Pillow would decode the picture to see whether any comes after it
+                return ExifValues()  # Pillow would decode the picture to see whether any comes after it
             size = photo.size
             exif = photo.getexif()
             tags = dict(exif.get_ifd(ExifTags.IFD.Exif))

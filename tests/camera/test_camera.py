@@ -276,4 +276,4 @@ def test_png_is_not_decoded_for_exif_that_it_has_not(tmp_path: Path, monkeypatch
     late = bare[:-12] + chunk + bare[-12:]  # before IEND, after the pixels
     assert read_exif("a.png", late).rows_towards == (0, -1)
     monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", lambda self: pytest.fail("decoded"))
-    assert read_exif("a.png", bare) == ExifFacts()
+    assert read_exif("a.png", bare) == ExifValues()
