@@ -34,7 +34,7 @@ DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 def kind(geometry: TwoViewGeometry) -> str:
     """Return the kind of a verdict: proven, undecided, flat or none."""
-    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.OPEN
+    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.UNDECIDED
     return "undecided" if beside_H else KINDS[geometry.config]
 
 
@@ -62,7 +62,7 @@ def sentence(
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
     """
-    config, undecided = geometry.config, geometry.parallax is Parallax.OPEN
+    config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED
     posed, blur = geometry.cam2_from_cam1 is not None, Blur.of(geometry, matches, size[0])
     match config:
         case Configuration.DEGENERATE | Configuration.UNDEFINED:

@@ -18,11 +18,11 @@ from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.homography import PlaneH, RotationH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import TELLING, SmearProblem
+from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, richer_starts, with_measured_noise
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.options import CUTOFF
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.two_view.plane_parallax import plane_and_parallax
 from blur2view.two_view.verdict import Structure, Verdict
@@ -43,7 +43,7 @@ SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be as
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NoParallax:
+class Homographies:
     """The homography of most smears and, where a camera may be assumed, the rotation, on one noise.
 
     ``rotation_gain`` is what any homography gains over the rotation, ``needed`` what it must by Schwarz's
@@ -99,7 +99,7 @@ def assess(
         sentence = "no motion, the smears are no longer than their errors"
         return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
     sample = np.sort(rng.permutation(len(matches))[:SAMPLE])
-    plane = find_plane(problem.subset(sample).weighted, CUTOFF, problem.has_camera, rng)
+    plane = find_plane(problem.subset(sample).weighted, problem.has_camera, rng)
     if plane is None:
         structure = Structure.NOTHING if no_consensus else Structure.PARALLAX
         return Verdict(structure=structure, sentence="no homography fits", fit=fit)
@@ -107,11 +107,11 @@ def assess(
     if not no_consensus:
         ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
         backward = np.abs(ordered.backward) < np.abs(ordered.forward)
-        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, CUTOFF, rng)
+        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
-            fit = cheaper(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
+            fit = lower_cost(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
             evidence = evidence_of(matches, problem, fit, plane, sample)
         fit, evidence = recovered(matches, problem, fit, plane, evidence, sample, rng)
     count = problem.data_weight * len(sample)
@@ -136,31 +136,31 @@ def without_parallax(
     figures: str,
 ) -> Verdict:
     """Return the verdict of a rotation, a plane, or either; F stays unless parallax is absent."""
-    found = no_parallax(matches, problem, plane, sample)
+    alternatives = no_parallax(matches, problem, plane, sample)
     names = {
-        True: (Structure.ROTATION, Structure.ROTATION_OPEN),
-        False: (Structure.PLANE, Structure.PLANE_OPEN),
-        None: (Structure.ROTATION_OR_PLANE, Structure.OPEN),
+        True: (Structure.ROTATION, Structure.ROTATION_UNDECIDED),
+        False: (Structure.PLANE, Structure.PLANE_UNDECIDED),
+        None: (Structure.ROTATION_OR_PLANE, Structure.UNDECIDED),
     }
-    structure = names[found.is_rotation][0 if absent else 1]
+    structure = names[alternatives.is_rotation][0 if absent else 1]
     prefix = "there is no parallax" if absent else "parallax is undecided"
-    sentence = f"{prefix}: {figures}; {found.sentence}"
-    return Verdict(structure=structure, sentence=sentence, fit=fit, A=found.generator)
+    sentence = f"{prefix}: {figures}; {alternatives.sentence}"
+    return Verdict(structure=structure, sentence=sentence, fit=fit, generator=alternatives.generator)
 
 
 def no_parallax(
     matches: SmearMatches, problem: SmearProblem, plane: PlaneH, sample: NDArray[np.int_]
-) -> NoParallax:
+) -> Homographies:
     """Return the homography and the rotation that explain most smears, from a first homography."""
     part = matches.subset(sample)
     along, across = part.bulk_px
     data = FlowData.of(problem.subset(sample), (problem.noise_scale * along, problem.noise_scale * across))
     any_homography = fit_flow(plane, data)
     if not problem.has_camera:
-        return NoParallax(plane=any_homography.family, rotation=None, rotation_gain=0.0, needed=0.0)
+        return Homographies(plane=any_homography.family, rotation=None, rotation_gain=0.0, needed=0.0)
     start = RotationH.from_generator(any_homography.family.generator(), problem.prior)
     rotation = fit_flow(start, data)
-    return NoParallax(
+    return Homographies(
         plane=any_homography.family,
         rotation=rotation.family,
         rotation_gain=rotation.cost - any_homography.cost,
@@ -204,11 +204,11 @@ def recovered(
 ) -> tuple[Fit, Evidence]:
     """Return F from the plane and the smears off it, with its evidence, where it is clearly better."""
     off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 >= CUTOFF**2)
-    F = plane_and_parallax(plane.generator(), problem, off_plane, CUTOFF, rng)
+    F = plane_and_parallax(plane.generator(), problem, off_plane, rng)
     if F is None:
         return fit, evidence
     model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem, CUTOFF)
+    other = fit_best(model, points, problem)
     new = evidence_of(matches, problem, other, plane, sample)
     better = problem.data_weight * (new.gain - evidence.gain) > CLEARLY
     return (other, new) if better else (fit, evidence)
@@ -228,17 +228,17 @@ def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
     return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
 
 
-def cheaper(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
-    """Return the cheaper of a fit and of the richest plausible family refined from F (3, 3).
+def lower_cost(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
+    """Return the fit of lower cost: one as given, or the richest plausible family refined from F (3, 3).
 
-    The standard deviations are those that the dearer one left: the cheaper is refined at its own.
+    Standard deviations are those that the given one left; the other, if better, is refined at its own.
     """
     model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem, CUTOFF)
+    other = fit_best(model, points, problem)
     if other.score >= fit.score:
         return fit
-    own = with_measured_noise(problem, other.point.matrix(), CUTOFF)
-    return fit_best(other.model, [other.point], own, CUTOFF)
+    own = with_measured_noise(problem, other.point.matrix())
+    return fit_best(other.model, [other.point], own)
 
 
 def models_of(fits: list[Fit], verdict: Verdict) -> tuple[tuple[MotionModel, float], ...]:

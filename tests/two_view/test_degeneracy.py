@@ -152,7 +152,7 @@ def test_with_overstated_errors_F_is_given_but_parallax_is_open() -> None:
         geometry = estimate_two_view(matches)
         assert geometry.config in (Configuration.PLANAR_OR_PANORAMIC, Configuration.PANORAMIC)
         assert geometry.F is not None and geometry.H is not None
-        assert geometry.parallax is Parallax.OPEN
+        assert geometry.parallax is Parallax.UNDECIDED
         assert geometry.reason.startswith("parallax is undecided")
 
 
@@ -248,9 +248,9 @@ def test_parallax_is_absent_only_where_nothing_moved_and_else_not_told() -> None
     for matches, parallax in [
         (still, Parallax.ABSENT),
         (short, Parallax.ABSENT),
-        (unseen, Parallax.OPEN),
-        (few, Parallax.OPEN),
-        (row, Parallax.OPEN),
+        (unseen, Parallax.UNDECIDED),
+        (few, Parallax.UNDECIDED),
+        (row, Parallax.UNDECIDED),
     ]:
         geometry = estimate_two_view(matches)
         assert geometry.config is Configuration.DEGENERATE, geometry.reason

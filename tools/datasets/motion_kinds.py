@@ -69,7 +69,7 @@ def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Ar
     ends: Array = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
-    plane = find_plane(matches, 3.0, True, rng)
+    plane = find_plane(matches, True, rng)
     if plane is None:
         return length, length
     deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma

@@ -37,7 +37,7 @@ def test_true_smears_follow_the_true_F(kind: Kind) -> None:
 def test_only_rotations_and_planes_are_one_homography(kind: Kind) -> None:
     scene = draw_scene(kind, 1)
     matches = WeightedEnds(ends=scene.true_ends / 768, sigma=np.full(len(scene.true_ends), 0.1 / 768))
-    plane = find_plane(matches, 3.0, True, np.random.default_rng(0))
+    plane = find_plane(matches, True, np.random.default_rng(0))
     assert plane is not None
     inside = np.mean(np.abs(transfer_orders(plane.generator(), matches).least) < 3)
     assert inside > 0.99 if kind != "general" else inside < 0.9
