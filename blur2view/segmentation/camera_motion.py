@@ -77,22 +77,24 @@ class Cells:
         return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
 
 
-def camera_field(cells: Cells, rng: np.random.Generator) -> Array:
+def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:
     """Return the displacement (h, w, 2) that the camera's motion gives every cell, pixels.
 
     Parameters
     ----------
     cells : Cells
+    weight : ndarray of shape (h, w)
+        How much each cell counts, 0 to 1: little where something else is known to move.
     rng : numpy.random.Generator
         Draws the starts.
     """
     basis, seen = _basis(cells), cells.displacement.reshape(-1, 2)
-    sigma = cells.error_px.ravel()
-    affine = _start(basis[:, :3], seen, sigma, rng)
+    sigma, counted = cells.error_px.ravel(), weight.ravel()
+    affine = _start(basis[:, :3], seen, sigma, counted, rng)
     model = np.zeros((6, 2))
     model[:3] = affine
     for _ in range(STEPS):
-        model = _reweighted(model, basis, seen, sigma)
+        model = _reweighted(model, basis, seen, sigma, counted)
     return np.asarray((basis @ model).reshape(cells.displacement.shape))
 
 
@@ -103,9 +105,11 @@ def _basis(cells: Cells) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
-def _start(basis: Array, seen: Array, sigma: Array, rng: np.random.Generator) -> Array:
+def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
     """Return the affine field (3, 2) of least cost through three cells each."""
-    triples = rng.choice(len(seen), (SAMPLES, 3), p=(1 / sigma) / (1 / sigma).sum())
+    share = weight / sigma
+    share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
+    triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
     inverse = np.linalg.pinv(basis[triples], rcond=1e-3)  # (S, 3, 3)
     signed = seen[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
     constant = np.zeros((SAMPLES, 3, 2))
@@ -116,16 +120,16 @@ def _start(basis: Array, seen: Array, sigma: Array, rng: np.random.Generator) ->
     error = np.minimum(
         ((predicted - seen[scored]) ** 2).sum(-1), ((predicted + seen[scored]) ** 2).sum(-1)
     ) / (4 * sigma[scored] ** 2)
-    cost = (error / (1 + error) / sigma[scored]).sum(axis=1)
+    cost = (weight[scored] / sigma[scored] * error / (1 + error)).sum(axis=1)
     return np.asarray(models[np.argmin(cost)])
 
 
-def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array) -> Array:
+def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array, weight: Array) -> Array:
     """Return the field (6, 2) after one step of reweighted least squares (Geman-McClure)."""
     predicted = basis @ model
     signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
     squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
-    each = 1 / (1 + squared) ** 2 / sigma**2
+    each = weight / (1 + squared) ** 2 / sigma**2
     length = FIELD_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
     ridge = np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2
     normal = (basis * each[:, None]).T @ basis + np.diag(ridge + 1e-9)

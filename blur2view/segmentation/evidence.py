@@ -109,11 +109,11 @@ def smooth(gradients: Array) -> NDArray[np.bool_]:
     return np.asarray(cv2.blur(np.ascontiguousarray(gradients[..., 0], np.float32), (size, size)) < SMOOTH)
 
 
-def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int, finer: int = FINER) -> Array:
-    """Return the mean squared gradients of an image (H, W, 3), (finer h, finer w, 3 OCTAVES).
+def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int) -> Array:
+    """Return the mean squared gradients of an image (H, W, 3), (FINER h, FINER w, 3 OCTAVES).
 
-    Of each octave gx^2 + gy^2, gx^2 - gy^2 and 2 gx gy: rotated like double angles. ``grid`` is (h, w), and
-    ``finer`` places lie on a cell's side.
+    About half cells, of each octave gx^2 + gy^2, gx^2 - gy^2 and 2 gx gy: rotated like double angles.
+    ``grid`` is (h, w).
     """
     strips = []
     for first in range(0, grid[0], STRIP):
@@ -122,8 +122,8 @@ def gradients_of(image: NDArray[np.float32], grid: tuple[int, int], stride: int,
         grey = cv2.cvtColor(np.ascontiguousarray(part), cv2.COLOR_RGB2GRAY)
         missing = (below - above) * stride - grey.shape[0], grid[1] * stride - grey.shape[1]
         grey = np.pad(grey, ((0, missing[0]), (0, missing[1])), mode="symmetric")
-        rows = slice(finer * (first - above), finer * (min(first + STRIP, grid[0]) - above))
-        strips.append(_gradients(grey, (finer * (below - above), finer * grid[1]))[rows])
+        rows = slice(FINER * (first - above), FINER * (min(first + STRIP, grid[0]) - above))
+        strips.append(_gradients(grey, (FINER * (below - above), FINER * grid[1]))[rows])
     return np.concatenate(strips)
 
 

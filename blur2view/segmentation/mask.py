@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,15 +14,15 @@ from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.camera_motion import Cells, camera_field
-from blur2view.segmentation.decoder import shipped
+from blur2view.segmentation.classifier import shipped
 from blur2view.segmentation.evidence import (
     FINER,
     evidence,
+    gradients_of,
     off_lines_error_px,
     off_lines_px,
     smooth,
 )
-from blur2view.segmentation.picture import QUARTER, Picture
 from blur2view.segmentation.pixels import (
     MOST_STILL,
     MovingRegion,
@@ -31,6 +32,7 @@ from blur2view.segmentation.pixels import (
     to_pixels,
 )
 
+ROUNDS = 2  # fits of the camera's motion, the second without what moves
 STILL_PX = 1.0  # median displacement of the camera's motion below which it stands still
 SHARED = 0.4  # of what is read in the picture: from there on it is open which motion is the camera's
 # Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten such
@@ -78,8 +80,9 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
 
     The camera's motion is one smooth field through the smears and, where there is one, F. What departs from
     both, and where the picture is blurred otherwise than the camera's motion blurs it, is weighed by a small
-    network (`decoder`). Where parallax is proven, parts on the epipolar lines are at another depth and stand
-    still. Unobservable is what is smooth, what is read badly, and what may as well move as stand still.
+    network (`classifier`); the camera's motion is then fitted again without what moves. Where parallax is
+    proven, parts on the epipolar lines are at another depth and stand still. Unobservable is what is smooth,
+    what is read badly, and what may as well move as stand still.
 
     Parameters
     ----------
@@ -101,14 +104,12 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
     rng = np.random.default_rng(0) if rng is None else rng
     F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
     cells = Cells.of(grid, estimate.camera)
-    picture = Picture.of(image, grid.cells.shape[:2], grid.stride)
-    motion = camera_field(cells, rng)
-    median_px = float(np.median(np.linalg.norm(motion, axis=-1)))
-    moving, read = shipped().log_odds(*places(cells, motion, F, picture))
-    hidden = _repeated(smooth(picture.halves()), QUARTER // FINER)
+    gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
+    median_px, moving, read = _log_odds(cells, F, gradients, rng)
+    hidden = smooth(gradients)
     moves, reads = (_share(np.where(hidden, -np.inf, odds)) for odds in (moving, read))
-    size_px = grid.stride // QUARTER
-    hidden = _repeated(hidden, size_px)[: image.shape[0], : image.shape[1]]
+    size_px = grid.stride // FINER
+    hidden = hidden.repeat(size_px, axis=0)[: image.shape[0]].repeat(size_px, axis=1)[:, : image.shape[1]]
     probability = to_pixels(moves, size_px, image)
     probability[hidden] = 0  # outlines follow edges, also into what is smooth
     parts = moving_parts(probability, *(BEFORE_MOVING if median_px >= STILL_PX else BEFORE_STILL))
@@ -129,20 +130,20 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
     )
 
 
-def places(cells: Cells, motion: Array, F: Array | None, picture: Picture) -> tuple[AnyArray, AnyArray]:
-    """Return evidence of half cells, (FINER h, FINER w, K), and of quarters, (QUARTER h, QUARTER w, L)."""
-    halves = evidence(cells, motion, F, picture.halves())
-    spectra = picture.spectra_turned(motion)
-    quarters = picture.gradients_turned(motion, cells.displacement)
-    return np.concatenate([halves, spectra], axis=-1).astype(np.float32), quarters
+def _log_odds(
+    cells: Cells, F: Array | None, gradients: Array, rng: np.random.Generator
+) -> tuple[float, Array, Array]:
+    """Return the camera's median motion, pixels, and log-odds (FINER h, FINER w) of moving and of reading."""
+    weight: Array = np.ones(cells.sigma_px.shape)
+    for _ in range(ROUNDS):
+        motion = camera_field(cells, weight, rng)
+        moving, read = shipped().log_odds(evidence(cells, motion, F, gradients))
+        moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
+        weight = 1 - np.asarray(moves, float)
+    return float(np.median(np.linalg.norm(motion, axis=-1))), moving, read
 
 
-def _repeated(mask: NDArray[np.bool_], times: int) -> NDArray[np.bool_]:
-    """Return a mask (h, w) of places so many times as fine."""
-    return mask.repeat(times, axis=0).repeat(times, axis=1)
-
-
-def _share(log_odds: AnyArray) -> NDArray[np.float32]:
+def _share(log_odds: Array) -> NDArray[np.float32]:
     """Return probabilities."""
     return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -30, 30))), np.float32)
 
