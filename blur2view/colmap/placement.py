@@ -217,7 +217,12 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
     seen = np.array([i for i in one.matched if points[int(i)].has_point3D()], np.int64)
     pose = one.photograph.cam_from_world().matrix()
-    world = np.array([model.points3D[points[int(i)].point3D_id].xyz for i in seen]).reshape(-1, 3)
+    ids = [points[int(i)].point3D_id for i in seen]
+    if not all(number in model.points3D for number in ids):
+        raise DatabaseError(
+            f"{one.name}: sees points that the model does not have; let COLMAP write it again"
+        )
+    world = np.array([model.points3D[number].xyz for number in ids]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (
         normalised_points(camera, from_colmap(view.keypoints[seen])) if len(seen) else np.zeros((0, 2))
