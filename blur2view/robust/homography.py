@@ -189,17 +189,7 @@ def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
 
 
 def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
-    """Return the minimum of data_weight * sum rho(squared residual) + |prior|^2, orders weighed.
-
-    As `refinement.refine`, with two-dimensional residuals.
-
-    Returns
-    -------
-    family : Homographies
-        The cheapest point met; ``start`` where nothing is better.
-    cost : float
-        Its cost, dimensionless (twice a negative log-likelihood).
-    """
+    """Return the homography of least data_weight * sum rho(squared residual) + |prior|^2, and that cost."""
     best = _WeightedHomography(family=start, matches=matches, options=options)
     for step in levenberg_marquardt(best, options.max_iterations):
         best = step.point

@@ -12,7 +12,6 @@ from functools import cache
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -161,6 +160,8 @@ def _strip(
 
 def _spectra(grey: AnyArray, step: int, places: tuple[int, int]) -> Floats:
     """Return log powers (rows, columns, rings, SECTORS) of windows about squares of ``step`` pixels."""
+    import scipy.fft  # 0.1 s, so only for a mask
+
     margin = (WINDOW - step) // 2
     windows = sliding_window_view(np.pad(grey, margin, mode="symmetric"), (WINDOW, WINDOW))[::step, ::step]
     hann = np.hanning(WINDOW + 1)[:-1].astype(np.float32)

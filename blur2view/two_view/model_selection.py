@@ -17,16 +17,13 @@ from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
 from blur2view.smears.noise import INDEPENDENT
 
-ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
+STEPS = 12  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
 KEPT = 3, 2  # that take a first and a second step; then the cheapest alone goes on
-TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
+TOLERANCE = 3e-4  # relative decrease of the cost that ends a fit
 FREE_TOLERANCE = 1e-2  # of a fit that takes every smear for independent; another goes on from it
 CLEARLY = 6.0  # what that must gain in cost: at 0, 6 more of 210 estimates of network smears fail
-PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
-GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
-WITHIN_REACH = 50.0  # the two-parameter F, fitted before, gains less from what it is then refined on
 SCALE_STEPS = 8  # of expectation-maximisation
 LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for the two-parameter F's start
@@ -76,19 +73,16 @@ def fit_families(
     point = fit_roughly(model, points, richer_starts(rough, [simple.matrix()])[1], rough)
     problem = with_measured_noise(estimator.problem, point.matrix())  # and as the fitted F has it
     richest = fit_best(model, [point], problem)
-    plain = fit_best(MotionModel.TRANSLATION, [simple], problem, 0)
-    if plain.score < richest.score + WITHIN_REACH:
-        plain = fit_best(MotionModel.TRANSLATION, [simple], problem)
-    fits = [plain, richest]
+    fits = [fit_best(MotionModel.TRANSLATION, [simple], problem), richest]
     if model is not MotionModel.GENERAL:
-        last = GeneralF.from_matrix(fits[1].point.matrix())
-        fits.append(fit_best(MotionModel.GENERAL, [last], problem, GENERAL_STEPS, GENERAL_TOLERANCE))
+        general = GeneralF.from_matrix(richest.point.matrix())
+        fits.append(fit_best(MotionModel.GENERAL, [general], problem))
     return problem, fits
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
     """Return the two-parameter F, fitted robustly on the standard deviations as given."""
-    options = RefineOptions(max_iterations=ROUGH_STEPS, tolerance=PLAIN_TOLERANCE, decided=True)
+    options = RefineOptions(max_iterations=STEPS, tolerance=TOLERANCE, decided=True)
     return refine(translation_start(estimator, PAIRS, rng), estimator.problem.thinned.weighted, options)[0]
 
 
@@ -123,10 +117,8 @@ def fit_roughly(
     an image size ended at a rho of 0.0009 to 0.0084; with it all end below 0.0003.
     """
     free = replace(problem, shared=INDEPENDENT)
-    far = fit_best(model, unrotated, free, ROUGH_STEPS, FREE_TOLERANCE).point
-    near, other = (
-        fit_best(model, points, problem, ROUGH_STEPS, ROUGH_TOLERANCE) for points in (starts, [far])
-    )
+    far = fit_best(model, unrotated, free, FREE_TOLERANCE).point
+    near, other = (fit_best(model, points, problem) for points in (starts, [far]))
     return (other if other.score < near.score - CLEARLY else near).point
 
 
@@ -134,7 +126,6 @@ def fit_best(
     model: MotionModel,
     starts: list[Manifold],
     problem: SmearProblem,
-    steps: int = FINAL_STEPS,
     tolerance: float = TOLERANCE,
 ) -> Fit:
     """Return the cheapest refinement of the starts. The score is Akaike's criterion.
@@ -145,7 +136,7 @@ def fit_best(
     refine all is worse: an AUC@10 of 0.721, not 0.735, over 139 synthetic scenes.
     """
     options = RefineOptions(
-        data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
+        data_weight=problem.data_weight, max_iterations=STEPS, tolerance=tolerance, rest=REST
     )
     trials = [(next(run), run) for run in (refining(start, problem.weighted, options) for start in starts)]
     for kept in KEPT:

@@ -76,16 +76,10 @@ def blocks_of(middle: Array, count: int) -> NDArray[np.int_]:
 
 
 def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float:
-    """Return the share of independent values, from 1 / (values per block) to 1: how little neighbours agree.
+    """Return the share of independent values (K, N), from 1 / (values per block) to 1: K kinds of residuals.
 
-    Parameters
-    ----------
-    values : ndarray of shape (K, N)
-        K kinds of residuals of N smears, in standard deviations.
-    used : ndarray of bool, shape (N,)
-    middle : ndarray of shape (N, 2)
-        Midpoints. Within blocks of a fifth of their extent residuals are summed: the sum of m residuals of
-        variance v has variance m v if they are independent, m^2 v if they agree.
+    Within blocks of a fifth of the midpoints' extent those of ``used`` (N,) are summed: the sum of m
+    residuals of variance v has variance m v if they are independent, m^2 v if they agree.
     """
     kept, block = np.where(used, values, 0.0), blocks_of(middle, BLOCKS)
     sums = np.stack([np.bincount(block, weights=row) for row in kept])
@@ -135,18 +129,8 @@ def find_two_motions(
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
-    Parameters
-    ----------
-    problem : SmearProblem
-    F : ndarray of shape (3, 3)
-        The best single one, normalised coordinates.
-    backward : ndarray of bool, shape (N,)
-        Orders of the best homography, see `errors_by_order`.
-    on_plane : float
-        Share of the smears that one homography explains.
-    stated_px : ndarray of shape (N,)
-        Standard deviations of Sampson distances as stated, pixels.
-    rng : numpy.random.Generator
+    F (3, 3) is the best single one, ``backward`` (N,) the orders of the best homography (`errors_by_order`),
+    ``on_plane`` the share of smears that it explains, ``stated_px`` (N,) Sampson deviations as stated.
     """
     scale = float(np.median(problem.sigma_px / stated_px))
     if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):

@@ -44,21 +44,9 @@ def fundamentals_through(A: Array, epipoles: Array) -> Array:
 def plane_and_parallax(
     A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], rng: np.random.Generator
 ) -> Array | None:
-    """Return the best F that is compatible with a homography and fixed by two smears off it.
+    """Return the best F (3, 3), normalised, of a homography's generator A and two smears off its plane.
 
-    Parameters
-    ----------
-    A : ndarray of shape (3, 3)
-        Generator of the homography, normalised coordinates.
-    problem : SmearProblem
-    off_plane : ndarray of int, shape (M,)
-        Smears that the homography does not explain.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray of shape (3, 3) or None
-        Normalised coordinates; None if there are fewer than two such smears.
+    None if there are fewer than two of them (``off_plane`` indexes those that the homography leaves).
     """
     if len(off_plane) < 2:
         return None

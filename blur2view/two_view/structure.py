@@ -84,15 +84,7 @@ def assess(
 ) -> Verdict:
     """Return what the smears show, given every model of F that was fitted.
 
-    Parameters
-    ----------
-    matches : SmearMatches
-    problem : SmearProblem
-        The same smears, with standard deviations rescaled to what is met.
-    fits : list of Fit
-    rng : numpy.random.Generator
-    no_consensus : bool
-        Whether the cheapest F explains hardly more than chance: then only a homography is considered.
+    With ``no_consensus`` the F of least cost is hardly better than chance: only a homography is looked for.
     """
     fit = min(fits, key=lambda fit: fit.score)
     if no_consensus and within_errors(matches):
