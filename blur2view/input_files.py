@@ -35,13 +35,13 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     return file
 
 
-def _require_regular(found: os.stat_result) -> int:
+def _require_regular(status: os.stat_result) -> int:
     """Return the size of a regular file; OSError of any other."""
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "is no regular file")
-    return found.st_size
+    return status.st_size
 
 
 def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:

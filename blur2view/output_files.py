@@ -101,6 +101,16 @@ def prepared(*folders: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Create a folder, see `prepared`, for what is written; OutputError where it cannot be."""
+    with prepared(folder):
+        try:
+            yield
+        except OSError as error:
+            raise unwritable(folder, error) from None
+
+
 @dataclass(frozen=True, kw_only=True)
 class ResultFiles:
     """The files of one photograph, of which the last one, a document, is written last: then all are there.
@@ -270,8 +280,5 @@ def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
 
 def write_text(target: Path, text: str) -> None:
     """Write a table or a list, whole or not at all."""
-    with prepared(target.parent):
-        try:
-            write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
-        except OSError as error:
-            raise unwritable(target.parent, error) from None
+    with writing(target.parent):
+        write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))

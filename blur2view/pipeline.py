@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifFacts, disagreement, read_exif
+from blur2view.camera.exif import ExifValues, disagreement, read_exif
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.errors import CameraError
 from blur2view.geometry.pose import AngularVelocity
@@ -272,7 +272,7 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
     )
 
 
-def contradictions(run: Run, camera: Camera | None, exif: ExifFacts) -> tuple[str, ...]:
+def contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[str, ...]:
     """Return a line for each option that EXIF contradicts; the option is believed all the same."""
     option = run.intrinsics.stated
     focal_px = None if camera is None or option is None else camera.focal_px
@@ -282,7 +282,7 @@ def contradictions(run: Run, camera: Camera | None, exif: ExifFacts) -> tuple[st
     )
 
 
-def _shutter(path: Path, run: Run, exif: ExifFacts) -> RollingShutter | None:
+def _shutter(path: Path, run: Run, exif: ExifValues) -> RollingShutter | None:
     """Return the rolling shutter of a photograph, None where the options name none."""
     exposure_s = run.exposure_s or exif.exposure_s
     if not run.readout_s:

@@ -38,22 +38,9 @@ def length_ratio(displacement: ArrayLike, true_displacement: ArrayLike) -> Array
 def sparsification_curve(error: ArrayLike, sigma: ArrayLike, steps: int = 20) -> tuple[Array, Array, Array]:
     """Mean error of what is left after removing the least certain share, by sigma and by the error itself.
 
-    Parameters
-    ----------
-    error, sigma : ndarray of shape (N,)
-        Errors and the standard deviations predicted for them.
-    steps : int
-        Number of shares, from 0 to 1 - 1 / steps.
-
-    Returns
-    -------
-    removed, by_sigma, by_error : ndarray of shape (steps,)
-        Share removed; mean errors over the mean of all (1 at the start; all 0 if every error is 0).
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or there are no errors.
+    ``error`` and ``sigma`` (N,) are errors and the deviations predicted for them. Returned are the shares
+    removed, ``steps`` of them from 0, and mean errors over the mean of all (1 at the start; all 0 if every
+    error is 0). ValueError if the shapes differ or there are no errors.
 
     References
     ----------
@@ -133,10 +120,7 @@ def _angle_deg(R: Array) -> float:
 def translation_direction_error_deg(t: Array, t_true: Array) -> float:
     """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first says nothing, is zero.
 
-    Raises
-    ------
-    ValueError
-        If the true one is zero.
+    ValueError if the true one is zero.
     """
     if not np.linalg.norm(t_true) > 0:
         raise ValueError("a zero translation has no direction")

@@ -19,11 +19,12 @@ ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1
 # Half a stop. EXIF's times are rounded by up to 7 % (1/15 for 1/16), shutters are off by a third of a stop at
 # most; focal lengths are good to a few per cent, unless the picture was cropped.
 MOST_APART = 2**0.5
+PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # what a PNG with EXIF has one of
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExifFacts:
+class ExifValues:
     """Values of EXIF; None where there is no usable one.
 
     Parameters
@@ -44,7 +45,7 @@ class ExifFacts:
     rows_towards: tuple[int, int] = (0, 1)
 
 
-def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifFacts:
+def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
     """Return focal length, exposure time and orientation; None of a photograph without EXIF or a damaged one.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
@@ -58,17 +59,19 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     try:
         with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
+            if photo.format == "PNG" and content and not any(mark in content for mark in PNG_MARKS):
+                return ExifValues()  # Pillow would decode the picture to see whether any comes after it
             size = photo.size
             exif = photo.getexif()
             tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
             # pillow_heif turns pictures upright and keeps what the tag said
             orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
-        return ExifFacts()
+        return ExifValues()
     focal_px, focal_tags = _focal(tags, size)
     if focal_px is not None and not possible_focal(focal_px):
         focal_px, focal_tags = None, ""
-    return ExifFacts(
+    return ExifValues(
         focal_px=focal_px,
         focal_tags=focal_tags,
         exposure_s=_positive(tags, "ExposureTime"),

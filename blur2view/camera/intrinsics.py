@@ -8,7 +8,7 @@ from pathlib import Path
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import FOCAL_RANGE, possible_focal
-from blur2view.camera.exif import ExifFacts
+from blur2view.camera.exif import ExifValues
 from blur2view.errors import CameraError
 
 EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, cropped pictures
@@ -56,20 +56,11 @@ class Intrinsics:
         """Whether the camera is in a COLMAP database, which is read for every photograph."""
         return callable(self.camera)
 
-    def of(self, path: Path, image_size: tuple[int, int], exif: ExifFacts) -> Camera | None:
-        """Return the camera of one photograph.
+    def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
+        """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 
         Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
         a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
-
-        Parameters
-        ----------
-        path : Path
-            The photograph.
-        image_size : (int, int)
-            Width and height, upright.
-        exif : ExifFacts
-            Of the photograph.
 
         Raises
         ------

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
+from typing import get_type_hints
 
 from blur2view import __version__
 from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
@@ -151,15 +152,14 @@ def run(parsed: argparse.Namespace) -> int:
     from blur2view.cli.options import read_options
 
     command = import_module(f"blur2view.cli.{parsed.command.replace('-', '_')}")
-    return int(command.run(read_options(parsed)))
+    kind = get_type_hints(command.run)["options"]
+    return int(command.run(read_options(parsed, kind)))
 
 
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
     parser = CommandParser(
-        prog="blur2view",
-        description=paragraph(DESCRIPTION),
-        epilog=table("exit codes", EXIT_CODES),
+        prog="blur2view", description=paragraph(DESCRIPTION), epilog=table("exit codes", EXIT_CODES)
     )
     parser.add_argument(
         COMPLETION,

@@ -1,24 +1,21 @@
 """The command ``blur2view estimate``: the two-view geometry of each photograph."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from blur2view.cli.options import EstimateOptions
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
-from blur2view.cli.work import EstimatingWork
+from blur2view.cli.work import DocumentWork
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
-from blur2view.results.stored import restored_file
 from blur2view.runs.job import Job, Made
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateWork(EstimatingWork[ResultFiles | None, EstimateDocument | None]):
-    """The work on one photograph; its document is kept where it is printed."""
+class EstimateWork(DocumentWork[EstimateDocument]):
+    """The work on one photograph."""
 
     full_field: bool
-    json: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -33,11 +30,10 @@ class EstimateWork(EstimatingWork[ResultFiles | None, EstimateDocument | None]):
             warnings=one.warnings,
         )
 
-    def restored(self, job: Job[ResultFiles | None], stored: Any) -> EstimateDocument | None:
-        """Return the document that an earlier call has written."""
-        if not self.json or job.target is None:
-            return None
-        return restored_file(EstimateDocument, job.target.document)
+    @staticmethod
+    def kind() -> type[EstimateDocument]:
+        """Return the type of the document."""
+        return EstimateDocument
 
 
 def run(options: EstimateOptions) -> int:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from blur2view.photographs.inputs import Inputs
     from blur2view.pipeline import Run
 
+Options = TypeVar("Options")
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 
@@ -195,61 +196,14 @@ class ToColmapOptions(PhotographOptions):
         return self.format == HLOC
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions:
-    """Those of ``blur2view to-transforms``."""
-
-    model: Path
-    photographs: Path | None
-    exposure: float
-    output: Path
-    dialect: str
-    overwrite: bool
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        """Refuse an exposure time that is none."""
-        if not 0 < self.exposure < math.inf:
-            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaceOptions:
-    """Those of ``blur2view place``."""
-
-    database: Path
-    model: Path
-    photographs: Path
-    fraction: float | None
-    output: Path
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        """Refuse a fraction that is none."""
-        if self.fraction is not None and not 0 < self.fraction < math.inf:
-            raise ValueError(f"--fraction must be positive and finite, got {self.fraction}")
-
-
-Options = PhotographOptions | PlaceOptions | ToTransformsOptions
-OF_COMMAND: dict[str, type[Options]] = {
-    "estimate": EstimateOptions,
-    "segment": SegmentCommandOptions,
-    "report": ReportOptions,
-    "triage": TriageOptions,
-    "to-colmap": ToColmapOptions,
-    "place": PlaceOptions,
-    "to-transforms": ToTransformsOptions,
-}
-
-
-def read_options(parsed: Namespace) -> Options:
-    """Return what argparse gave as the options of its command; a wrong value is a usage error."""
-    kind, values = OF_COMMAND[parsed.command], dict(vars(parsed))
+def read_options(parsed: Namespace, kind: type[Options]) -> Options:
+    """Return what argparse gave as options of a kind; a wrong value is a usage error."""
+    values = dict(vars(parsed))
     if issubclass(kind, PhotographOptions):
         with _usage(parsed):
             values["run"] = _run(values)
         values["inputs"] = _inputs(values)
-    known = {field.name for field in fields(kind)}
+    known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     with _usage(parsed):
         return kind(**{name: value for name, value in values.items() if name in known})
 

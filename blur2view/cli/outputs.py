@@ -107,9 +107,10 @@ def _planned(
             earlier=manifest,
         )
     for (job, _), files in zip(jobs_of(options), plan, strict=True):
-        target = files if isinstance(files, ResultFiles) else None
+        refused = files if isinstance(files, OutputError) else None
+        target = None if isinstance(files, OutputError) else files
         planned = Job(index=job.index, path=job.path, target=target, neighbours=job.neighbours)
-        jobs.append((planned, files if isinstance(files, OutputError) else None))
+        jobs.append((planned, refused))
     return jobs
 
 

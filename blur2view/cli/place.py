@@ -3,27 +3,38 @@
 import math
 import os
 import tempfile
+from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
 
-from blur2view.cli.options import PlaceOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap.models import (
-    PROJECT_FILE,
-    FoundModel,
-    find_model,
-    is_ours,
-    project_text,
-)
+from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
-from blur2view.file_writing import unwritable, write_atomically
-from blur2view.output_files import prepared
+from blur2view.file_writing import write_atomically
+from blur2view.output_files import writing
 from blur2view.photographs.inputs import list_photographs
 
 DONE = 0
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions:
+    """Those of ``blur2view place``."""
+
+    database: Path
+    model: Path
+    photographs: Path
+    fraction: float | None
+    output: Path
+    verbosity: int
+
+    def __post_init__(self) -> None:
+        """Refuse a fraction that is none."""
+        if self.fraction is not None and not 0 < self.fraction < math.inf:
+            raise ValueError(f"--fraction must be positive and finite, got {self.fraction}")
 
 
 def run(options: PlaceOptions) -> int:
@@ -72,16 +83,13 @@ def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
 def _write(options: PlaceOptions, placement: Placement) -> None:
     """Write the model and what says where it is from; each file whole or not at all."""
     folder = options.output
-    with prepared(folder):
-        try:
-            text = project_text(options.database, options.photographs)
-            write_atomically(folder / PROJECT_FILE, methodcaller("write", os.fsencode(text)))
-            with tempfile.TemporaryDirectory(dir=folder) as beside:
-                placement.model.write(beside)
-                for name in FILES:
-                    Path(beside, name).replace(folder / name)
-        except OSError as error:
-            raise unwritable(folder, error) from None
+    with writing(folder):
+        text = project_text(options.database, options.photographs)
+        write_atomically(folder / PROJECT_FILE, methodcaller("write", os.fsencode(text)))
+        with tempfile.TemporaryDirectory(dir=folder) as beside:
+            placement.model.write(beside)
+            for name in FILES:
+                Path(beside, name).replace(folder / name)
 
 
 def summary(options: PlaceOptions, model: FoundModel, placement: Placement, frames: int) -> str:

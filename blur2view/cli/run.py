@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -44,29 +44,17 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finished(Generic[Taken]):
-    """What came of a run over photographs.
+    """What came of a run over photographs, in their order.
 
-    Parameters
-    ----------
-    taken : sequence
-        What the command takes of every photograph, in their order.
-    rows : sequence of Row
-        Of the table, as far as the run has come.
-    failures : sequence of FailureDocument
-        Photographs that failed.
-    end : End
-        Of a broken run files of all photographs stay as an earlier call left them, but for the table.
-    has_table : bool
-        Whether it was not asked for, or could be written.
-    skipped : int
-        Photographs that an earlier call has done.
-    seconds : float
-        Time that the run took.
+    ``taken`` is what the command takes of each, ``rows`` are those of the table as far as the run has come,
+    ``has_table`` says whether it was not asked for, or could be written, ``skipped`` how many photographs an
+    earlier call has done. Of a broken run files of all photographs stay as an earlier call left them, but for
+    the table.
     """
 
-    taken: Sequence[Taken] = ()
-    rows: Sequence[Row] = ()
-    failures: Sequence[FailureDocument] = ()
+    taken: list[Taken] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    failures: list[FailureDocument] = field(default_factory=list)
     end: End = End.WHOLE
     has_table: bool = True
     skipped: int = 0
@@ -86,14 +74,8 @@ def begun(
 ) -> Iterator[Manifest | None]:
     """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
 
-    Parameters
-    ----------
-    options : PhotographOptions
-    work : Work
-    path : Path or None
-        Of the manifest. One photograph alone leaves nothing to go on with.
-    others : iterable of Path or None
-        What else the call writes.
+    ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
+    the call writes.
     """
     folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
@@ -146,11 +128,8 @@ def run_over(
     jobs = list(jobs)
     names = names or colmap_names(options.inputs)
     engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
-    taken: list[Taken] = []
-    rows: list[Row] = []
-    failures: list[FailureDocument] = []
-    skipped, warned = 0, set[str]()
-    end, start = End.WHOLE, time.monotonic()
+    run: Finished[Taken] = Finished()
+    skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
         with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
@@ -162,14 +141,14 @@ def run_over(
                     text = None if line is None or outcome.made is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
                 if outcome.made is None:
-                    failures.append(FailureDocument(image=str(job.path), error=outcome.error))
+                    run.failures.append(FailureDocument(image=str(job.path), error=outcome.error))
                 else:
                     warned |= _warn(options, bar, job.path, outcome.made.warnings, warned)
                 if not options.inputs.is_folder(job.path):
-                    rows.append(row)
+                    run.rows.append(row)
                 skipped += outcome.skipped
-                taken.append(take(job, outcome))
-                if outcome.stop or len(failures) == options.max_failures:
+                run.taken.append(take(job, outcome))
+                if outcome.stop or len(run.failures) == options.max_failures:
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -179,21 +158,13 @@ def run_over(
         end = End.BROKEN
     finally:
         bar.close()
-    has_table = _write_table(options.csv, rows)
-    seconds = time.monotonic() - start
+    has_table, seconds = _write_table(options.csv, run.rows), time.monotonic() - start
+    run = replace(run, end=end, has_table=has_table, skipped=skipped, seconds=seconds)
     if end is End.WHOLE and len(jobs) > 1 and options.prints and line is None:
-        print(_total(len(jobs), len(taken), skipped, len(failures), seconds))
+        print(_total(len(jobs), run))
     elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
-        print(_how_to_go_on(end, len(taken), len(jobs), manifest), file=sys.stderr)
-    return Finished(
-        taken=taken,
-        rows=rows,
-        failures=failures,
-        end=end,
-        has_table=has_table,
-        skipped=skipped,
-        seconds=seconds,
-    )
+        print(_how_to_go_on(run, len(jobs), manifest), file=sys.stderr)
+    return run
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:
@@ -247,22 +218,23 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _how_to_go_on(end: End, done: int, count: int, manifest: Manifest | None) -> str:
-    """Return what is said of a run that ended early."""
-    line = f"blur2view: {end.name.lower()}"
+def _how_to_go_on(run: Finished[Taken], count: int, manifest: Manifest | None) -> str:
+    """Return one line about a run that ended early."""
+    line = f"blur2view: {run.end.name.lower()}"
     if count > 1:
-        line += f" after {done} of {plural(count, 'photograph')}"
+        line += f" after {len(run.taken)} of {plural(count, 'photograph')}"
         line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
     return line
 
 
-def _total(count: int, gone_through: int, skipped: int, failed: int, seconds: float) -> str:
+def _total(count: int, run: Finished[Taken]) -> str:
     """Return the closing line; a video may have fewer frames than it says."""
-    done = gone_through - skipped - failed
+    skipped, failed = run.skipped, len(run.failures)
+    done = len(run.taken) - skipped - failed
     parts = [f"{done} done"] if done or not (skipped or failed) else []
     parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
-    rate = f", {done / seconds:.2g} a second" if done and seconds > 0 else ""
-    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {seconds:.1f} s{rate}"
+    rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
+    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}"
 
 
 def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
@@ -273,11 +245,10 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
 def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
     """Return the jobs of a command that writes no files of single photographs."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
-    jobs = (
-        Job(index=index, path=path, target=None, neighbours=neighbours)
+    return [
+        (Job(index=index, path=path, target=None, neighbours=neighbours), None)
         for index, (path, neighbours) in enumerate(beside.items())
-    )
-    return [(job, None) for job in jobs]
+    ]
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:

@@ -2,29 +2,26 @@
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from blur2view.cli.options import SegmentCommandOptions
 from blur2view.cli.outputs import MASK, MaskExport, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
-from blur2view.cli.work import EstimatingWork
+from blur2view.cli.work import DocumentWork
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.masks import MaskDocument, MasksDocument
-from blur2view.results.stored import restored_file
 from blur2view.runs.job import Job, Made
 from blur2view.segmentation.formats import MaskFormat
 from blur2view.segmentation.mask import segment
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentWork(EstimatingWork[ResultFiles | None, MaskDocument | None]):
-    """The work on one photograph; its document is kept where it is printed."""
+class SegmentWork(DocumentWork[MaskDocument]):
+    """The work on one photograph."""
 
     export: MaskExport | None
-    json: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -41,11 +38,10 @@ class SegmentWork(EstimatingWork[ResultFiles | None, MaskDocument | None]):
             warnings=one.warnings,
         )
 
-    def restored(self, job: Job[ResultFiles | None], stored: Any) -> MaskDocument | None:
-        """Return the document that an earlier call has written."""
-        if not self.json or job.target is None:
-            return None
-        return restored_file(MaskDocument, job.target.document)
+    @staticmethod
+    def kind() -> type[MaskDocument]:
+        """Return the type of the document."""
+        return MaskDocument
 
 
 def run(options: SegmentCommandOptions) -> int:

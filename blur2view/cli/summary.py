@@ -17,7 +17,7 @@ from blur2view.results.masks import MaskDocument
 from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.segmentation.mask import MotionMask
 
-FAR_PX = 1e5  # an epipole that is farther away is given as a direction
+FAR_PX = 1e4  # an epipole that is farther away is given as a direction
 
 
 def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
@@ -85,7 +85,8 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
         if document.rate_unit == PER_SECOND:
             parts.append(rate(document) + _backward(document))
     elif geometry.F is not None and geometry.H is None:
-        parts.append(f"moved to or from {_point(epipoles(geometry.F)[0])}, the epipole")
+        epipole = f"moved to or from {_point(epipoles(geometry.F)[0])}, the epipole"
+        parts.append(epipole if document.readout_s else f"{epipole}, unless the shutter rolls")
     if document.camera is not None and "scaled" in document.camera.source:
         parts.append(document.camera.source)
     return "; ".join(parts)

@@ -111,6 +111,6 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
     if one.translation_known:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
     counts = f"{one.num_inliers} of {one.num_matches} matches fit"
-    order = f"known ({one.time_confidence:.0%} sure)" if one.time_known else "unknown"
+    order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

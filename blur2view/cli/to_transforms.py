@@ -1,23 +1,41 @@
 """The command ``blur2view to-transforms``: a model with views as transforms.json."""
 
 import json
+import math
 import os
-from collections.abc import Mapping
+from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.options import ToTransformsOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
-from blur2view.file_writing import unwritable, write_together
-from blur2view.output_files import check_file, prepared
+from blur2view.file_writing import write_together
+from blur2view.output_files import check_file, writing
 
 DONE = 0
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToTransformsOptions:
+    """Those of ``blur2view to-transforms``."""
+
+    model: Path
+    photographs: Path | None
+    exposure: float
+    output: Path
+    dialect: str
+    overwrite: bool
+    verbosity: int
+
+    def __post_init__(self) -> None:
+        """Refuse an exposure time that is none."""
+        if not 0 < self.exposure < math.inf:
+            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
 
 
 def run(options: ToTransformsOptions) -> int:
@@ -38,7 +56,8 @@ def run(options: ToTransformsOptions) -> int:
         cloud = target.parent / content[PLY_KEY]
         check_file(cloud, "point cloud")
         files = {cloud: point_cloud(options.model), **files}
-    _write(target.parent, files)
+    with writing(target.parent):
+        write_together({path: methodcaller("write", text) for path, text in files.items()})
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
     return DONE
@@ -53,15 +72,6 @@ def _check_photographs(target: Path, content: dict[str, Any]) -> None:
             f"{missing[0]}: no such photograph ({len(missing)} of {len(paths)} are missing); "
             "name their folder with --images"
         )
-
-
-def _write(folder: Path, files: Mapping[Path, bytes]) -> None:
-    """Write all files or none."""
-    with prepared(folder):
-        try:
-            write_together({path: methodcaller("write", content) for path, content in files.items()})
-        except OSError as error:
-            raise unwritable(folder, error) from None
 
 
 def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> str:

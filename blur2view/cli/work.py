@@ -5,11 +5,12 @@ The network is loaded once in each process and run in one thread, so that bytes 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, TypeVar
 
 from blur2view import __version__
 from blur2view.arrays import Array
@@ -23,13 +24,17 @@ from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import FileEstimate, Run, estimate_file
-from blur2view.results.stored import plain
+from blur2view.results.document import Document
+from blur2view.results.stored import plain, restored_file
 from blur2view.results.table import Row
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Kept, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
+
+Written = TypeVar("Written", bound=Document)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +136,24 @@ class EstimatingWork(Work[Target, Kept]):
         """Return the row of a photograph in a table, without its name."""
         row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
         return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
+    """Work whose document is written beside other files, and kept where it is printed."""
+
+    json: bool
+
+    @staticmethod
+    @abstractmethod
+    def kind() -> type[Written]:
+        """Return the type of the document."""
+
+    def restored(self, job: Job[ResultFiles | None], stored: Any) -> Written | None:
+        """Return the document that an earlier call has written."""
+        if not self.json or job.target is None:
+            return None
+        return restored_file(self.kind(), job.target.document)
 
 
 Content = tuple[Path, bytes]

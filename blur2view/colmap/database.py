@@ -20,10 +20,20 @@ from blur2view.colmap.rows import (
     put_keypoints,
     put_pair,
 )
-from blur2view.colmap.schema import SCHEMA_VERSION, TABLES, VIEWS_TABLE, pair_id
+from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES, VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+
+# A row that is not of views, and of matches that are not of one photograph's both views.
+NO_VIEWS = f"""
+WITH pairs AS (SELECT {MAX_IMAGES} * min(image_id) + max(image_id) FROM blur2view_views
+  GROUP BY photograph HAVING count(*) = 2)
+SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views)
+UNION ALL SELECT 1 FROM descriptors
+UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
+UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
+LIMIT 1"""
 
 
 def write_database(
@@ -75,21 +85,11 @@ def refuse_existing(path: Path) -> None:
 
 def holds_views_alone(path: Path) -> bool:
     """Return whether a database of ours holds nothing but views, each matched with the other of its pair."""
-    queries = "SELECT image_id FROM images", "SELECT pair_id FROM {}", "SELECT count(*) FROM descriptors"
     try:
         with open_read_only(path) as database:
-            own = database.execute("SELECT photograph, image_id FROM blur2view_views").fetchall()
-            images = {image_id for (image_id,) in database.execute(queries[0])}
-            tables = "matches", "two_view_geometries"
-            pairs = {key for table in tables for (key,) in database.execute(queries[1].format(table))}
-            described = database.execute(queries[2]).fetchone() != (0,)
-    except (DatabaseError, sqlite3.Error):
+            return database.execute(NO_VIEWS).fetchone() is None
+    except DatabaseError:
         return False
-    views: dict[str, list[int]] = {}
-    for photograph, image_id in own:
-        views.setdefault(photograph, []).append(image_id)
-    ours = {pair_id(min(ids), max(ids)) for ids in views.values() if len(ids) == 2}
-    return images <= {image_id for _, image_id in own} and pairs <= ours and not described
 
 
 def stored_photographs(path: Path) -> set[str]:
@@ -144,7 +144,9 @@ def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: in
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of all points if their order is known up to time reversal, else of none."""
+    """Return the indices of the usable points if their order is known up to time reversal, else of none."""
+    if views.usable is not None:
+        return np.flatnonzero(views.usable)
     known = views.geometry.F is not None or views.geometry.H is not None
     return np.arange(len(views.points_open) if known else 0)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from blur2view.colmap.checks import check_room, rows_of_the_user
 from blur2view.colmap.connection import connect
-from blur2view.colmap.database import mark_views
+from blur2view.colmap.database import mark_views, matched
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
@@ -35,8 +35,7 @@ from blur2view.colmap.rows import add_image, put_keypoints, put_pair, set_camera
 from blur2view.colmap.schema import VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
-from blur2view.exposure.linked_views import KeypointViews
-from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 
 
 class Step(StrEnum):
@@ -60,7 +59,7 @@ class LinkJob:
     """One photograph's plan with the views to write."""
 
     plan: LinkStep
-    linked: KeypointViews
+    views: ExposureViews
 
 
 def plan_links(
@@ -174,7 +173,7 @@ def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep)
 
 def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     """Write both images of a photograph and the three pairs."""
-    image, views = job.plan.image, job.linked.views
+    image, views = job.plan.image, job.views
     own = own_views(database, image.name)
     frames = has_frames(database)
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
@@ -188,8 +187,7 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
         put_keypoints(database, number, points, replace=role in own)
         ids.append(number)
     first, last = ids
-    matched, inliers = np.flatnonzero(job.linked.usable), np.flatnonzero(views.geometry.inlier_mask)
-    whole = views.geometry
+    whole, inliers = views.geometry, np.flatnonzero(views.geometry.inlier_mask)
     geometries = {
         (image.image_id, first): half_geometry(whole.reversed(), views.camera, views.size),
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
@@ -198,7 +196,7 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     # no other image has pairs of an earlier call
     known = {image.image_id, *(number for number, _ in own.values())}
     for pair, geometry in geometries.items():
-        put_pair(database, pair, geometry, matched, inliers, replace=known.issuperset(pair))
+        put_pair(database, pair, geometry, matched(views), inliers, replace=known.issuperset(pair))
     mark_views(database, views, ids, digest(image))
 
 

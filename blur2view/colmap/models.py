@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import mmap
 import os
+import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.input_files import read_regular
+from blur2view.input_files import open_regular, read_regular
 
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 IMAGE_PATH, DATABASE_PATH = "image_path", "database_path"
@@ -31,11 +34,63 @@ def read_model(folder: Path) -> Any:
     import pycolmap
 
     try:
+        for path in folder.iterdir():
+            if path.suffix in (".bin", ".txt"):
+                _check_file(path)
         return pycolmap.Reconstruction(folder)
-    except (ValueError, RuntimeError, IndexError):  # the last of files that do not go together
+    except (OSError, struct.error, ValueError, RuntimeError, LookupError):  # of files that do not go together
         reason = "is no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+
+
+def _check_file(path: Path) -> None:
+    """Raise where pycolmap would wait, or take memory or time for what a count announces and no file holds.
+
+    OSError of what is no regular file, struct.error or ValueError of a count beyond the end of a binary file.
+    """
+    with open_regular(path) as file:
+        end_of = RECORDS.get(path.name)
+        if end_of is None:
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            at = 8
+            for _ in range(_number("<Q", content, 0)):
+                at = end_of(content, at)
+                if at > len(content):
+                    raise ValueError(f"{path}: ends within a record")
+
+
+def _number(kind: str, content: mmap.mmap, at: int) -> int:
+    """Return an integer of a binary file."""
+    return int(struct.unpack_from(kind, content, at)[0])
+
+
+def _end_of_image(content: mmap.mmap, at: int) -> int:
+    """Return where a record ends: id, pose, camera, name, points of two coordinates and an id."""
+    name_end = content.find(b"\0", at + 64) + 1
+    if not name_end:
+        raise ValueError("a name has no end")
+    return name_end + 8 + 24 * _number("<Q", content, name_end)
+
+
+def _end_of_rig(content: mmap.mmap, at: int) -> int:
+    """Return where a record ends: id, number of sensors, the first, the others with a pose or none."""
+    sensors, at = _number("<I", content, at + 4), at + 8
+    for index in range(sensors):
+        posed = index > 0 and _number("<B", content, at + 8)
+        at += 8 + (index > 0) + (56 if posed else 0)
+    return at
+
+
+RECORDS: dict[str, Callable[[mmap.mmap, int], int]] = {
+    "cameras.bin": lambda content, at: at + 24,  # and its parameters
+    "images.bin": _end_of_image,
+    "points3D.bin": lambda content, at: at + 51 + 8 * _number("<Q", content, at + 43),
+    "frames.bin": lambda content, at: at + 68 + 16 * _number("<I", content, at + 64),
+    "rigs.bin": _end_of_rig,
+}
+"""Where a record of a model's binary files ends, or the least of it, given where it begins."""
 
 
 def find_model(folder: Path) -> FoundModel:

@@ -217,7 +217,12 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
     seen = np.array([i for i in one.matched if points[int(i)].has_point3D()], np.int64)
     pose = one.photograph.cam_from_world().matrix()
-    world = np.array([model.points3D[points[int(i)].point3D_id].xyz for i in seen]).reshape(-1, 3)
+    ids = [points[int(i)].point3D_id for i in seen]
+    if not all(number in model.points3D for number in ids):
+        raise DatabaseError(
+            f"{one.name}: sees points that the model does not have; let COLMAP write it again"
+        )
+    world = np.array([model.points3D[number].xyz for number in ids]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (
         normalised_points(camera, from_colmap(view.keypoints[seen])) if len(seen) else np.zeros((0, 2))
@@ -244,19 +249,22 @@ def _add_view(model: Any, view: _View, photograph: Any, cam_from_world: Any) -> 
     """Add one image, alone in its frame; the rig, which may have more cameras, is that of the photograph."""
     import pycolmap
 
-    frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
+    frame_id = view.frame_id
+    if model.exists_frame(frame_id):  # the model is older than the project's frames
+        frame_id = 1 + max(model.frames)
+    frame = pycolmap.Frame(frame_id=frame_id, rig_id=photograph.frame.rig_id)
     image = pycolmap.Image(
         name=view.name,
         keypoints=view.keypoints,
         camera_id=photograph.camera_id,
         image_id=view.image_id,
     )
-    image.frame_id = view.frame_id
+    image.frame_id = frame_id
     frame.add_data_id(image.data_id)
     model.add_frame(frame)
     model.add_image(image)
-    model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
-    model.register_frame(view.frame_id)
+    model.frame(frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
+    model.register_frame(frame_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

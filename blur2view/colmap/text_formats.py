@@ -45,26 +45,16 @@ def matches_text(views: ExposureViews) -> str:
 def write_matches_text(
     folder: Path, sequence: Sequence[ExposureViews], photographs: Sequence[Path]
 ) -> list[Path]:
-    """Write ``matches.txt``, ``keypoints/<view>.txt`` and ``images/<view>`` for all photographs.
+    """Write and return ``matches.txt`` and the folders ``keypoints``, of texts, and ``images``, of pictures.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
-    sequence : sequence of ExposureViews
-    photographs : sequence of Path
-        Of the same length. COLMAP reads the size and EXIF of every image it imports, so each view gets a
-        symbolic link to its photograph.
-
-    Returns
-    -------
-    list of Path
-        ``matches.txt`` and the two folders.
+    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
+    COLMAP reads the size and EXIF of every image it imports, so each view gets a symbolic link to its
+    photograph.
 
     Raises
     ------
     ValueError
-        If the lengths differ.
+        If there are not as many photographs as views.
     OutputError
         If a name holds a blank or is there twice, or a file cannot be written or is not ours.
     """

@@ -53,7 +53,7 @@ from blur2view.smears.sharpness import sharpness
 
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
-FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
 PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
@@ -82,26 +82,26 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
     A photograph that is not registered itself, but both of whose views are, has the pose halfway between.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    exposed = {name.removesuffix(OPEN) for name in images if name.endswith(OPEN)}
-    exposed = {name for name in exposed if name + CLOSE in images}
-    photographs = {name for name in images if not name.endswith((OPEN, CLOSE))}
-    return [_exposed(model, images, name, name in exposed) for name in sorted(photographs | exposed)]
+    names = sorted({name.removesuffix(OPEN).removesuffix(CLOSE) for name in images})
+    exposed = (
+        _exposed(model, name, *(images.get(name + end) for end in ("", OPEN, CLOSE))) for name in names
+    )
+    return [one for one in exposed if one is not None]
 
 
-def _exposed(model: Any, images: Mapping[str, Any], name: str, has_views: bool) -> ExposedPhotograph:
-    """Return a photograph that is registered itself or has both views."""
-    own = images.get(name)
-    if not has_views:
-        middle = _world_from_camera(own)
-        return ExposedPhotograph(name=name, camera_id=images[name].camera_id, middle=middle)
-    views = images[name + OPEN], images[name + CLOSE]
-    first, last = map(_world_from_camera, views)
+def _exposed(model: Any, name: str, own: Any, opened: Any, closed: Any) -> ExposedPhotograph | None:
+    """Return a photograph of these images, of which each may be missing; None if it has no pose."""
+    if opened is None or closed is None:
+        if own is None:
+            return None
+        return ExposedPhotograph(name=name, camera_id=own.camera_id, middle=_world_from_camera(own))
+    first, last = _world_from_camera(opened), _world_from_camera(closed)
     return ExposedPhotograph(
         name=name,
-        camera_id=views[0].camera_id,
+        camera_id=opened.camera_id,
         middle=_halfway(first, last) if own is None else _world_from_camera(own),
         ends=(first, last),
-        smear_px=_smear_px(model, views[0] if own is None else own, views),
+        smear_px=_smear_px(model, opened if own is None else own, (opened, closed)),
     )
 
 

@@ -6,7 +6,7 @@ through the photograph's own matches.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,34 +28,18 @@ MAX_SIGMA_SHARE = 0.5
 STILL_PX = 1.5  # as short as that a smear need not be known better
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KeypointViews:
-    """Virtual images whose points are the photograph's features, moved.
-
-    Parameters
-    ----------
-    views : ExposureViews
-        Of N points, index-aligned with the features; the geometry's inlier_mask has N entries too.
-    usable : ndarray of bool, shape (N,)
-        Features whose smear is known well enough; only these are matched.
-    """
-
-    views: ExposureViews
-    usable: NDArray[np.bool_]
-
-
 def keypoint_views(
     name: str,
     keypoints: Array,
     estimate: Estimate,
     options: EstimatorOptions | None = None,
     excluded: NDArray[np.bool_] | None = None,
-) -> KeypointViews:
+) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    What lies beyond the picture stays where it is and is not usable; what is not finite is put at 0. Nor is
-    usable what lies on pixels (H, W) that are ``excluded``, as they move by themselves. ``options`` are those
-    of the estimate: what counts as an inlier.
+    Usable are those whose smear is known well enough. What lies beyond the picture stays where it is and is
+    not usable; what is not finite is put at 0. Nor is usable what lies on pixels (H, W) that are
+    ``excluded``, as they move by themselves. ``options`` are those of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
@@ -78,14 +62,14 @@ def keypoint_views(
         usable &= ~excluded[rows, columns]
     fits = usable & _fits(order, ends, sampson, options)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
-    views = replace(
+    return replace(
         views_of(name, estimate),
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
         sigma_px=sigma,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
+        usable=usable,
     )
-    return KeypointViews(views=views, usable=usable)
 
 
 def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOptions) -> NDArray[np.bool_]:

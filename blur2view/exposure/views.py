@@ -38,6 +38,8 @@ class ExposureViews:
         Known intrinsics, or approximate ones from EXIF; None leaves them to COLMAP's default.
     time : TimeDirection
         Unknown, and so arbitrary, by default.
+    usable : ndarray of bool, shape (N,), or None
+        Points that are matched; None: all, where F or H is known.
 
     Raises
     ------
@@ -53,12 +55,15 @@ class ExposureViews:
     geometry: TwoViewGeometry
     camera: Camera | None
     time: TimeDirection = field(default_factory=TimeDirection)
+    usable: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
         shapes = self.points_open.shape, self.points_close.shape, (*self.sigma_px.shape, 2)
         if len(set(shapes)) != 1 or self.points_open.ndim != 2:
             raise ValueError(f"expected points (N, 2) twice and sigma_px (N,), got {shapes}")
+        if self.usable is not None and self.usable.shape != self.sigma_px.shape:
+            raise ValueError(f"expected usable of shape {self.sigma_px.shape}, got {self.usable.shape}")
         if not np.isfinite([self.points_open, self.points_close]).all():
             raise ValueError("points must be finite")
         if not self.name or min(self.size) < 1:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_geometry import colmap_two_view_geometry
+from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 
 
@@ -33,7 +34,7 @@ class Parallax(StrEnum):
 
     PROVEN = "proven"
     """No homography explains the smears, errors alike over neighbours allowed for."""
-    OPEN = "undecided"
+    UNDECIDED = "undecided"
     """Parallax and errors alike over neighbours look the same here, or too little is seen to tell."""
     ABSENT = "absent"
     """A homography leaves nothing to explain, or nothing moved."""
@@ -152,8 +153,8 @@ class TwoViewGeometry:
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
         if self.insufficient_data or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
-            return Parallax.OPEN
-        return Parallax.ABSENT if self.F is None else Parallax.OPEN
+            return Parallax.UNDECIDED
+        return Parallax.ABSENT if self.F is None else Parallax.UNDECIDED
 
     @property
     def E_of_pose(self) -> Array | None:
@@ -173,12 +174,11 @@ class TwoViewGeometry:
         if self.backward is not None:
             return replace(self.backward, backward=replace(self, backward=None))
         pose, covariance = self.cam2_from_cam1, self.covariance
-        H = None if self.H is None else np.linalg.inv(self.H)
         return replace(
             self,
             F=None if self.F is None else self.F.T.copy(),
             E=None if self.E is None else self.E.T.copy(),
-            H=None if H is None else H / np.linalg.norm(H),
+            H=None if self.H is None else unit_norm(np.asarray(np.linalg.inv(self.H), float)),
             cam2_from_cam1=None if pose is None else pose.inverse(),
             covariance=None if pose is None or covariance is None else covariance.inverse(pose),
             swapped=~self.swapped,

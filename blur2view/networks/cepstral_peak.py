@@ -10,22 +10,15 @@ likelihood of the peak (Bayes).
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.networks.spectra import (
-    NOISE_FLOOR,
-    TAPERS,
-    TREND,
-    WINDOW,
-    in_batches,
-)
+from blur2view.networks.half_cepstra import half_cepstra, values_at
+from blur2view.networks.spectra import in_batches
 from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
@@ -45,10 +38,6 @@ TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
-CEPSTRUM_RANGE_PX = 3.0, 40.0
-"""Distances from the origin over which the deviation of a cepstrum is taken."""
-MARGIN = 2
-"""Rows before lag 0 that a cubic interpolation needs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,90 +152,17 @@ def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Fl
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
     peaks = np.zeros((*usable.shape, len(steps)), np.float32)
-
     rows, columns = np.nonzero(usable)
 
     def sample(part: slice) -> None:
         cells = rows[part], columns[part]
-        peaks[cells] = -values_at(cepstra_of(power[cells]), prior.smear[cells][:, None] * steps)
+        peaks[cells] = -values_at(half_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
-
-
-def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
-    """Return the values of halves of cepstra (n, 50, 96) at lags x + iy, (n, m), each its own; 0 outside."""
-    lags = np.where(lags.imag < 0, -lags, lags)  # a cepstrum is even
-    inside = lags.imag < WINDOW // 2 - 1  # or it would be read off the cepstrum below
-    x = np.where(inside, lags.real + WINDOW // 2, -WINDOW)
-    y = lags.imag + MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
-    values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
-    return np.asarray(values, np.float32)
-
-
-def cepstra_of(power: Floats) -> Floats:
-    """Return the halves (n, 50, 96) of the cepstra of power spectra, of mean 0 and deviation 1.
-
-    Lags -2 to 47 along y and -48 to 47 along x: the inverse transform as two products of matrices.
-    """
-    f = filters()
-    parts = f.down @ (np.log(power + np.float32(NOISE_FLOOR)) * f.taper)  # (n, 2 * 50, 49)
-    side_by_side = parts.reshape(len(power), 2, len(f.trendless), -1).transpose(0, 2, 1, 3)
-    cepstra = side_by_side.reshape(-1, len(f.across)) @ f.across
-    flat = cepstra.reshape(len(power), -1)
-    flat *= f.trendless.ravel()
-    mean, square = (flat @ f.ring)[:, None], ((flat * flat) @ f.ring)[:, None]
-    flat -= mean
-    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    return flat.reshape(len(power), *f.trendless.shape)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Filters:
-    """What makes the half of a cepstrum of a log power spectrum.
-
-    Attributes
-    ----------
-    taper : ndarray of shape (96, 49)
-        Of the spectrum.
-    down, across : ndarray of shape (2 * 50, 96), (2 * 49, 96)
-        The inverse transform: cosines and sines along y, then along x.
-    trendless : ndarray of shape (50, 96)
-        Factors by lag: 0 where a spectrum's trend is, 1 where peaks are.
-    ring : ndarray of shape (50 * 96,)
-        Weights of the mean over CEPSTRUM_RANGE_PX.
-    """
-
-    taper: Floats
-    down: Floats
-    across: Floats
-    trendless: Floats
-    ring: Floats
-
-
-@functools.cache
-def filters() -> Filters:
-    """Return them."""
-    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(WINDOW // 2 + 1)
-    x, y = np.arange(-WINDOW // 2, WINDOW // 2), np.arange(-MARGIN, WINDOW // 2)[:, None]
-    radius = np.hypot(rows[:, None], columns)
-    taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper *= np.where(columns % (WINDOW // 2), 2, 1) / WINDOW**2  # the other half plane is the same
-    down, across = 2 * np.pi / WINDOW * y * rows, 2 * np.pi / WINDOW * columns[:, None] * x
-    distance = np.hypot(y, x)
-    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1]) & (y >= 0)
-    ring = ring * np.where(y, 1, 0.5)
-    arrays = {
-        "taper": taper,
-        "down": np.concatenate([np.cos(down), np.sin(down)]),
-        "across": np.concatenate([np.cos(across), -np.sin(across)]),
-        "trendless": 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2),
-        "ring": ring.ravel() / ring.sum(),
-    }
-    return Filters(**{name: array.astype(np.float32) for name, array in arrays.items()})
 
 
 def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:

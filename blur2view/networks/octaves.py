@@ -1,7 +1,5 @@
 """A photograph's octaves: each half the size of the one before, joined on one axis of lengths."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,39 +8,16 @@ from blur2view.smears.likelihood import PER_OCTAVE
 
 Floats = NDArray[np.float32]
 
+LEVELS = 4
+"""Sizes at most, the photograph's own included: a copy of half the size brings smears of twice the length
+within the network's reach of 2 to 38 px."""
+SMALLEST_PX = 90
+"""Copies with a side below this are not made: a window of the network has 96 px."""
 
-@dataclass(frozen=True, kw_only=True)
-class PyramidOptions:
-    """Which smaller copies of a photograph are read beside it.
 
-    The network reads smears of 2 to 38 px; in a copy of half the size a smear of twice that length is within
-    its reach.
-
-    Parameters
-    ----------
-    levels : int
-        Sizes at most, the photograph's own included; 1 for no smaller copies.
-    smallest_px : int
-        Copies with a side below this are not made: a window of the network has 96 px.
-
-    Raises
-    ------
-    ValueError
-        Unless ``levels >= 1`` and ``smallest_px >= 1``.
-    """
-
-    levels: int = 4
-    smallest_px: int = 90
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.levels < 1 or self.smallest_px < 1:
-            raise ValueError(f"expected levels and smallest_px >= 1, got {self.levels}, {self.smallest_px}")
-
-    def count(self, shape: tuple[int, ...]) -> int:
-        """Return how many sizes of an image (H, W, ...) are read."""
-        fitting = int(np.log2(max(min(shape[:2]) / self.smallest_px, 1)))
-        return min(self.levels, 1 + fitting)
+def octave_count(shape: tuple[int, ...], levels: int = LEVELS) -> int:
+    """Return how many sizes of an image (H, W, ...) are read."""
+    return min(levels, 1 + int(np.log2(max(min(shape[:2]) / SMALLEST_PX, 1))))
 
 
 def octaves(grey: Floats, count: int) -> list[Floats]:

@@ -13,7 +13,7 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
-from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks.octaves import LEVELS, octave_count
 from blur2view.networks.spectra import STEP
 from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
 from blur2view.smears.grid import SmearGrid
@@ -49,12 +49,7 @@ class SmearNetwork:
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
 
-    def predict(
-        self,
-        image: AnyArray,
-        options: TileOptions | None = None,
-        pyramid: PyramidOptions | None = None,
-    ) -> SmearGrid:
+    def predict(self, image: AnyArray, options: TileOptions | None = None, levels: int = LEVELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
@@ -63,8 +58,8 @@ class SmearNetwork:
             A photograph as :func:`rgb_of` takes it.
         options : TileOptions, optional
             Tiling.
-        pyramid : PyramidOptions, optional
-            Smaller copies of the image, for long smears.
+        levels : int
+            Sizes at most that are read, the image's own included; the smaller ones for long smears.
 
         Returns
         -------
@@ -80,21 +75,25 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         image = rgb_of(image)
-        grid = self._cells(image, options or TileOptions(), pyramid or PyramidOptions())
+        flat = _flat(image, STEP)
+        grid = self._cells(image, flat, options or TileOptions(), levels)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[_flat(image, STEP)] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
+        grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
         height, width = image.shape[:2]
         return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
 
     def _cells(
-        self, image: NDArray[np.float32], options: TileOptions, pyramid: PyramidOptions
+        self, image: NDArray[np.float32], flat: NDArray[np.bool_], options: TileOptions, levels: int
     ) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended."""
+        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended.
+
+        Tiles that are flat all over are not read.
+        """
         height, width = image.shape[:2]
         tiling = options if height * width > options.max_pixels else None
         piece = min(height, width, options.tile_px) if tiling else min(height, width)
-        levels = pyramid.count((piece, piece))
+        levels = octave_count((piece, piece), levels)
         step = STEP << levels - 1  # whole windows in the smallest octave
         rows, columns = (spans(max(side, LEAST_PX << levels - 1), step, tiling) for side in (height, width))
         shape = rows[-1].stop // STEP, columns[-1].stop // STEP
@@ -104,12 +103,18 @@ class SmearNetwork:
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
         try:
-            read = pool.map(lambda t: self._reader.read(reflected(image, t[0][0], t[1][0]), levels), tiles)
-            for done, (tile, grid) in enumerate(zip(tiles, read, strict=True), 1):
-                (row, row_weight), (column, column_weight) = tile
-                window = cells(row, STEP), cells(column, STEP)
+            windows = [(cells(row, STEP), cells(column, STEP)) for (row, _), (column, _) in tiles]
+            read = pool.map(
+                lambda tile, window: (
+                    None if flat[window].all() else self._reader.read(reflected(image, *tile), levels)
+                ),
+                [(row, column) for (row, _), (column, _) in tiles],
+                windows,
+            )
+            for done, (tile, window, grid) in enumerate(zip(tiles, windows, read, strict=True), 1):
+                (_, row_weight), (_, column_weight) = tile
                 tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[window] += grid * tile_weight
+                total[window] += 0 if grid is None else grid * tile_weight
                 weight[window] += tile_weight
                 self.on_tile(done, len(tiles))
         finally:

@@ -124,7 +124,7 @@ def fill_power(power: Floats, windows: Floats) -> None:
 def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
     """Return the polar cepstra (h, w, 32, 45) of power spectra (h, w, 96, 49), and their scales (h, w, 3).
 
-    Both cepstra have mean 0 and deviation 1; the scales are the logs of both deviations and of the mean power.
+    Both cepstra have mean 0 and deviation 1; scales are logs of both deviations and of the mean power.
     The result does not depend on the number of threads that share the work.
     """
     h, w = power.shape[:2]

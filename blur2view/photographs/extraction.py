@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import unwritable, write_atomically
+from blur2view.file_writing import write_atomically
 from blur2view.input_files import read_regular
-from blur2view.output_files import prepared
+from blur2view.output_files import writing
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
@@ -66,11 +66,8 @@ def extract(folder: Path, files: Mapping[Path, str]) -> None:
         if os.path.lexists(target):
             _refuse_changed(target, content)
             continue
-        with prepared(target.parent):
-            try:
-                write_atomically(target, methodcaller("write", content))
-            except OSError as error:
-                raise unwritable(target.parent, error) from None
+        with writing(target.parent):
+            write_atomically(target, methodcaller("write", content))
 
 
 def _refuse_changed(target: Path, content: bytes) -> None:

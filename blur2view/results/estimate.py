@@ -59,8 +59,8 @@ class EstimateDocument(Document):
         Essential matrix of known intrinsics.
     cam2_from_cam1 : object or null
         Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. Where
-        the direction of the translation is not known to 30 degrees it is zero, and the rotation the one that
-        explains the smears alone, or the mean over all directions.
+        neither parallax is proven nor the direction of the translation known to 30 degrees it is zero, and
+        the rotation the one that explains the smears alone, or the mean over all directions.
     rotation_deg : float or null
         Angle of that rotation, degrees.
     wx, wy, wz : float or null

@@ -56,9 +56,8 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
     fit = f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F"
     if geometry.H is not None:
         return f"{fit}, but H explains them, too; {length}"
-    return (
-        f"{fit}, {length}; white: epipolar lines, where F lets smears run; ring: the epipole, where they meet"
-    )
+    lines = "white: epipolar lines, where F lets the ends of smears lie"
+    return f"{fit}, {length}; {lines}; ring: the epipole, to or from which the camera moved"
 
 
 def _orientation_key() -> Picture:

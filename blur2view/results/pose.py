@@ -53,7 +53,8 @@ class PoseDocument(Document):
     rotation : 3x3
         The rotation matrix R.
     translation : list of 3 float
-        The vector t, of unit length; zero where its direction is not known to 30 degrees.
+        The vector t, of unit length; zero where neither parallax is proven nor its direction known to 30
+        degrees.
     """
 
     rotation: Matrix

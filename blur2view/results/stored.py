@@ -92,16 +92,10 @@ def _tuple(kinds: tuple[Any, ...], stored: list[Any]) -> tuple[Any, ...]:
 
 def _object(kind: Any, stored: dict[str, Any]) -> Any:
     """Return a dataclass with these fields, all of them and no other."""
-    hints = {field.name: hint for field, hint in _hints(kind)}
+    hints = get_type_hints(kind)
     if hints.keys() != stored.keys():
         raise ValueError(f"expected the fields of {kind.__name__}, got others")
     return kind(**{name: restore(hint, stored[name]) for name, hint in hints.items()})
-
-
-def _hints(kind: Any) -> list[tuple[Any, Any]]:
-    """Return the fields of a dataclass with their types."""
-    hints = get_type_hints(kind)
-    return [(field, hints[field.name]) for field in fields(kind)]
 
 
 def _array(kind: type[np.generic], stored: Any) -> AnyArray:

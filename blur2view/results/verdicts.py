@@ -34,7 +34,7 @@ DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 def kind(geometry: TwoViewGeometry) -> str:
     """Return the kind of a verdict: proven, undecided, flat or none."""
-    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.OPEN
+    beside_H = KINDS[geometry.config] == "flat" and geometry.parallax is Parallax.UNDECIDED
     return "undecided" if beside_H else KINDS[geometry.config]
 
 
@@ -62,7 +62,7 @@ def sentence(
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
     """
-    config, undecided = geometry.config, geometry.parallax is Parallax.OPEN
+    config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED
     posed, blur = geometry.cam2_from_cam1 is not None, Blur.of(geometry, matches, size[0])
     match config:
         case Configuration.DEGENERATE | Configuration.UNDEFINED:
@@ -139,9 +139,8 @@ def _pan_and_roll(H: Array, size: tuple[int, int]) -> tuple[Array, float]:
     to_middle[:2, 2] = (1 - np.array(size)) / 2
     centred = to_middle @ H @ np.linalg.inv(to_middle)
     centred = centred / centred[2, 2]
-    pan = centred[:2, 2]
-    (a, b), (c, d) = centred[:2, :2] - np.outer(pan, centred[2, :2])  # the derivative there
-    return pan, abs(float(np.arctan2(c - b, a + d)))
+    (a, b), (c, d) = centred[:2, :2]
+    return centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:

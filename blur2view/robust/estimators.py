@@ -23,11 +23,12 @@ from blur2view.robust.parametrization import GeneralF, TranslationF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import weighted_samples
 from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions, WeightedEnds
+from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
 
 WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them
 DIRECTIONS = 60  # of translation tried with every sample of three
+FIT_ERROR_PX = 1.0  # the paper's, on the root of SErrMin, for the stop on fit
 PART = 5  # samples come from the fifth of the smears nearest to one of them
 
 
@@ -36,13 +37,10 @@ class SmearEstimator:
     """F from seven smears, or from three and a grid of directions (`ransac.Estimator`).
 
     Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard
-    deviations, cut at ``cutoff``. ``fit_error_px`` is the paper's threshold on the root of SErrMin for the
-    stop on fit.
+    deviations, cut at CUTOFF.
     """
 
     problem: SmearProblem
-    cutoff: float
-    fit_error_px: float
     directions: int = 80
 
     @property
@@ -83,13 +81,11 @@ class SmearEstimator:
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
-        return self.sampson.costs(models, self.precision, self.cutoff**2, block)
+        return self.sampson.costs(models, self.precision, CUTOFF**2, block)
 
     def refine(self, model: Array) -> Array:
         """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
-        options = RefineOptions(
-            max_iterations=SEARCH_STEPS, tolerance=SEARCH_TOLERANCE, cutoff=self.cutoff, decided=True
-        )
+        options = RefineOptions(max_iterations=SEARCH_STEPS, tolerance=SEARCH_TOLERANCE, decided=True)
         point = GeneralF.from_matrix(model)
         for matches in self.coarse:
             point, _ = refine(point, matches, options)
@@ -108,10 +104,10 @@ class SmearEstimator:
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
         """
         squared = self.sampson(model[None])[0]
-        bound = 2**0.5 * self.cutoff * self.problem.sigma_px / np.maximum(self.problem.length_px, TINY)
+        bound = 2**0.5 * CUTOFF * self.problem.sigma_px / np.maximum(self.problem.length_px, TINY)
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
-        inside = float((squared * self.precision < self.cutoff**2).mean())
-        return float((squared < self.fit_error_px**2).mean()), (inside - chance) / max(1 - chance, TINY)
+        inside = float((squared * self.precision < CUTOFF**2).mean())
+        return float((squared < FIT_ERROR_PX**2).mean()), (inside - chance) / max(1 - chance, TINY)
 
 
 def translation_start(estimator: SmearEstimator, samples: int, rng: np.random.Generator) -> TranslationF:

@@ -21,6 +21,7 @@ from blur2view.geometry.rotation import GENERATORS
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraPrior, no_prior
 from blur2view.robust.residuals import (
+    NEGLIGIBLE,
     OrderedResiduals,
     RefineOptions,
     WeightedEnds,
@@ -28,7 +29,6 @@ from blur2view.robust.residuals import (
     robust_weight,
 )
 
-NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
@@ -36,21 +36,17 @@ ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 class Homographies(Protocol):
     """A family of homographies near the identity, by the generator A."""
 
-    @property
-    def dimension(self) -> int:
-        """Number of free parameters."""
-
     def generator(self) -> Array:
         """Return A of shape (3, 3)."""
 
     def tangent(self) -> Array:
-        """Return dA/dparameters, shape (dimension, 3, 3), at the present point."""
+        """Return dA/dparameters, shape (k, 3, 3), at the present point."""
 
     def step(self, delta: Array) -> Self:
-        """Return the point reached by adding delta (dimension,) to the parameters."""
+        """Return the point reached by adding delta (k,) to the parameters."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, dimension)."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
 
 
 Family = TypeVar("Family", bound=Homographies)
@@ -61,11 +57,6 @@ class PlaneH:
     """Every homography near the identity: one plane, eight parameters."""
 
     entries: Array  # (8,): A row by row, without A33 = 0
-
-    @property
-    def dimension(self) -> int:
-        """Eight."""
-        return 8
 
     def generator(self) -> Array:
         """Return A of shape (3, 3)."""
@@ -102,11 +93,6 @@ class RotationH:
         """Return the rotation nearest to A for the assumed camera (K = I)."""
         rotation = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
         return cls(rotation=rotation, principal=np.zeros(2), spread=spread)
-
-    @property
-    def dimension(self) -> int:
-        """Six."""
-        return 6
 
     def camera(self) -> Array:
         """Return K of shape (3, 3)."""
@@ -203,17 +189,7 @@ def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
 
 
 def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
-    """Return the minimum of data_weight * sum rho(squared residual) + |prior|^2, orders weighed.
-
-    As `refinement.refine`, with two-dimensional residuals.
-
-    Returns
-    -------
-    family : Homographies
-        The cheapest point met; ``start`` where nothing is better.
-    cost : float
-        Its cost, dimensionless (twice a negative log-likelihood).
-    """
+    """Return the homography of least data_weight * sum rho(squared residual) + |prior|^2, and that cost."""
     best = _WeightedHomography(family=start, matches=matches, options=options)
     for step in levenberg_marquardt(best, options.max_iterations):
         best = step.point
@@ -244,13 +220,13 @@ class _WeightedHomography(Generic[Family]):
     def cost(self) -> float:
         """Robust cost of data and prior."""
         prior, _ = self.family.prior()
-        data = robust_cost(self.ordered.squared, self.options.cutoff).sum()
+        data = robust_cost(self.ordered.squared).sum()
         return float(self.options.data_weight * data + prior @ prior)
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
         A, tangent = self.family.generator(), self.family.tangent()
-        weight = robust_weight(self.ordered.squared, self.options.cutoff) / self.matches.sigma**2
+        weight = robust_weight(self.ordered.squared) / self.matches.sigma**2
         share = self.ordered.forward_share
         shares = np.concatenate([share, 1 - share])  # (2 N,)
         counted = np.flatnonzero(shares > NEGLIGIBLE)  # of most smears one order cannot be

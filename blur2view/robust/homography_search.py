@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.robust.homography import PlaneH, refine_homography, velocity_basis
 from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
-from blur2view.robust.residuals import RefineOptions, WeightedEnds, robust_weight
+from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds, robust_weight
 
 FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
 TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
@@ -67,7 +67,6 @@ class HomographyEstimator:
 
     matches: WeightedEnds
     quality: Array  # (N,) sampling weights
-    cutoff: float
     has_camera: bool
 
     @property
@@ -119,7 +118,7 @@ class HomographyEstimator:
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
-        total: NDArray[Any] = np.minimum(self.residuals(models, block), self.cutoff**2).sum(axis=1)
+        total: NDArray[Any] = np.minimum(self.residuals(models, block), CUTOFF**2).sum(axis=1)
         return total
 
     def refine(self, model: Array) -> Array:
@@ -129,7 +128,7 @@ class HomographyEstimator:
             velocity = basis @ model.astype(np.float32)  # (2, N)
             along = (velocity * d).sum(axis=0)
             residual = (velocity * velocity).sum(axis=0) + squared - 2 * np.abs(along)
-            weight = robust_weight(residual, self.cutoff)
+            weight = robust_weight(residual)
             weighted = (basis * weight[:, None]).reshape(-1, 8)
             normal = weighted.T @ basis.reshape(-1, 8) + TINY * np.eye(8)
             model = np.linalg.solve(normal, weighted.T @ (d * np.sign(along)).ravel())
@@ -137,13 +136,11 @@ class HomographyEstimator:
 
     def shares(self, model: Array) -> tuple[float, float]:
         """Return the share of inliers, twice."""
-        inlier = self.residuals(model[None], np.arange(self.count))[0] < self.cutoff**2
+        inlier = self.residuals(model[None], np.arange(self.count))[0] < CUTOFF**2
         return float(inlier.mean()), float(inlier.mean())
 
 
-def find_plane(
-    matches: WeightedEnds, cutoff: float, has_camera: bool, rng: np.random.Generator
-) -> PlaneH | None:
+def find_plane(matches: WeightedEnds, has_camera: bool, rng: np.random.Generator) -> PlaneH | None:
     """Return the homography that explains most smears, refined; None if no sample gave any.
 
     Raises
@@ -152,9 +149,9 @@ def find_plane(
         If there are fewer than four smears.
     """
     weights = np.ones(len(matches.ends))
-    estimator = HomographyEstimator(matches=matches, quality=weights, cutoff=cutoff, has_camera=has_camera)
-    found = ransac(estimator, SEARCH, rng).model
-    if found is None:
+    estimator = HomographyEstimator(matches=matches, quality=weights, has_camera=has_camera)
+    entries = ransac(estimator, SEARCH, rng).model
+    if entries is None:
         return None
-    options = RefineOptions(max_iterations=FINAL_STEPS, cutoff=cutoff)
-    return refine_homography(PlaneH(entries=found), matches, options)[0]
+    options = RefineOptions(max_iterations=FINAL_STEPS)
+    return refine_homography(PlaneH(entries=entries), matches, options)[0]

@@ -7,9 +7,9 @@ of vectors a, S follows by the pseudo-inverse of Q, and det F = 0 is one cubic: 
 pattern. Flipping every sign transposes F, so sigma_1 = +1 is enough.
 
 Seven smears fix any F exactly, but one wrong smear in seven spoils them, and noise does too. A photograph's
-camera is roughly known (square pixels, centred, focal length near the image's width) and rotates little
-during an exposure; then F = [t]x (I + [w]x) to first order, and for every direction t of a grid three
-smears fix w linearly. These starts are approximate; local optimisation makes them exact.
+camera is roughly known (`problem.ASSUMED_FOCAL`) and rotates little during an exposure; then
+F = [t]x (I + [w]x) to first order, and for every direction t of a grid three smears fix w linearly. These
+starts are approximate; local optimisation makes them exact.
 """
 
 from __future__ import annotations

@@ -30,21 +30,17 @@ from blur2view.geometry.rotation import (
 class Manifold(Protocol):
     """What `refinement.refine` needs to know of a family of F."""
 
-    @property
-    def dimension(self) -> int:
-        """Number of free parameters."""
-
     def matrix(self) -> Array:
         """Return F of shape (3, 3), any scale."""
 
     def tangent(self) -> Array:
-        """Return dF/dparameters, shape (dimension, 3, 3), at the present point."""
+        """Return dF/dparameters, shape (k, 3, 3), at the present point."""
 
     def step(self, delta: Array) -> Self:
-        """Return the point reached by moving delta (dimension,) along the tangents."""
+        """Return the point reached by moving delta (k,) along the tangents."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, dimension)."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
 
     def motion(self) -> tuple[Array, Array]:
         """Return rotation vector and translation (3,) of a camera with K near the identity."""
@@ -60,11 +56,6 @@ class TranslationF:
     """F = [epipole]x, two parameters; blind to the order of every smear."""
 
     epipole: Array  # (3,) unit
-
-    @property
-    def dimension(self) -> int:
-        """Two."""
-        return 2
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3)."""
@@ -105,11 +96,6 @@ class GeneralF:
         """Return the rank-2 matrix nearest to F."""
         U, singular, Vt = np.linalg.svd(F)
         return cls(U=U, V=Vt.T, angle=float(np.arctan2(singular[1], singular[0])))
-
-    @property
-    def dimension(self) -> int:
-        """Seven."""
-        return 7
 
     def _diagonal(self) -> Array:
         return np.diag([np.cos(self.angle), np.sin(self.angle), 0.0])
@@ -184,11 +170,6 @@ class CameraF:
     log_focal: float = 0.0
     principal: Array = field(default_factory=lambda: np.zeros(2))
     spread: CameraPrior
-
-    @property
-    def dimension(self) -> int:
-        """Eight."""
-        return 8
 
     @cached_property
     def rotation(self) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from operator import itemgetter
 from typing import Any, Protocol
 
@@ -13,14 +12,6 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
-
-
-class Stop(StrEnum):
-    """Why the loop ended."""
-
-    FIT = "fit"  # enough of the data fits
-    CONFIDENCE = "confidence"  # a better sample has become unlikely
-    ITERATIONS = "iterations"  # the budget is spent
 
 
 class Estimator(Protocol):
@@ -80,15 +71,13 @@ class RansacOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RansacResult:
-    """The best model (None if no sample gave any), its cost over all data, and how the loop ended.
+    """The best model (None if no sample gave any), and the samples drawn.
 
     ``contenders`` are the best models as sampled, best first: starts for an optimisation that knows more.
     """
 
     model: Models | None
-    cost: float
     iterations: int
-    stop: Stop
     contenders: list[Models]
 
 
@@ -105,7 +94,7 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
     order = rng.permutation(estimator.count)
     best: Models | None = None
     sampled: list[tuple[float, Models]] = []
-    cost, raw_cost, iterations, stop = np.inf, np.inf, 0, Stop.ITERATIONS
+    cost, raw_cost, iterations = np.inf, np.inf, 0
     while iterations < options.max_iterations:
         draw = min(options.batch, options.max_iterations - iterations)
         models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
@@ -118,12 +107,10 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
             candidate, candidate_cost = _improve(estimator, sampled[0][1], raw_cost, order)
             if candidate_cost < cost:
                 best, cost = candidate, candidate_cost
-        reason = None if best is None else stop_reason(estimator.shares(best), iterations, estimator, options)
-        if reason is not None:
-            stop = reason
+        if best is not None and _enough(estimator.shares(best), iterations, estimator, options):
             break
     contenders = [model for _, model in sampled]
-    return RansacResult(model=best, cost=float(cost), iterations=iterations, stop=stop, contenders=contenders)
+    return RansacResult(model=best, iterations=iterations, contenders=contenders)
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
@@ -153,18 +140,13 @@ def _improve(
     return (refined, refined_cost) if refined_cost < cost else (model, cost)
 
 
-def stop_reason(
+def _enough(
     shares: tuple[float, float], iterations: int, estimator: Estimator, options: RansacOptions
-) -> Stop | None:
-    """Return why to stop, or None."""
-    if iterations < options.min_iterations:
-        return None
+) -> bool:
+    """Return whether enough of the data fits, or a better sample has become unlikely."""
     fitting, inliers = shares
-    if fitting >= options.stop_share:
-        return Stop.FIT
-    if iterations >= needed_iterations(inliers, estimator.sample_size, options.confidence):
-        return Stop.CONFIDENCE
-    return None
+    needed = needed_iterations(inliers, estimator.sample_size, options.confidence)
+    return iterations >= options.min_iterations and (fitting >= options.stop_share or iterations >= needed)
 
 
 def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:

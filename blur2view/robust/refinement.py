@@ -8,16 +8,14 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.sampson import entry_jacobian, residual_parts
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import Manifold
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
+from blur2view.robust.residuals import NEGLIGIBLE, OrderedResiduals, RefineOptions, WeightedEnds
 
 M = TypeVar("M", bound=Manifold)
-NEGLIGIBLE = 1e-4  # weight below which an order of a smear is left out of the normal equations
 
 
 def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, float]:
@@ -35,12 +33,12 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
     cost : float
         Its cost, dimensionless (twice a negative log-likelihood).
     """
-    *_, found = refining(start, matches, options)
-    return found
+    *_, reached = refining(start, matches, options)
+    return reached
 
 
 def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterator[tuple[M, float]]:
-    """Yield what `refine` has found so far: first the start, then after every step."""
+    """Yield what `refine` has reached so far: first the start, then after every step."""
     plain = matches.residuals(start.matrix(), options.decided)
     signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
     both = (
@@ -56,20 +54,6 @@ def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterato
         yield best.point, best.cost
         if step.decrease <= options.tolerance * step.cost or step.sigmas < options.rest:
             break
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Linearised:
-    """Residuals of smears in the orders that count, and their derivatives.
-
-    ``jacobian`` (k, n) and ``residual`` (n,) are in standard deviations, ``weight`` (n,) the probability of
-    the order; ``smear`` (n,) indexes the smears.
-    """
-
-    jacobian: Array
-    residual: Array
-    weight: Array
-    smear: NDArray[np.int_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,41 +73,23 @@ class WeightedPoint(Generic[M]):
     def cost(self) -> float:
         """Twice the negative log-posterior."""
         prior, _ = self.point.prior()
-        data = self.matches.costs(self.residuals, self.options).sum()
+        data = self.matches.costs(self.residuals).sum()
         return float(self.options.data_weight * data + prior @ prior)
 
-    @cached_property
-    def inliers(self) -> Array:
-        """Probabilities (N,) of being an inlier."""
-        return self.matches.inlier_shares(self.residuals, self.options)
-
-    @cached_property
-    def order_weights(self) -> Array:
-        """Probabilities (2, N) of being an inlier in one and in the other order."""
-        scale = self.inliers / np.maximum(self.residuals.total, TINY)
-        weights: Array = self.residuals.likelihoods * scale
-        return weights
-
-    def linearised(self, negligible: float = NEGLIGIBLE) -> Linearised:
-        """Return both orders of the smears but those of negligible weight: of most, one cannot be."""
-        weight = self.order_weights.ravel()
-        counted = np.flatnonzero(weight > negligible)
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of data, in the orders that count, and prior."""
+        weight = self.matches.order_weights(self.residuals).ravel()
+        counted = np.flatnonzero(weight > NEGLIGIBLE)  # of most smears one order cannot be
         x, y, sigma = (array.take(counted, axis=-1) for array in self.matches.orders)
         parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
         distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
         entries = entry_jacobian(distance, line1, line2, root, x, y)
-        return Linearised(
-            jacobian=self.point.tangent().reshape(self.point.dimension, 9) @ entries / sigma,
-            residual=self.residuals.both.take(counted),
-            weight=weight.take(counted),
-            smear=counted % len(self.inliers),
+        return normal_equations(
+            self.point.tangent().reshape(-1, 9) @ entries / sigma,
+            self.residuals.both.take(counted),
+            self.options.data_weight * weight.take(counted),
+            *self.point.prior(),
         )
-
-    def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,) of data and prior."""
-        data = self.linearised()
-        weight = self.options.data_weight * data.weight
-        return normal_equations(data.jacobian, data.residual, weight, *self.point.prior())
 
     def moved(self, delta: Array) -> WeightedPoint[M]:
         """Return the point moved by delta (k,), the odds of the orders as they are."""

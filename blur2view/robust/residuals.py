@@ -13,6 +13,9 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import residual_parts
 from blur2view.robust.parametrization import Manifold
 
+CUTOFF = 3.0
+"""Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
+NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
 LOG_2 = float(np.log(2.0))
 DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
@@ -21,16 +24,13 @@ DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count ha
 class RefineOptions:
     """How `refine` works.
 
-    ``max_iterations`` steps at most; ``cutoff`` the residual, in standard deviations, at which a match is as
-    likely an outlier as an inlier, unless the matches know more (`WeightedEnds.chance`); ``data_weight`` the
-    share of independent matches (effective over actual number), which tempers the data against the prior;
-    ``tolerance`` the relative decrease of the cost that ends the search, ``rest`` the step in standard
-    deviations of the parameters that does; ``decided`` takes each match's better order for granted (see
-    `OrderedResiduals`).
+    ``max_iterations`` steps at most; ``data_weight`` the share of independent matches (effective over actual
+    number), which tempers the data against the prior; ``tolerance`` the relative decrease of the cost that
+    ends the search, ``rest`` the step in standard deviations of the parameters that does; ``decided`` takes
+    each match's better order for granted (see `OrderedResiduals`).
     """
 
     max_iterations: int = 20
-    cutoff: float = 3.0
     data_weight: float = 1.0
     tolerance: float = 1e-5
     rest: float = 0.0
@@ -47,8 +47,8 @@ class RefineOptions:
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
-        if self.max_iterations < 0 or not self.cutoff > 0 or not 0 < self.data_weight <= 1:
-            raise ValueError(f"need max_iterations >= 0, cutoff > 0, 0 < data_weight <= 1, got {self}")
+        if self.max_iterations < 0 or not 0 < self.data_weight <= 1:
+            raise ValueError(f"need max_iterations >= 0, 0 < data_weight <= 1, got {self}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,9 +130,9 @@ class WeightedEnds:
     """Smears in a manifold's coordinates, and what is known of their errors; all arrays of shape (N,).
 
     ``sigma`` is the standard deviation of the Sampson distance. ``chance`` is the density of an outlier's
-    residual over that of an inlier at zero, times the odds of being one (default: half an inlier at the
-    options' cutoff). ``along`` is the standard deviation of a displacement's component along its epipolar
-    line; where it is given, positive depth gives odds of the orders, in coordinates with K near the identity.
+    residual over that of an inlier at zero, times the odds of being one (default: half an inlier at CUTOFF).
+    ``along`` is the standard deviation of a displacement's component along its epipolar line; where it is
+    given, positive depth gives odds of the orders, in coordinates with K near the identity.
     """
 
     ends: Array  # (N, 2, 2)
@@ -173,28 +173,29 @@ class WeightedEnds:
         odds = order_log_odds(*both, self.along)
         return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
-    def costs(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
+    def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        chance = self._chance(options)
+        chance = self._chance
         cost: Array = -2 * np.log((residuals.total + chance) / (1 + chance))
         return cost
 
-    def inlier_shares(self, residuals: OrderedResiduals, options: RefineOptions) -> Array:
-        """Return probabilities (N,) of being an inlier: the weights of reweighted least squares."""
-        share: Array = residuals.total / (residuals.total + self._chance(options))
-        return share
+    def order_weights(self, residuals: OrderedResiduals) -> Array:
+        """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
+        weights: Array = residuals.likelihoods / (residuals.total + self._chance)
+        return weights
 
-    def _chance(self, options: RefineOptions) -> Array | float:
-        return float(np.exp(-0.5 * options.cutoff**2)) if self.chance is None else self.chance
+    @property
+    def _chance(self) -> Array | float:
+        return float(np.exp(-0.5 * CUTOFF**2)) if self.chance is None else self.chance
 
 
-def robust_cost(squared: Array, cutoff: float) -> Array:
-    """Return Geman-McClure c / (1 + c / cutoff^2) of squared residuals: c when small, cutoff^2 at most."""
-    bounded: Array = squared / (1 + squared / cutoff**2)
+def robust_cost(squared: Array) -> Array:
+    """Return Geman-McClure c / (1 + c / CUTOFF^2) of squared residuals: c when small, CUTOFF^2 at most."""
+    bounded: Array = squared / (1 + squared / CUTOFF**2)
     return bounded
 
 
-def robust_weight(squared: Array, cutoff: float) -> Array:
-    """Return the derivative (1 + c / cutoff^2)^-2 of `robust_cost`, the weight in least squares."""
-    weight: Array = 1 / (1 + squared / cutoff**2) ** 2
+def robust_weight(squared: Array) -> Array:
+    """Return the derivative (1 + c / CUTOFF^2)^-2 of `robust_cost`, the weight in least squares."""
+    weight: Array = 1 / (1 + squared / CUTOFF**2) ** 2
     return weight

@@ -32,10 +32,10 @@ class MaskFormat(StrEnum):
         instant-ngp looks beside the photograph.
         """
         if self is MaskFormat.COLMAP:
-            return photograph.with_name(f"{photograph.name}.png")
+            return photograph.parent / f"{photograph.name}.png"
         if self is MaskFormat.NERFSTUDIO:
-            return photograph.with_suffix(".png")
-        return photograph.with_name(f"dynamic_mask_{photograph.stem}.png")
+            return photograph.parent / f"{photograph.stem}.png"
+        return photograph.parent / f"dynamic_mask_{photograph.stem}.png"
 
     def picture(self, labels: NDArray[np.uint8], *, ignore_unobservable: bool) -> NDArray[np.uint8]:
         """Return the mask (H, W), 0 or 255, of labels (H, W)."""

@@ -42,18 +42,7 @@ class SelectOptions:
 
 
 def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> SmearMatches:
-    """Return cells of a grid as matches; deterministic.
-
-    Parameters
-    ----------
-    grid : SmearGrid
-    options : SelectOptions, optional
-
-    Returns
-    -------
-    SmearMatches
-        Possibly empty (a sharp or constant image), all fields filled in.
-    """
+    """Return cells of a grid as matches, possibly none (a sharp or constant image); deterministic."""
     options = options or SelectOptions()
     step = cells_apart(grid, options)
     rows, columns = (slice(min(step, count) // 2, None, step) for count in grid.cells.shape[:2])

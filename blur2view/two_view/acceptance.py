@@ -11,7 +11,6 @@ from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.model_selection import Fit
-from blur2view.two_view.options import CUTOFF
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
 SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
@@ -100,7 +99,7 @@ def consensus(
     matches: SmearMatches,
     rng: np.random.Generator,
 ) -> tuple[bool, str]:
-    """Return whether to doubt the F of a fit, and the figures behind it.
+    """Return whether there is no consensus on the F of a fit, and the figures behind it.
 
     F must explain more smears than chance. Between MIN_AGREEMENT and SURE_AGREEMENT each half of
     the image must also predict the other: seven parameters fit a smooth field without any geometry. They
@@ -127,7 +126,7 @@ def halves_agreement(
     middle = matches.midpoint
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
-    refinement = RefineOptions(cutoff=CUTOFF, data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS)
+    refinement = RefineOptions(data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS)
     beyond = []
     for fitted in (side, ~side):
         train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]

@@ -23,22 +23,26 @@ from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
 
-# An F goes with PARALLAX and what is open, and with SEVERAL the one that most smears follow.
+# An F goes with PARALLAX and what is undecided, and with SEVERAL the one that most smears follow.
 CONFIGURATIONS = {
     Structure.NOTHING: Configuration.UNDEFINED,
     Structure.STILL: Configuration.DEGENERATE,
     Structure.ROTATION: Configuration.PANORAMIC,
     Structure.PLANE: Configuration.PLANAR,
     Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.OPEN: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.ROTATION_OPEN: Configuration.PANORAMIC,
-    Structure.PLANE_OPEN: Configuration.PLANAR,
+    Structure.UNDECIDED: Configuration.PLANAR_OR_PANORAMIC,
+    Structure.ROTATION_UNDECIDED: Configuration.PANORAMIC,
+    Structure.PLANE_UNDECIDED: Configuration.PLANAR,
     Structure.PARALLAX: Configuration.UNCALIBRATED,
     Structure.SEVERAL: Configuration.MULTIPLE,
 }
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
-LIKELY = (Parallax.ABSENT, Parallax.OPEN, Parallax.PROVEN)  # of two orders in time, that which needs less
+LIKELY = (
+    Parallax.ABSENT,
+    Parallax.UNDECIDED,
+    Parallax.PROVEN,
+)  # of two orders in time, that which needs less
 
 
 def estimate_two_view(
@@ -134,7 +138,7 @@ def as_recorded(
     if camera is not None:
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
-    geometry = judge(matches, problem, fits, iterations, options, rng)
+    geometry = select_model(matches, problem, fits, iterations, options, rng)
     if problem.intrinsics_known:
         geometry = in_order_of_rotation(
             with_pose(geometry, matches, problem, fits, options), matches, problem.ends
@@ -170,7 +174,7 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     return replace(matches, ends=np.where(seen, straight, matches.ends))
 
 
-def judge(
+def select_model(
     matches: SmearMatches,
     problem: SmearProblem,
     fits: list[Fit],
@@ -178,7 +182,7 @@ def judge(
     options: EstimatorOptions,
     rng: np.random.Generator,
 ) -> TwoViewGeometry:
-    """Return the cheapest model, tested against chance, no parallax and several motions."""
+    """Return the model of least cost, tested against chance, no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
     no_consensus, figures = consensus(best, problem, matches, rng)
     verdict = assess(matches, problem, fits, rng, no_consensus)
@@ -189,8 +193,8 @@ def judge(
         F, tolerance_px = problem.pixels(F), options.tolerance_px(measured_sigma_px(F, problem))
         inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
-    elif verdict.A is not None:
-        ordered = transfer_orders(verdict.A, problem.weighted)
+    elif verdict.generator is not None:
+        ordered = transfer_orders(verdict.generator, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
         swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
         reason = f"{verdict.structure}: {verdict.sentence}"
@@ -199,7 +203,7 @@ def judge(
         return without_F(matches, config, reason, iterations, scores)
     return TwoViewGeometry(
         F=F,
-        H=None if verdict.A is None else pixel_homography(verdict.A, problem.T),
+        H=None if verdict.generator is None else pixel_homography(verdict.generator, problem.T),
         config=config,
         reason=reason,
         inlier_mask=inlier_mask,

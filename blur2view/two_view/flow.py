@@ -23,9 +23,9 @@ from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equ
 from blur2view.robust.problem import SmearProblem
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
-SLOW = 6  # parameters of the errors that vary slowly
+LOW_FREQUENCY = 6  # parameters of the errors that vary slowly
 STEPS, TOLERANCE = 12, 1e-4  # Levenberg-Marquardt steps, and the relative decrease that ends them
-NO_ERROR = 1e-9  # standard deviation that holds a slow error at zero
+NO_ERROR = 1e-9  # standard deviation that holds a low-frequency error at zero
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +37,7 @@ class FlowData:
     middle, displacement : ndarray of shape (N, 2)
     whitening : ndarray of shape (N, 2, 2)
         From a displacement to its components along and across the smear in standard deviations.
-    slow : ndarray of shape (6, N, 2)
+    low_frequency : ndarray of shape (6, N, 2)
         Errors that vary slowly over the picture, each of one standard deviation, for the smears as directed.
     weight : float
         Share of the smears that counts as independent.
@@ -46,7 +46,7 @@ class FlowData:
     middle: Array
     displacement: Array
     whitening: Array
-    slow: Array
+    low_frequency: Array
     weight: float
 
     @classmethod
@@ -58,19 +58,21 @@ class FlowData:
         along, across = (sigma[:, None] / problem.unit_px for sigma in bulk_px)
         half = 0.5 * float(np.ptp(middle, axis=0).max()) + TINY
         modes = np.column_stack([np.ones(len(middle)), (middle - np.median(middle, axis=0)) / half]).T
-        turned = d[:, ::-1] * [-1.0, 1.0]
-        errors = (problem.shared.length + NO_ERROR) * d, (problem.shared.direction_rad + NO_ERROR) * turned
+        errors = (
+            (problem.shared.length + NO_ERROR) * d,
+            (problem.shared.direction_rad + NO_ERROR) * d[:, ::-1] * [-1.0, 1.0],
+        )
         return cls(
             middle=middle,
             displacement=d,
             whitening=np.stack([unit / along, normal / across], axis=1),
-            slow=np.concatenate([modes[:, :, None] * error for error in errors]),
+            low_frequency=np.concatenate([modes[:, :, None] * error for error in errors]),
             weight=problem.data_weight,
         )
 
-    def without_slow_errors(self) -> FlowData:
+    def without_low_frequency(self) -> FlowData:
         """Return the smears as if no error varied slowly over the picture."""
-        return replace(self, slow=NO_ERROR * self.slow)
+        return replace(self, low_frequency=NO_ERROR * self.low_frequency)
 
     @cached_property
     def basis(self) -> Array:
@@ -79,21 +81,21 @@ class FlowData:
 
     @cached_property
     def whitened(self) -> tuple[Array, Array]:
-        """The displacements (N, 2) and the slow errors (6, N, 2) in standard deviations."""
-        slow = np.einsum("nij,mnj->mni", self.whitening, self.slow)
-        return np.einsum("nij,nj->ni", self.whitening, self.displacement), slow
+        """The displacements (N, 2) and the low-frequency errors (6, N, 2) in standard deviations."""
+        low_frequency = np.einsum("nij,mnj->mni", self.whitening, self.low_frequency)
+        return np.einsum("nij,nj->ni", self.whitening, self.displacement), low_frequency
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowFit(Generic[Family]):
     """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better.
 
-    ``slow`` (6,) are the errors that vary slowly, in standard deviations.
+    ``low_frequency`` (6,) are the errors that vary slowly, in standard deviations.
     """
 
     data: FlowData
     family: Family
-    slow: Array
+    low_frequency: Array
 
     @cached_property
     def predicted(self) -> Array:
@@ -113,8 +115,8 @@ class FlowFit(Generic[Family]):
     @cached_property
     def residual(self) -> Array:
         """Residuals (N, 2) along and across, in standard deviations."""
-        measured, slow = self.data.whitened
-        explained = measured - np.einsum("m,mni->ni", self.slow, slow)
+        measured, low_frequency = self.data.whitened
+        explained = measured - np.einsum("m,mni->ni", self.low_frequency, low_frequency)
         return np.asarray(self.predicted - self.sign[:, None] * explained)
 
     @cached_property
@@ -122,30 +124,30 @@ class FlowFit(Generic[Family]):
         """Twice the negative log-posterior, 0 for smears without residuals."""
         prior, _ = self.family.prior()
         data = (FREEDOM + 2) * np.log1p((self.residual**2).sum(axis=1) / FREEDOM).sum()
-        return float(self.data.weight * data + prior @ prior + self.slow @ self.slow)
+        return float(self.data.weight * data + prior @ prior + self.low_frequency @ self.low_frequency)
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,) of the homography's parameters, then the slow errors."""
-        _, slow = self.data.whitened
+        """Return J^T W J (k, k) and J^T W r (k,) of the homography, then the low-frequency errors."""
+        _, low_frequency = self.data.whitened
         moved = np.stack([self.data.basis @ _entries(A) for A in self.family.tangent()])
-        jacobian = np.concatenate([moved, self.sign[:, None] * slow])
+        jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency])
         weight = self.data.weight * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
         prior, of_family = self.family.prior()
         k, m = len(moved), len(prior)
-        prior_jacobian = np.zeros((m + SLOW, k + SLOW))
-        prior_jacobian[:m, :k], prior_jacobian[m:, k:] = of_family, np.eye(SLOW)
+        prior_jacobian = np.zeros((m + LOW_FREQUENCY, k + LOW_FREQUENCY))
+        prior_jacobian[:m, :k], prior_jacobian[m:, k:] = of_family, np.eye(LOW_FREQUENCY)
         return normal_equations(
-            jacobian.reshape(k + SLOW, -1),
+            jacobian.reshape(k + LOW_FREQUENCY, -1),
             self.residual.ravel(),
             np.repeat(weight, 2),
-            np.concatenate([prior, self.slow]),
+            np.concatenate([prior, self.low_frequency]),
             prior_jacobian,
         )
 
     def moved(self, delta: Array) -> FlowFit[Family]:
         """Return the fit moved by delta (k,)."""
-        k = self.family.dimension
-        return replace(self, family=self.family.step(delta[:k]), slow=self.slow + delta[k:])
+        family, low_frequency = self.family.step(delta[:-LOW_FREQUENCY]), delta[-LOW_FREQUENCY:]
+        return replace(self, family=family, low_frequency=self.low_frequency + low_frequency)
 
     def reweighted(self) -> FlowFit[Family]:
         """Return itself: its weights are always its own."""
@@ -157,18 +159,16 @@ class FlowFit(Generic[Family]):
         ``share`` of the smears is independent; ``data`` are the same smears with the errors that vary slowly:
         each moves the optimum, and leaves no residual that would tell.
         """
-        k, (_, slow) = self.family.dimension, data.whitened
-        normal, _ = replace(self, data=replace(self.data, weight=share)).normal_equations()
-        inverse = np.linalg.pinv(normal[:k, :k], hermitian=True)
-        moved = np.stack([self.data.basis @ _entries(A) for A in self.family.tangent()])
-        weight = share * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
-        shift = inverse @ np.einsum("kni,n,mni->km", moved, weight, self.sign[:, None] * slow)
+        there = replace(self, data=replace(data, weight=share), low_frequency=np.zeros(LOW_FREQUENCY))
+        normal, _ = there.normal_equations()
+        inverse = np.linalg.pinv(normal[:-LOW_FREQUENCY, :-LOW_FREQUENCY], hermitian=True)
+        shift = inverse @ normal[:-LOW_FREQUENCY, -LOW_FREQUENCY:]
         return np.asarray(inverse + shift @ shift.T)
 
 
 def fit_flow(family: Family, data: FlowData) -> FlowFit[Family]:
     """Return the cheapest homography of a family near a start."""
-    best = FlowFit(data=data, family=family, slow=np.zeros(SLOW))
+    best = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
     for step in levenberg_marquardt(best, STEPS):
         best = step.point
         if step.decrease <= TOLERANCE * step.cost:

@@ -14,20 +14,16 @@ from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, c
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacResult
 from blur2view.robust.refinement import refine, refining
-from blur2view.robust.residuals import RefineOptions, WeightedEnds
+from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
 from blur2view.smears.noise import INDEPENDENT
-from blur2view.two_view.options import CUTOFF
 
-ROUGH_STEPS, FINAL_STEPS, GENERAL_STEPS = 10, 12, 3  # Levenberg-Marquardt steps; fits start near their end
+STEPS = 12  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
 KEPT = 3, 2  # that take a first and a second step; then the cheapest alone goes on
-TOLERANCE, ROUGH_TOLERANCE = 1e-4, 3e-4  # relative decreases of the cost that end a fit
+TOLERANCE = 3e-4  # relative decrease of the cost that ends a fit
 FREE_TOLERANCE = 1e-2  # of a fit that takes every smear for independent; another goes on from it
 CLEARLY = 6.0  # what that must gain in cost: at 0, 6 more of 210 estimates of network smears fail
-PLAIN_TOLERANCE = 1e-3  # of the two-parameter F's first fit
-GENERAL_TOLERANCE = 5e-3  # it must gain more than 50, and starts with what the camera's reached
-WITHIN_REACH = 50.0  # the two-parameter F, fitted before, gains less from what it is then refined on
 SCALE_STEPS = 8  # of expectation-maximisation
 LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for the two-parameter F's start
@@ -69,29 +65,24 @@ def fit_families(
     fits : list of Fit
         The two-parameter F always; the camera where one may be assumed; the general F.
     """
-    cutoff, simple = estimator.cutoff, fit_translation(estimator, rng)
+    simple = fit_translation(estimator, rng)
     start = simple.matrix() if searched.model is None else searched.model
     rough = estimator.problem.thinned
-    rough = with_measured_noise(rough, start, cutoff)  # the scale of the noise, as the search's F has it
+    rough = with_measured_noise(rough, start)  # the scale of the noise, as the search's F has it
     model, points = richer_starts(rough, distinct([start, simple.matrix(), *searched.contenders]))
-    point = fit_roughly(model, points, richer_starts(rough, [simple.matrix()])[1], rough, cutoff)
-    problem = with_measured_noise(estimator.problem, point.matrix(), cutoff)  # and as the fitted F has it
-    richest = fit_best(model, [point], problem, cutoff)
-    plain = fit_best(MotionModel.TRANSLATION, [simple], problem, cutoff, 0)
-    if plain.score < richest.score + WITHIN_REACH:
-        plain = fit_best(MotionModel.TRANSLATION, [simple], problem, cutoff)
-    fits = [plain, richest]
+    point = fit_roughly(model, points, richer_starts(rough, [simple.matrix()])[1], rough)
+    problem = with_measured_noise(estimator.problem, point.matrix())  # and as the fitted F has it
+    richest = fit_best(model, [point], problem)
+    fits = [fit_best(MotionModel.TRANSLATION, [simple], problem), richest]
     if model is not MotionModel.GENERAL:
-        last = GeneralF.from_matrix(fits[1].point.matrix())
-        fits.append(fit_best(MotionModel.GENERAL, [last], problem, cutoff, GENERAL_STEPS, GENERAL_TOLERANCE))
+        general = GeneralF.from_matrix(richest.point.matrix())
+        fits.append(fit_best(MotionModel.GENERAL, [general], problem))
     return problem, fits
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
     """Return the two-parameter F, fitted robustly on the standard deviations as given."""
-    options = RefineOptions(
-        cutoff=estimator.cutoff, max_iterations=ROUGH_STEPS, tolerance=PLAIN_TOLERANCE, decided=True
-    )
+    options = RefineOptions(max_iterations=STEPS, tolerance=TOLERANCE, decided=True)
     return refine(translation_start(estimator, PAIRS, rng), estimator.problem.thinned.weighted, options)[0]
 
 
@@ -117,7 +108,6 @@ def fit_roughly(
     starts: list[Manifold],
     unrotated: list[Manifold],
     problem: SmearProblem,
-    cutoff: float,
 ) -> Manifold:
     """Return the cheapest refinement of the starts, or that of one without rotation if it is clearly cheaper.
 
@@ -127,10 +117,8 @@ def fit_roughly(
     an image size ended at a rho of 0.0009 to 0.0084; with it all end below 0.0003.
     """
     free = replace(problem, shared=INDEPENDENT)
-    far = fit_best(model, unrotated, free, cutoff, ROUGH_STEPS, FREE_TOLERANCE).point
-    near, other = (
-        fit_best(model, points, problem, cutoff, ROUGH_STEPS, ROUGH_TOLERANCE) for points in (starts, [far])
-    )
+    far = fit_best(model, unrotated, free, FREE_TOLERANCE).point
+    near, other = (fit_best(model, points, problem) for points in (starts, [far]))
     return (other if other.score < near.score - CLEARLY else near).point
 
 
@@ -138,8 +126,6 @@ def fit_best(
     model: MotionModel,
     starts: list[Manifold],
     problem: SmearProblem,
-    cutoff: float,
-    steps: int = FINAL_STEPS,
     tolerance: float = TOLERANCE,
 ) -> Fit:
     """Return the cheapest refinement of the starts. The score is Akaike's criterion.
@@ -150,7 +136,7 @@ def fit_best(
     refine all is worse: an AUC@10 of 0.721, not 0.735, over 139 synthetic scenes.
     """
     options = RefineOptions(
-        cutoff=cutoff, data_weight=problem.data_weight, max_iterations=steps, tolerance=tolerance, rest=REST
+        data_weight=problem.data_weight, max_iterations=STEPS, tolerance=tolerance, rest=REST
     )
     trials = [(next(run), run) for run in (refining(start, problem.weighted, options) for start in starts)]
     for kept in KEPT:
@@ -163,31 +149,31 @@ def fit_best(
     return Fit(model=model, point=point, score=score)
 
 
-def with_measured_noise(problem: SmearProblem, F: Array, cutoff: float) -> SmearProblem:
+def with_measured_noise(problem: SmearProblem, F: Array) -> SmearProblem:
     """Return the problem with standard deviations as the residuals of F show them."""
-    return problem.rescaled(residual_scale(F, problem.weighted, cutoff))
+    return problem.rescaled(residual_scale(F, problem.weighted))
 
 
 def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
     """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
     stated = problem.rescaled(1 / problem.scale)
-    return stated.sigma_px * residual_scale(F, stated.weighted, CUTOFF)
+    return stated.sigma_px * residual_scale(F, stated.weighted)
 
 
-def residual_scale(F: Array, matches: WeightedEnds, cutoff: float) -> float:
+def residual_scale(F: Array, matches: WeightedEnds) -> float:
     """Return the robust standard deviation of the residuals over the assumed one, in [0.1, 4].
 
-    Residuals of the better order below ``cutoff`` are a mixture of a half normal distribution and of a
+    Residuals of the better order below CUTOFF are a mixture of a half normal distribution and of a
     uniform one, the outliers; expectation-maximisation separates them.
     """
     residual = np.abs(matches.residuals(F).least)
-    squared = residual[residual < cutoff] ** 2
+    squared = residual[residual < CUTOFF] ** 2
     if not len(squared):
         return 1.0
     variance, inliers = max(1.4826**2 * float(np.median(squared)), LEAST_VARIANCE), 0.5
     for _ in range(SCALE_STEPS):
         normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
-        share = normal / (normal + (1 - inliers) / cutoff)
+        share = normal / (normal + (1 - inliers) / CUTOFF)
         total = float(share.sum())
         inliers = min(total / len(squared), 0.999)
         variance = max(float(share @ squared) / max(total, 1e-9), LEAST_VARIANCE)

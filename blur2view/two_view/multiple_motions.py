@@ -19,7 +19,7 @@ from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
 from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.residuals import CUTOFF, RefineOptions
 from blur2view.two_view.model_selection import residual_scale
 from blur2view.two_view.parallax import mixture
 
@@ -76,16 +76,10 @@ def blocks_of(middle: Array, count: int) -> NDArray[np.int_]:
 
 
 def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float:
-    """Return the share of independent values, from 1 / (values per block) to 1: how little neighbours agree.
+    """Return the share of independent values (K, N), from 1 / (values per block) to 1: K kinds of residuals.
 
-    Parameters
-    ----------
-    values : ndarray of shape (K, N)
-        K kinds of residuals of N smears, in standard deviations.
-    used : ndarray of bool, shape (N,)
-    middle : ndarray of shape (N, 2)
-        Midpoints. Within blocks of a fifth of their extent residuals are summed: the sum of m residuals of
-        variance v has variance m v if they are independent, m^2 v if they agree.
+    Within blocks of a fifth of the midpoints' extent those of ``used`` (N,) are summed: the sum of m
+    residuals of variance v has variance m v if they are independent, m^2 v if they agree.
     """
     kept, block = np.where(used, values, 0.0), blocks_of(middle, BLOCKS)
     sums = np.stack([np.bincount(block, weights=row) for row in kept])
@@ -110,16 +104,16 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
 
 
 def leaves_structure(
-    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], cutoff: float, level: float = COHERENT
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], level: float = COHERENT
 ) -> bool:
     """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
     residual, middle = errors_by_order(problem, F, backward), problem.ends.mean(axis=1)
-    if independence(residual[None], np.abs(residual) < cutoff, middle) < level:
+    if independence(residual[None], np.abs(residual) < CUTOFF, middle) < level:
         return True
-    far = np.abs(problem.weighted.residuals(F).least) >= cutoff
+    far = np.abs(problem.weighted.residuals(F).least) >= CUTOFF
     angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
     return bool(far.mean() > MANY_OUTLIERS and independence(directions, far, middle) < ALIKE)
@@ -131,31 +125,18 @@ def find_two_motions(
     backward: NDArray[np.bool_],
     on_plane: float,
     stated_px: Array,
-    cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
-    Parameters
-    ----------
-    problem : SmearProblem
-    F : ndarray of shape (3, 3)
-        The best single one, normalised coordinates.
-    backward : ndarray of bool, shape (N,)
-        Orders of the best homography, see `errors_by_order`.
-    on_plane : float
-        Share of the smears that one homography explains.
-    stated_px : ndarray of shape (N,)
-        Standard deviations of Sampson distances as stated, pixels.
-    cutoff : float
-        Residual in standard deviations at which a smear counts as not explained.
-    rng : numpy.random.Generator
+    F (3, 3) is the best single one, ``backward`` (N,) the orders of the best homography (`errors_by_order`),
+    ``on_plane`` the share of smears that it explains, ``stated_px`` (N,) Sampson deviations as stated.
     """
     scale = float(np.median(problem.sigma_px / stated_px))
-    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward, cutoff):
+    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
         return None
     for _ in range(ATTEMPTS):
-        motions = _two_motions(problem, F, backward, stated_px, cutoff, rng)
+        motions = _two_motions(problem, F, backward, stated_px, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     if motions is None or motions.gain < LEAST_GAIN:
@@ -168,7 +149,6 @@ def _two_motions(
     F: Array,
     backward: NDArray[np.bool_],
     stated_px: Array,
-    cutoff: float,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Return two F at the stated standard deviations (N,); F is the best single one.
@@ -178,43 +158,43 @@ def _two_motions(
     """
     chosen = rng.permutation(len(stated_px))[:SMEARS]
     stated, backward = problem.with_sigma(stated_px).subset(chosen), backward[chosen]
-    one = _search(stated, cutoff, rng)
+    one = _search(stated, rng)
     if one is None:
         return None
-    one = _refit(stated, one, cutoff)
-    stated = stated.rescaled(max(residual_scale(one, stated.weighted, cutoff), 1.0))
+    one = _refit(stated, one)
+    stated = stated.rescaled(max(residual_scale(one, stated.weighted), 1.0))
     (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
     explains = float(max(single[0], alone[0]))
-    if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, cutoff, FIRMLY):
+    if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, FIRMLY):
         gain = 2 * (reached - likelihood)
         return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
-    other = _search(stated.subset(_worst_places(stated, _squared(stated, one), cutoff)), cutoff, rng)
+    other = _search(stated.subset(_worst_places(stated, _squared(stated, one))), rng)
     if other is None:
         return None
     for _ in range(ROUNDS):
-        mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
+        mine = _by_place(stated, _squared(stated, one), _squared(stated, other))
         shares = (mine, one), (~mine, other)
-        one, other = (_refit(stated.subset(np.flatnonzero(which)), F, cutoff) for which, F in shares)
+        one, other = (_refit(stated.subset(np.flatnonzero(which)), F) for which, F in shares)
     (first, second), reached_by_two = explained(stated, [one, other])
-    mine = _by_place(stated, _squared(stated, one), _squared(stated, other), cutoff)
+    mine = _by_place(stated, _squared(stated, one), _squared(stated, other))
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
-    own = independence(residual[None], np.abs(residual) < cutoff, stated.ends.mean(axis=1))
+    own = independence(residual[None], np.abs(residual) < CUTOFF, stated.ends.mean(axis=1))
     gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
     return TwoMotions(F=pair, first=first, second=second, single=explains, gain=gain)
 
 
-def _worst_places(problem: SmearProblem, squared: Array, cutoff: float) -> NDArray[np.int_]:
+def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
     """Return the smears of the cells that an F fits worst, a share WORST_SHARE; squared residuals (N,)."""
     cell = blocks_of(problem.ends.mean(axis=1), PLACES)
-    mean = np.bincount(cell, weights=np.minimum(squared, cutoff**2)) / np.maximum(np.bincount(cell), 1)
+    mean = np.bincount(cell, weights=np.minimum(squared, CUTOFF**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST_SHARE * len(cell)), 30)]
 
 
-def _by_place(problem: SmearProblem, one: Array, other: Array, cutoff: float) -> NDArray[np.bool_]:
+def _by_place(problem: SmearProblem, one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
-    vote = np.minimum(other, cutoff**2) - np.minimum(one, cutoff**2)
+    vote = np.minimum(other, CUTOFF**2) - np.minimum(one, CUTOFF**2)
     cell = blocks_of(problem.ends.mean(axis=1), PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
@@ -232,16 +212,16 @@ def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]
     return weights[:-1], float(log_density.sum())
 
 
-def _search(problem: SmearProblem, cutoff: float, rng: np.random.Generator) -> Array | None:
-    estimator = LocalEstimator(problem=problem, cutoff=cutoff, fit_error_px=1.0)
+def _search(problem: SmearProblem, rng: np.random.Generator) -> Array | None:
+    estimator = LocalEstimator(problem=problem)
     return ransac(estimator, SEARCH, rng).model
 
 
-def _refit(problem: SmearProblem, F: Array, cutoff: float) -> Array:
+def _refit(problem: SmearProblem, F: Array) -> Array:
     """Return F (3, 3) refined on the seven-parameter manifold, each smear in its better order."""
     if len(problem.ends) < 8:
         return F
-    options = RefineOptions(max_iterations=6, cutoff=cutoff, decided=True)
+    options = RefineOptions(max_iterations=6, decided=True)
     return refine(GeneralF.from_matrix(F), problem.weighted, options)[0].matrix()
 
 

@@ -21,9 +21,10 @@ from blur2view.geometry.sampson import BatchSampson
 from blur2view.robust.homography import IDENTITY
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import weighted_samples
+from blur2view.robust.residuals import CUTOFF
 
 PAIRS = 100  # pairs of smears tried; with four orders each 400 epipoles
-SCORED = 500  # smears that judge them
+SCORED = 500  # smears that they are scored on
 
 
 def parallax_lines(A: Array, ends: Array) -> Array:
@@ -41,25 +42,11 @@ def fundamentals_through(A: Array, epipoles: Array) -> Array:
 
 
 def plane_and_parallax(
-    A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], cutoff: float, rng: np.random.Generator
+    A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], rng: np.random.Generator
 ) -> Array | None:
-    """Return the best F that is compatible with a homography and fixed by two smears off it.
+    """Return the best F (3, 3), normalised, of a homography's generator A and two smears off its plane.
 
-    Parameters
-    ----------
-    A : ndarray of shape (3, 3)
-        Generator of the homography, normalised coordinates.
-    problem : SmearProblem
-    off_plane : ndarray of int, shape (M,)
-        Smears that the homography does not explain.
-    cutoff : float
-        Residual in standard deviations at which a smear counts as not explained.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray of shape (3, 3) or None
-        Normalised coordinates; None if there are fewer than two such smears.
+    None if there are fewer than two of them (``off_plane`` indexes those that the homography leaves).
     """
     if len(off_plane) < 2:
         return None
@@ -70,7 +57,7 @@ def plane_and_parallax(
     models = fundamentals_through(A, epipoles / np.maximum(length, TINY))
     scored = rng.permutation(len(problem.ends))[:SCORED]
     precision = np.asarray(1 / problem.sigma_px[scored] ** 2, np.float32)
-    cost = BatchSampson(problem.ends[scored], problem.unit_px).costs(models, precision, cutoff**2)
+    cost = BatchSampson(problem.ends[scored], problem.unit_px).costs(models, precision, CUTOFF**2)
     cost[length[:, 0] <= TINY] = np.inf
     best = int(np.argmin(cost))
     return models[best] if np.isfinite(cost[best]) else None

@@ -25,7 +25,7 @@ from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, measured_sigma_px
-from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
 CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
@@ -52,9 +52,9 @@ class CalibratedFit:
         """Return the second derivative (5, 5) of half the cost, rotation first, by differences.
 
         All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose
-        order or kind is in doubt weighs less.
+        order or kind is uncertain weighs less.
         """
-        options = RefineOptions(cutoff=CUTOFF, data_weight=self.problem.shared.all_correlation)
+        options = RefineOptions(data_weight=self.problem.shared.all_correlation)
         plain = self.problem.weighted.residuals(self.point.matrix())
         states = (
             WeightedPoint(
@@ -95,14 +95,14 @@ def fit_calibrated(problem: SmearProblem, start: CameraF, likelihood: DirectionL
     rotation, t = likelihood.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
     point = min(
-        (fit_best(MotionModel.CAMERA, [point], problem, CUTOFF) for point in starts),
+        (fit_best(MotionModel.CAMERA, [point], problem) for point in starts),
         key=lambda fit: fit.score,
     ).point
     if not isinstance(point, CameraF):
         raise TypeError(f"a camera's fit is a CameraF, got {type(point).__name__}")
     matches = problem.weighted
     residuals = matches.residuals(point.matrix())
-    inliers = matches.inlier_shares(residuals, RefineOptions(cutoff=CUTOFF))
+    inliers = matches.order_weights(residuals).sum(axis=0)
     oriented = oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
     return CalibratedFit(problem=problem, point=point, oriented=oriented)
 
@@ -122,7 +122,7 @@ def with_pose(
     if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
         return geometry
     if geometry.config is Configuration.PANORAMIC:
-        pose, covariance = turned(matches, problem, geometry)
+        pose, covariance = pose_of_rotation(matches, problem, geometry)
         reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
         return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
     start = next(fit.point for fit in fits if fit.model is MotionModel.CAMERA)
@@ -192,7 +192,7 @@ def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays:
     return replace(geometry, F=F, E=E, swapped=swapped)
 
 
-def turned(
+def pose_of_rotation(
     matches: SmearMatches, problem: SmearProblem, geometry: TwoViewGeometry
 ) -> tuple[RigidTransform, PoseCovariance]:
     """Return the rotation that explains smears alone, ordered as ``swapped``, and its covariance."""
@@ -204,7 +204,7 @@ def turned(
         raise ValueError("a rotation is refined from its homography, which is missing")
     A = problem.T @ geometry.H @ np.linalg.inv(problem.T)
     A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
-    fit = fit_flow(RotationH.from_generator(A, fixed), data.without_slow_errors())
+    fit = fit_flow(RotationH.from_generator(A, fixed), data.without_low_frequency())
     swapped = np.where(geometry.swapped, -1.0, 1.0)
     vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])

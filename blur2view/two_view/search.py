@@ -10,7 +10,7 @@ from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.robust.ransac import ransac
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.model_selection import Fit, fit_families
-from blur2view.two_view.options import CUTOFF, EstimatorOptions
+from blur2view.two_view.options import EstimatorOptions
 
 
 def search_and_fit(
@@ -23,14 +23,12 @@ def search_and_fit(
 
     With a camera the ends are its undistorted pixels.
     """
-    estimator = build_estimator(matches, options, camera)
+    estimator = build_estimator(matches, camera)
     searched = ransac(estimator, options.search(), rng)
     return *fit_families(estimator, searched, rng), searched.iterations
 
 
-def build_estimator(
-    matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
-) -> SmearEstimator:
+def build_estimator(matches: SmearMatches, camera: Camera | None = None) -> SmearEstimator:
     """Return the robust search's problem: normalised smears and standard deviations."""
     problem = build_problem(matches.ends, matches.sampson_px, matches.image_size, camera, matches.shared)
-    return SmearEstimator(problem=problem, cutoff=CUTOFF, fit_error_px=options.fit_error_px)
+    return SmearEstimator(problem=problem)

@@ -19,13 +19,13 @@ from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
 from blur2view.robust.problem import SmearProblem
 from blur2view.robust.reweighted import reweighted_motion
+from blur2view.two_view.flow import FREEDOM
 
 DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
 RINGS_DEG = (2.0, 0.8, 0.3, 0.12, 0.05)  # about the best direction of the grid, and of every ring
 RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 SMEARS = 300  # looked at, or up to twice as many
 STEPS = 6  # of reweighting
-FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
 ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears
 KNOWN_DEG = 30.0  # deviation below which a translation is given
 STEP_DEG = 4.5  # distance of the directions of the grid
@@ -105,9 +105,7 @@ class DirectionLikelihood:
         weight = np.exp(-0.5 * (costs - costs.min()))
         *_, (order,) = self.at(pose.translation[None])
         sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
-        mean = weight @ (sign * directions)
         return TranslationRegion(
-            axis=mean / max(float(np.linalg.norm(mean)), TINY),
             directions=sign * directions,
             rotations=sign * rotations,
             weight=weight / weight.sum(),
@@ -120,15 +118,12 @@ class TranslationRegion:
 
     Parameters
     ----------
-    axis : ndarray of shape (3,)
-        Mean direction, unit.
     directions, rotations : ndarray of shape (G, 3)
         Directions, and the rotation that goes with each, of one flip of time.
     weight : ndarray of shape (G,)
         Their probabilities.
     """
 
-    axis: Array
     directions: Array
     rotations: Array
     weight: Array

@@ -15,9 +15,9 @@ class Structure(StrEnum):
 
     STILL = "no motion"
     PARALLAX = "parallax"
-    OPEN = "parallax or none"
-    ROTATION_OPEN = "rotation or small parallax"
-    PLANE_OPEN = "plane or small parallax"
+    UNDECIDED = "parallax or none"
+    ROTATION_UNDECIDED = "rotation or small parallax"
+    PLANE_UNDECIDED = "plane or small parallax"
     ROTATION = "rotation"
     PLANE = "plane"
     ROTATION_OR_PLANE = "rotation or plane"
@@ -37,14 +37,14 @@ WITHOUT_F = {Structure.NOTHING, Structure.STILL, *HOMOGRAPHIES}
 class Verdict:
     """What the smears show, why, and the models behind it.
 
-    ``fit`` is the F (of normalised coordinates) to report where there is one, ``A`` the generator of the
+    ``fit`` is the F (of normalised coordinates) to report where there is one, ``generator`` that of the
     homography.
     """
 
     structure: Structure
     sentence: str
     fit: Fit
-    A: Array | None = None
+    generator: Array | None = None
 
     @property
     def F(self) -> Array | None:

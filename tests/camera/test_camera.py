@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, PngImagePlugin
 
 from blur2view.arrays import Array
 from blur2view.camera import exif
@@ -21,7 +23,7 @@ from blur2view.camera.colmap_camera import (
     rescaled_matrix,
     to_colmap,
 )
-from blur2view.camera.exif import ExifFacts, read_exif
+from blur2view.camera.exif import ExifValues, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 from blur2view.colmap.cameras import camera_of_database, stored_camera
 from blur2view.errors import CameraError
@@ -177,9 +179,9 @@ def photograph(path: Path, tags: Mapping[int, object], size: tuple[int, int] = S
 def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
     base = ExifTags.Base
     film = {base.FocalLengthIn35mmFilm.value: 26, base.ExposureTime.value: 0.04}
-    facts = read_exif(photograph(tmp_path / "film.jpg", film))
-    assert facts.focal_px == pytest.approx(26 * 800 / 43.2666, rel=1e-4)
-    assert facts.exposure_s == pytest.approx(0.04)
+    values = read_exif(photograph(tmp_path / "film.jpg", film))
+    assert values.focal_px == pytest.approx(26 * 800 / 43.2666, rel=1e-4)
+    assert values.exposure_s == pytest.approx(0.04)
     plane = {
         base.FocalLength.value: 50.0,
         base.FocalPlaneXResolution.value: 2540.0,
@@ -192,15 +194,15 @@ def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
 
 def test_useless_exif_says_nothing(tmp_path: Path) -> None:
     tags = {ExifTags.Base.ExposureTime.value: 0.0, ExifTags.Base.FocalLengthIn35mmFilm.value: 0}
-    assert read_exif(photograph(tmp_path / "a.jpg", tags)) == ExifFacts()
-    assert read_exif(tmp_path / "missing.jpg") == ExifFacts()
+    assert read_exif(photograph(tmp_path / "a.jpg", tags)) == ExifValues()
+    assert read_exif(tmp_path / "missing.jpg") == ExifValues()
     endless = {ExifTags.Base.FocalLength.value: 4e6, ExifTags.Base.FocalPlaneXResolution.value: 4e6}
-    assert read_exif(photograph(tmp_path / "b.jpg", endless)) == ExifFacts()
+    assert read_exif(photograph(tmp_path / "b.jpg", endless)) == ExifValues()
 
 
 def test_intrinsics_choose_the_camera(database: Path) -> None:
-    path, exif = Path("walks/b.jpg"), ExifFacts(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
-    assert Intrinsics().of(path, SIZE, ExifFacts()) is None
+    path, exif = Path("walks/b.jpg"), ExifValues(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
+    assert Intrinsics().of(path, SIZE, ExifValues()) is None
     hint = Intrinsics().of(path, SIZE, exif)
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
     taken = Intrinsics(camera="exif").of(path, SIZE, exif)
@@ -221,9 +223,9 @@ def test_intrinsics_that_do_not_fit() -> None:
     with pytest.raises(CameraError, match="neither"):
         Intrinsics(camera="nonsense")
     with pytest.raises(CameraError, match="a.jpg.*EXIF names no focal length"):
-        Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifFacts())
+        Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifValues())
     with pytest.raises(CameraError, match="a.jpg.*is for 640x480"):
-        Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifFacts())
+        Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifValues())
 
 
 @pytest.mark.parametrize("value", [np.inf, np.nan, 0.0, -1.0, "x", (1, 2)])
@@ -262,3 +264,16 @@ def test_what_opencv_gives_otherwise_is_refused() -> None:
     with pytest.raises(ValueError, match="K must be"):
         Camera.from_opencv(np.eye(4), None, (640, 480))
     assert Camera.from_opencv(K, np.zeros((1, 14)), (640, 480)).model == "PINHOLE"
+
+
+def test_png_is_not_decoded_for_exif_that_it_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 3
+    block = exif.tobytes().removeprefix(b"Exif\0\0")
+    chunk = struct.pack(">I", len(block)) + b"eXIf" + block + struct.pack(">I", zlib.crc32(b"eXIf" + block))
+    Image.new("RGB", (40, 30)).save(tmp_path / "a.png")
+    bare = (tmp_path / "a.png").read_bytes()
+    late = bare[:-12] + chunk + bare[-12:]  # before IEND, after the pixels
+    assert read_exif("a.png", late).rows_towards == (0, -1)
+    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", lambda self: pytest.fail("decoded"))
+    assert read_exif("a.png", bare) == ExifValues()

@@ -1,12 +1,20 @@
-"""Fixtures of the command line: a folder of three kinds of photographs, and commands with a tiny network."""
+"""Fixtures of the command line.
+
+A folder of three kinds of photographs, and commands with a tiny network;
+five small photographs, and which of them are read.
+"""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from blur2view import pipeline
 from blur2view.cli import commands as cli
+from blur2view.photographs.image import read_image
 from tests.support.colour_code import colour_code, forward_motion, write_picture
+from tests.support.many_photographs import write_photographs
 from tests.support.tables import Call
 
 
@@ -33,3 +41,22 @@ def frames(tmp_path: Path) -> Path:
     chaos = np.repeat(np.repeat(cells, 32, 0), 32, 1)
     write_picture(folder / "chaos.png", colour_code(chaos, 1.0))
     return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder of five small photographs."""
+    return write_photographs(tmp_path / "in", 5)[0].parent
+
+
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the names of the photographs that are read from now on."""
+    names: list[str] = []
+
+    def noted(path: Path, **options: Any) -> Any:
+        names.append(Path(path).name)
+        return read_image(path, **options)
+
+    monkeypatch.setattr(pipeline, "read_image", noted)
+    return names

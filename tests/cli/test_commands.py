@@ -1,19 +1,15 @@
-"""``blur2view estimate``: what it prints and writes, and how it fails."""
+"""``blur2view estimate``: what it prints and writes."""
 
 import json
 import os
-import shlex
 import subprocess
 import sys
-import zlib
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
-from blur2view import pipeline
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
 from blur2view.networks import smear_network
@@ -25,14 +21,7 @@ from blur2view.results.overlay import draw_overlay
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
-from tests.support.colour_code import (
-    HEIGHT,
-    WIDTH,
-    colour_code,
-    forward_motion,
-    write_picture,
-)
-from tests.support.many_photographs import command, environment
+from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion, write_picture
 
 
 def test_files_hold_the_estimate(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -81,8 +70,10 @@ def test_summary_is_two_lines(
     assert first.startswith(f"{moving}: Camera moved")
     document = json.loads((out / "moving.json").read_text())
     assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
-    assert "moved to or from (" in second and second.endswith(
-        f"wrote {out / 'moving'}.{{json,png,smear.npz}}"
+    assert (
+        "moved to or from (" in second
+        and "the epipole, unless the shutter rolls;" in second
+        and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
     )
 
 
@@ -105,26 +96,6 @@ def test_verbose_summary_of_one_homography_has_H_and_no_epipoles(
     assert run(picture, "-v") == 0
     text = capsys.readouterr().out
     assert "H =" in text and "epipoles" not in text
-
-
-def test_quiet_call_prints_failures_only(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(still, tmp_path / "absent.jpg", "--quiet") == 1
-    printed = capsys.readouterr()
-    assert printed.out == "" and len(printed.err.splitlines()) == 1
-
-
-def test_names_of_any_kind_are_printed(run: Any, still: Path, tmp_path: Path) -> None:
-    odd = tmp_path / os.fsdecode(b"\xff photo.png")
-    still.rename(odd)
-    assert run(odd, "-o", tmp_path / "out") == 0
-
-
-def test_link_to_itself_is_one_line(run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
-    assert run(tmp_path / "loop.jpg", "-o", tmp_path / "out") == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_without_output_folder_nothing_is_written(run: Any, moving: Path, tmp_path: Path) -> None:
@@ -151,32 +122,6 @@ def test_picture_without_motion_is_a_result_with_a_reason(
     document = json.loads((tmp_path / "out" / "still.json").read_text())
     assert document["F"] is None and document["config"] == "DEGENERATE" and len(document["reason"]) > 10
     assert "DEGENERATE" in capsys.readouterr().out
-
-
-def test_one_bad_photograph_costs_one_line_and_not_the_others(
-    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    empty = tmp_path / "empty.jpg"
-    empty.touch()
-    assert run(empty, moving, tmp_path / "absent.jpg", still, "-o", tmp_path / "out") == 1
-    complaints = capsys.readouterr().err.splitlines()
-    assert len(complaints) == 2
-    assert "empty.jpg" in complaints[0] and "absent.jpg" in complaints[1]
-    assert {path.stem for path in (tmp_path / "out").glob("*.json")} == {"moving", "still"}
-
-
-def test_json_names_failures_too(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path / "absent.jpg", still, "--json") == 1
-    printed = json.loads(capsys.readouterr().out)
-    assert len(printed["estimates"]) == 1 and "no such file" in printed["failures"][0]["error"]
-
-
-def test_wrong_network_is_one_line(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["estimate", str(still), "--model", str(still)]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "not an ONNX network" in line
 
 
 def test_same_seed_gives_the_same_bytes(run: Any, moving: Path, still: Path, tmp_path: Path) -> None:
@@ -251,17 +196,6 @@ def test_large_photograph_shows_its_tiles_to_a_person(
     assert seen == [(done, 6) for done in range(1, 7)]
 
 
-def test_interrupt_is_no_traceback(
-    run: Any, still: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(path: Path, **options: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(pipeline, "read_image", interrupt)
-    assert run(still) == 130
-    assert capsys.readouterr().err == "blur2view: interrupted\n"
-
-
 @pytest.mark.slow
 def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path, tmp_path: Path) -> None:
     root = Path(cli.__file__).parents[2]
@@ -282,147 +216,9 @@ def test_module_runs_as_a_program_from_any_folder(moving: Path, tiny_model: Path
     assert json.loads(done.stdout)["estimates"][0]["config"] == "UNCALIBRATED"
 
 
-def test_control_characters_of_a_name_are_printed_as_escapes(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
-    assert run(odd, tmp_path / "absent\n.png") == 1
-    printed = capsys.readouterr()
-    assert "two\\nlines\\x1b[31m.png: Sharp" in printed.out and len(printed.out.splitlines()) == 2
-    assert len(printed.err.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["estimate", "-o", "a\0"],
-        ["segment", "-o", "a\0"],
-        ["report", "-o", "a\0"],
-        ["to-colmap", "--db", "a\0"],
-        ["to-colmap", "--format", "hloc", "-o", "a\0"],
-        ["estimate", "--camera", "PINH\0OLE 4 4 4"],
-        ["estimate", "--camera", "\x1b[31m\n"],
-    ],
-)
-def test_what_no_path_holds_is_wrong_usage(
-    words: list[str], still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main([*words, str(still)])
-    assert caught.value.code == 2
-    printed = capsys.readouterr().err
-    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and len(printed.splitlines()) == 1
-
-
-def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(
-    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("a\0.png", still) == 1
-    assert cli.main(["estimate", str(still), "--model", "a\0"]) == 1
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 2 and "DEGENERATE" in printed.out
-
-
-def test_photographs_beyond_the_memory_are_refused_with_the_remedy(
-    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(still, "--max-memory", 1e-5) == 1
-    assert "--max-memory 1" in capsys.readouterr().err
-    assert run(still, "--max-memory", 1) == 0
-
-
-@pytest.mark.parametrize("raised", [MemoryError(), cv2.error("Failed to allocate")])
-def test_too_little_memory_costs_one_photograph(
-    run: Any, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    if isinstance(raised, cv2.error):
-        raised.code = -4
-    calls = iter([raised])
-
-    def stumble(*arguments: object, **options: object) -> Any:
-        for error in calls:
-            raise error
-        return estimate(*arguments, **options)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(pipeline, "estimate", stumble)
-    assert run(moving, still) == 1
-    printed = capsys.readouterr()
-    assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"
-    assert f"{still}: Sharp" in printed.out
-
-
-def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:
-    """Run the program in a process of its own, without some of its standard streams."""
-    command = " ".join(map(shlex.quote, [sys.executable, "-m", "blur2view", *map(str, words)]))
-    root = str(Path(cli.__file__).parents[2])
-    environment = os.environ | {"PYTHONPATH": root}
-    return subprocess.run(f"{command} {closed}", shell=True, env=environment, capture_output=True, text=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("closed", "out", "err"), [(">&-", 0, 1), ("2>&-", 2, 0), ("<&- >&- 2>&-", 0, 0)])
-def test_closed_streams_are_no_traceback(
-    still: Path, tiny_model: Path, tmp_path: Path, closed: str, out: int, err: int
-) -> None:
-    done = program("estimate", still, tmp_path / "absent.png", "--model", tiny_model, closed=closed)
-    assert done.returncode == 1
-    assert (len(done.stdout.splitlines()), len(done.stderr.splitlines())) == (out, err)
-
-
-@pytest.mark.slow
-def test_nobody_else_prints(tmp_path: Path, tiny_model: Path) -> None:
-    content = cv2.imencode(".png", np.zeros((64, 80, 3), np.uint16))[1].tobytes()
-    chunk = b"tRNS" + bytes(7)  # of colour it has 6 bytes, of which libpng warns
-    chunk = (7).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
-    (tmp_path / "a.png").write_bytes(content[:33] + chunk + content[33:])
-    done = program("estimate", tmp_path / "a.png", tmp_path / "absent.png", "--model", tiny_model)
-    assert done.returncode == 1 and "a.png: Out of focus" in done.stdout
-    assert done.stderr == f"blur2view: {tmp_path / 'absent.png'}: no such file; check the path\n"
-
-
-@pytest.mark.slow
-def test_interrupt_of_an_import_is_no_traceback(tmp_path: Path) -> None:
-    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt")
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); "
-        "from blur2view.__main__ import program; sys.exit(program())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "blur2view: interrupted\n")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("buffered", [True, False])
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [("| true", ""), ("> /dev/full", "blur2view: cannot print (No space left on device)")],
-)
-def test_output_that_nobody_takes_is_no_traceback(
-    still: Path, tiny_model: Path, target: str, words: str, buffered: bool
-) -> None:
-    root = Path(cli.__file__).parents[2]
-    command = f"{sys.executable} -m blur2view estimate {still} --model {tiny_model} {target}"
-    environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
-    done = subprocess.run(["bash", "-c", command], cwd=root, env=environment, capture_output=True, text=True)
-    assert done.stderr.startswith(words) and done.stderr.count("\n") == bool(words)
-
-
 def test_written_overlay_is_the_drawn_one(run: Any, moving: Path, tiny_model: Path, tmp_path: Path) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
     photo = read_image(moving)
     result = estimate(photo, network=SmearNetwork(tiny_model))
     drawn = draw_overlay(photo, result.grid, result.matches, result.geometry)
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
-
-
-def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
-    strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}
-    with (tmp_path / "t.png").open("rb") as file:
-        done = subprocess.run(
-            command("estimate", "-"), env=strict, stdin=file, capture_output=True, text=True, check=False
-        )
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("blur2view: ") and "no such file" in line

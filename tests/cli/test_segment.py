@@ -100,6 +100,17 @@ def test_mask_for_a_program_replaces_no_file_of_others(run: Any, walker: Path, t
     assert mine.read_bytes() == b"mine"
 
 
+@pytest.mark.parametrize("program", ["colmap", "nerfstudio", "instant-ngp"])
+def test_a_photograph_without_a_name_is_one_failure(
+    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], program: str
+) -> None:
+    names = tmp_path / "names.txt"
+    names.write_text(f"/\n{walker}\n")
+    assert run(f"@{names}", "-o", tmp_path / "out", "--masks", program) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert (tmp_path / "out" / "a.mask.png").is_file()
+
+
 def test_masks_for_a_program_need_a_folder(run: Any, walker: Path) -> None:
     with pytest.raises(SystemExit) as usage:
         run(walker, "--masks", "colmap")

@@ -212,9 +212,7 @@ def test_near_the_limit_a_frame_follows_the_one_before_and_no_other_photograph_d
     names: tuple[str, str], frames_of_video: tuple[int | None, int | None], words: list[str], last: str
 ) -> None:
     parsed = cli.build_parser().parse_args(["triage", "a.png", *words])
-    options = read_options(parsed)
-    assert isinstance(options, TriageOptions)
-    classify = Classifier(options)
+    classify = Classifier(read_options(parsed, TriageOptions))
     uses = [
         classify(Row(name=name, frame=frame, verdict="PLANAR", smear_px=smear_px)).use
         for name, frame, smear_px in zip(names, frames_of_video, (2.0, 3.1), strict=True)

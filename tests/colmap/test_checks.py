@@ -45,8 +45,8 @@ def test_what_no_colmap_makes_is_refused_before_any_work(
     for photograph in photographs:
         write_photograph(photograph)
     code = main(["to-colmap", "--link", "--db", str(path), *map(str, photographs)])
-    said = capsys.readouterr()
-    assert code == 1 and said.err.startswith(f"blur2view: {path}: ") and said.err.count("\n") == 1
+    printed = capsys.readouterr()
+    assert code == 1 and printed.err.startswith(f"blur2view: {path}: ") and printed.err.count("\n") == 1
     assert path.read_bytes() == before
     assert sorted(os.listdir(tmp_path)) == ["a_001.jpg", "a_002.jpg", "project.db"]
 

@@ -17,7 +17,6 @@ from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_lin
 from blur2view.colmap.project import image_names, longest_suffix, open_project
 from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
-from blur2view.exposure.linked_views import KeypointViews
 from blur2view.geometry.epipolar import unit_norm
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
@@ -32,7 +31,7 @@ def job_of(plan: LinkStep | DatabaseError, seed: int = 0) -> LinkJob:
     rng = np.random.default_rng(seed)
     views = random_views(plan.image.name, FEATURES, rng)
     usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
-    return LinkJob(plan=plan, linked=KeypointViews(views=views, usable=usable))
+    return LinkJob(plan=plan, views=replace(views, usable=usable))
 
 
 def link(path: Path, *names: str, replace: bool = False, backup: bool = False, seed: int = 0) -> Path | None:
@@ -67,10 +66,11 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
         assert len(images) == 7
         ids = [images[name] for name in ("a_000.jpg", "a_000.jpg#open", "a_000.jpg#close")]
         first, last = (database.read_keypoints(image_id) for image_id in ids[1:])
-        views = job_of(only_plan(path, "a_000.jpg")).linked
-        np.testing.assert_allclose(first, views.views.points_open + 0.5, atol=1e-4)
-        np.testing.assert_allclose(last, views.views.points_close + 0.5, atol=1e-4)
-        usable, used = np.flatnonzero(views.usable), np.flatnonzero(views.views.geometry.inlier_mask)
+        views = job_of(only_plan(path, "a_000.jpg")).views
+        np.testing.assert_allclose(first, views.points_open + 0.5, atol=1e-4)
+        np.testing.assert_allclose(last, views.points_close + 0.5, atol=1e-4)
+        assert views.usable is not None
+        usable, used = np.flatnonzero(views.usable), np.flatnonzero(views.geometry.inlier_mask)
         for one, other in ((0, 1), (0, 2), (1, 2)):
             matches = database.read_matches(ids[one], ids[other])
             geometry = database.read_two_view_geometry(ids[one], ids[other])
@@ -102,8 +102,8 @@ def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
     job = job_of(plan)
     symmetric, a = np.zeros((3, 3)), rng.normal(size=3)  # a pure translation: half of it has the same F
     F = symmetric + np.cross(np.eye(3), a)
-    views = replace(job.linked.views, geometry=replace(job.linked.views.geometry, F=F))
-    write_links(path, [LinkJob(plan=job.plan, linked=replace(job.linked, views=views))], backup=False)
+    views = replace(job.views, geometry=replace(job.views.geometry, F=F))
+    write_links(path, [LinkJob(plan=job.plan, views=views)], backup=False)
     with pycolmap.Database.open(path) as database:
         geometries = [database.read_two_view_geometry(*pair).F for pair in ((2, 4), (2, 5), (4, 5))]
     to_open, to_close, whole = (unit_norm(np.asarray(found, float)) for found in geometries)
@@ -130,10 +130,8 @@ def test_replace_rewrites_our_rows_in_place(path: Path) -> None:
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         kept, new = (database.read_keypoints(names[name]) for name in ("a_000.jpg#open", "a_001.jpg#open"))
-    np.testing.assert_allclose(
-        kept, job_of(only_plan(path, "a_000.jpg")).linked.views.points_open + 0.5, atol=1e-4
-    )
-    expected = job_of(only_plan(path, replace=True), seed=1).linked.views.points_open
+    np.testing.assert_allclose(kept, job_of(only_plan(path, "a_000.jpg")).views.points_open + 0.5, atol=1e-4)
+    expected = job_of(only_plan(path, replace=True), seed=1).views.points_open
     np.testing.assert_allclose(new, expected + 0.5, atol=1e-4)
 
 
@@ -190,7 +188,7 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: S
     link(path, "a_001.jpg", replace=True)
     assert user_rows(path) == before
     assert is_kept(path)
-    assert not [line for line in check_database(path) if "#" in line]  # what is said of our views
+    assert not [line for line in check_database(path) if "#" in line]  # about our views
 
 
 def test_views_follow_the_camera_of_their_photograph(path: Path) -> None:
@@ -233,7 +231,7 @@ def test_a_view_that_was_deleted_is_made_again(path: Path, end: str) -> None:
     ids = names_of(path)
     first, last = ids["a_001.jpg#open"], ids["a_001.jpg#close"]
     assert (first < last) == (end == "close")  # the new one has the larger id
-    expected = job_of(only_plan(path, replace=True)).linked.views.geometry.F
+    expected = job_of(only_plan(path, replace=True)).views.geometry.F
     with pycolmap.Database.open(path) as database:
         F = database.read_two_view_geometry(first, last).F
     assert F is not None and expected is not None

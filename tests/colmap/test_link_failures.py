@@ -12,7 +12,6 @@ import pytest
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
-from blur2view.exposure.linked_views import KeypointViews
 from tests.colmap.test_link import ROLLBACK, job_of, link, names_of, only_plan, run_sql
 from tools.database_safety.colmap_projects import user_rows
 from tools.database_safety.kill_writes import kill_many, random_views
@@ -121,10 +120,7 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
         plan = only_plan(path)
         if isinstance(plan, LinkStep):
             views = random_views(plan.image.name, len(plan.image.keypoints), np.random.default_rng(0))
-            usable = np.ones(len(plan.image.keypoints), bool)
-            write_links(
-                path, [LinkJob(plan=plan, linked=KeypointViews(views=views, usable=usable))], backup=False
-            )
+            write_links(path, [LinkJob(plan=plan, views=views)], backup=False)
             assert user_rows(path) == rows
             return
     except DatabaseError as error:

@@ -19,7 +19,7 @@ from blur2view.colmap import placement
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
-from blur2view.exposure.linked_views import KeypointViews
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from tests.support.scenes import some_views
 
@@ -87,28 +87,28 @@ def project(
     jobs = []
     for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
         assert isinstance(plan, LinkStep)
-        jobs.append(LinkJob(plan=plan, linked=smears(plan.image.name, points, share, usable)))
+        jobs.append(LinkJob(plan=plan, views=smears(plan.image.name, points, share, usable)))
     write_links(database, jobs, backup=False)
     (folder / "model").mkdir()
     model.write(folder / "model")
     return database, folder / "model"
 
 
-def smears(name: str, points: Array, share: float, usable: int) -> KeypointViews:
+def smears(name: str, points: Array, share: float, usable: int) -> ExposureViews:
     time = NAMES.index(name)
     first, last = (seen(pose_at(time + side * share / 2), points) for side in (-1, 1))
     middle = seen(pose_at(time), points)
     half = 0.5 * (last - first)
     plain = some_views(name, FEATURES)
     everything = np.ones(FEATURES, bool)
-    views = replace(
+    return replace(
         plain,
         size=SIZE,
         points_open=middle - half,
         points_close=middle + half,
         geometry=replace(plain.geometry, inlier_mask=everything),
+        usable=np.arange(FEATURES) < usable,
     )
-    return KeypointViews(views=views, usable=np.arange(FEATURES) < usable)
 
 
 def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
@@ -144,6 +144,14 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
         assert {frame.frame_id: frame.data_ids for frame in opened.read_all_frames()} == {
             number: frame.data_ids for number, frame in frames.items()
         }
+
+
+def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
+    database, model = project(tmp_path, list(range(FRAMES)))
+    with closing(sqlite3.connect(database)) as opened:
+        opened.execute(f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
+        opened.commit()
+    assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
 
 
 def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.camera.exif import ExifFacts
+from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.commands import main
 from blur2view.colmap.cameras import camera_of_database, stored_camera
@@ -33,7 +33,7 @@ def camera_of(path: Path) -> None:
 
 
 def camera_option(path: Path) -> None:
-    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), SIZE, ExifFacts())
+    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), SIZE, ExifValues())
     assert camera is not None and camera.known
 
 

@@ -1,4 +1,4 @@
-"""The facts about COLMAP's database, compared with a file that pycolmap writes."""
+"""What is known of COLMAP's database, compared with a file that pycolmap writes."""
 
 import sqlite3
 from contextlib import closing
@@ -30,16 +30,16 @@ from blur2view.geometry.rotation import rotation_matrix
 def shape_of(path: Path) -> dict[str, object]:
     """Columns, foreign keys and indices of every table, and the version."""
     with closing(sqlite3.connect(path)) as database:
-        facts: dict[str, object] = {}
+        parts: dict[str, object] = {}
         tables = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
         for (table,) in database.execute(tables).fetchall():
             for pragma in ("table_info", "foreign_key_list"):
-                facts[f"{table} {pragma}"] = database.execute(f"PRAGMA {pragma}({table})").fetchall()
+                parts[f"{table} {pragma}"] = database.execute(f"PRAGMA {pragma}({table})").fetchall()
             rows = database.execute(f"PRAGMA index_list({table})").fetchall()
             for name, unique in sorted((row[1], row[2]) for row in rows):
                 columns = database.execute(f"PRAGMA index_info({name})").fetchall()
-                facts[f"{table} {name}"] = unique, columns
-        return facts
+                parts[f"{table} {name}"] = unique, columns
+        return parts
 
 
 @pytest.fixture(scope="module")

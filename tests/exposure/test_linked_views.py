@@ -20,7 +20,7 @@ SIZE = (160, 120)
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
+def result() -> tuple[Estimate, np.ndarray, np.ndarray]:
     """Give an estimate from an exact field, and the true ends of every pixel's smear (H, W, 2) twice."""
     scene = make_scene(np.random.default_rng(3), count=2000, length_px=20, rotation_share=0.5)
     width, height = SIZE
@@ -46,18 +46,18 @@ def found() -> tuple[Estimate, np.ndarray, np.ndarray]:
     return estimate, displacement, ends.reshape(height, width, 2, 2)
 
 
-def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, displacement, _ = found
+def test_features_move_by_half_of_their_smear(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, displacement, _ = result
     keypoints = np.random.default_rng(5).integers(5, 100, (200, 2)).astype(float)
-    linked = keypoint_views("a.jpg", keypoints, estimate)
-    views = linked.views
+    views = keypoint_views("a.jpg", keypoints, estimate)
+    assert views.usable is not None
     np.testing.assert_allclose((views.points_open + views.points_close) / 2, keypoints, atol=1e-9)
     cols, rows = keypoints.astype(int).T
     d = views.points_close - views.points_open
     agree = (d * displacement[rows, cols]).sum(axis=1) > 0
     np.testing.assert_allclose(np.abs(d), np.abs(displacement[rows, cols]), atol=1e-4)
     assert max(agree.mean(), 1 - agree.mean()) > 0.97  # one time direction for all, by F and cheirality
-    assert linked.usable.mean() > 0.9
+    assert views.usable.mean() > 0.9
     assert views.names == ("a.jpg#open", "a.jpg#close") and views.size == SIZE
     F = views.geometry.F
     assert F is not None
@@ -66,59 +66,63 @@ def test_features_move_by_half_of_their_smear(found: tuple[Estimate, np.ndarray,
     assert np.median(sampson(F, views.points_open, views.points_close)[inliers]) < 0.05
 
 
-def test_only_certain_smears_are_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_only_certain_smears_are_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     smears = estimate.grid.smears()
     sigma, length = smears.sigma_px.copy(), smears.length_px
     sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
     estimate = replace(estimate, grid=grid_of(smears.displacement, sigma))
     keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
     linked = keypoint_views("a.jpg", keypoints, estimate)
+    assert linked.usable is not None
     assert linked.usable.tolist() == [False, True]
-    assert not linked.views.geometry.inlier_mask[0]
+    assert not linked.geometry.inlier_mask[0]
 
 
-def test_what_lies_outside_stays_and_is_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_what_lies_outside_stays_and_is_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     keypoints = np.array(
         [[-3.0, 5.0], [159.4, 119.4], [159.6, 5.0], [np.nan, 4.0], [np.inf, 1e30], [50.0, 50.0]]
     )
     linked = keypoint_views("a.jpg", keypoints, estimate)
-    np.testing.assert_array_equal(linked.views.points_open[[0, 2]], keypoints[[0, 2]])
-    for points in (linked.views.points_open, linked.views.points_close):
+    assert linked.usable is not None
+    np.testing.assert_array_equal(linked.points_open[[0, 2]], keypoints[[0, 2]])
+    for points in (linked.points_open, linked.points_close):
         assert points[3].tolist() == [0, 4] and points[4, 0] == 0
         assert points[4, 1] < 2e30  # float32, as COLMAP's, holds it
     assert linked.usable[[0, 2, 3, 4]].sum() == 0
     assert linked.usable[5]
 
 
-def test_features_on_excluded_pixels_are_not_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+def test_features_on_excluded_pixels_are_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
     keypoints = np.array([[79.4, 50.0], [79.6, 50.0], [-0.5, 3.0], [159.4, 3.0]])
     right = np.zeros(SIZE[::-1], bool)
     right[:, 80:] = True
-    linked = keypoint_views("a.jpg", keypoints, found[0], excluded=right)
+    linked = keypoint_views("a.jpg", keypoints, result[0], excluded=right)
+    assert linked.usable is not None
     assert linked.usable.tolist() == [True, False, True, False]
-    assert not linked.views.geometry.inlier_mask[[1, 3]].any()
+    assert not linked.geometry.inlier_mask[[1, 3]].any()
 
 
-def test_without_geometry_nothing_is_used(found: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = found
+def test_without_geometry_nothing_is_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+    estimate, *_ = result
     unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)
     linked = keypoint_views("a.jpg", np.full((3, 2), 50.0), replace(estimate, geometry=unknown))
-    assert not linked.usable.any() and not linked.views.geometry.inlier_mask.any()
+    assert linked.usable is not None
+    assert not linked.usable.any() and not linked.geometry.inlier_mask.any()
 
 
-def test_inliers_are_judged_by_their_own_errors_across(
-    found: tuple[Estimate, np.ndarray, np.ndarray],
+def test_inliers_are_measured_by_their_own_errors_across(
+    result: tuple[Estimate, np.ndarray, np.ndarray],
 ) -> None:
-    exact = found[0]
+    exact = result[0]
     smears = exact.grid.smears()
     directions = np.full(exact.grid.shape, 1e-4)
     directions[:, 80:] = 1.0  # to the right directions are not known
-    # turned smears fit only where directions are said to be unsure
+    # turned smears fit only where directions are stated to be uncertain
     turned = smears.displacement[..., ::-1] * np.array([1, -1], np.float32)
     estimate = replace(exact, grid=grid_of(turned, smears.sigma_px, directions))
     keypoints = exact.matches.midpoint
-    fits = keypoint_views("a.jpg", keypoints, estimate, EstimatorOptions(max_error_px=0.1)).views.geometry
+    fits = keypoint_views("a.jpg", keypoints, estimate, EstimatorOptions(max_error_px=0.1)).geometry
     right = keypoints[:, 0] >= 80
     assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()

@@ -49,8 +49,8 @@ def seen(sign: float) -> list[NeighbourMotion]:
 
 @pytest.mark.parametrize("shutter", [None, ROLLING], ids=["global", "rolling"])
 def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: RollingShutter | None) -> None:
-    found = estimate_of(shutter)
-    both = [in_time(found, seen(sign)) for sign in (1, -1)]
+    result = estimate_of(shutter)
+    both = [in_time(result, seen(sign)) for sign in (1, -1)]
     for sign, one in zip((1, -1), both, strict=True):
         velocity = one.angular_velocity(1.0)
         assert velocity is not None and one.time.known
@@ -68,5 +68,5 @@ def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: Rol
 
 
 def test_without_neighbours_the_order_stays_open() -> None:
-    found = in_time(estimate_of(None), [])
-    assert not found.time.known and found.time.confidence == 0
+    result = in_time(estimate_of(None), [])
+    assert not result.time.known and result.time.confidence == 0

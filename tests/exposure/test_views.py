@@ -37,24 +37,24 @@ def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
 
 
 @pytest.fixture(scope="module")
-def found() -> Estimate:
+def result() -> Estimate:
     rng = np.random.default_rng(5)
     return estimate_of(disturb(make_scene(rng, count=400, length_px=25), rng, noise_px=0.1))
 
 
-def test_points_fit_F_in_the_stated_order(found: Estimate) -> None:
-    views = views_of("a.jpg", found)
+def test_points_fit_F_in_the_stated_order(result: Estimate) -> None:
+    views = views_of("a.jpg", result)
     F = views.geometry.F
     assert F is not None
     right = sampson(F, views.points_open, views.points_close)
     wrong = sampson(F, views.points_close, views.points_open)
     assert np.median(right) < 0.1 < np.median(wrong)
-    assert views.size == found.matches.image_size
+    assert views.size == result.matches.image_size
     assert views.names == ("a.jpg#open", "a.jpg#close")
 
 
-def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(found: Estimate) -> None:
-    views = views_of("a.jpg", found)
+def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(result: Estimate) -> None:
+    views = views_of("a.jpg", result)
     kept = views.geometry.inlier_mask & (np.arange(len(views.points_open)) >= 50)
     views = replace(views, geometry=replace(views.geometry, inlier_mask=kept))
     exact, F = views.corrected(), views.geometry.F
@@ -70,12 +70,12 @@ def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(f
     np.testing.assert_allclose(again.points_open, exact.points_open, atol=1e-4)
 
 
-def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estimate) -> None:
-    camera = found.camera
+def test_corrected_views_of_a_distorted_camera_are_near_their_lines(result: Estimate) -> None:
+    camera = result.camera
     assert camera is not None
     f, (width, height) = camera.focal_px, (camera.width, camera.height)
     lens = Camera.from_string(f"SIMPLE_RADIAL {width} {height} {f} {width / 2} {height / 2} 0.05")
-    views = replace(views_of("a.jpg", found), camera=lens)
+    views = replace(views_of("a.jpg", result), camera=lens)
     F, kept = views.geometry.F, views.geometry.inlier_mask
     assert F is not None
     before, after = (
@@ -86,17 +86,17 @@ def test_corrected_views_of_a_distorted_camera_are_near_their_lines(found: Estim
 
 
 def test_without_an_F_of_the_ends_as_recorded_there_are_no_views_or_nothing_to_correct(
-    found: Estimate,
+    result: Estimate,
 ) -> None:
-    views = views_of("a.jpg", found)
+    views = views_of("a.jpg", result)
     lost = replace(views, geometry=replace(views.geometry, F=None))
     assert lost.corrected() is lost
     with pytest.raises(ValueError, match="without a shutter"):
-        views_of("a.jpg", replace(found, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
+        views_of("a.jpg", replace(result, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
 
 
-def test_both_flips_of_time_are_one_answer(found: Estimate) -> None:
-    views = views_of("a.jpg", found)
+def test_both_flips_of_time_are_one_answer(result: Estimate) -> None:
+    views = views_of("a.jpg", result)
     flip = views.reversed()
     F, G = views.geometry.F, flip.geometry.F
     assert F is not None and G is not None
@@ -144,11 +144,11 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
         assert inverse.squared_distance(pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
 
 
-def test_refuses_points_that_do_not_align_and_impossible_confidences(found: Estimate) -> None:
+def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Estimate) -> None:
     for confidence in (-0.1, 1.1, float("nan")):
         with pytest.raises(ValueError, match="confidence"):
             TimeDirection(known=True, confidence=confidence)
-    views = views_of("a.jpg", found)
+    views = views_of("a.jpg", result)
     with pytest.raises(ValueError, match="expected points"):
         ExposureViews(
             name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,

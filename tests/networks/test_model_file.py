@@ -16,7 +16,7 @@ from blur2view.networks import model_file
 from blur2view.networks.model_file import OPERATORS, model_path, open_session
 from blur2view.networks.onnx_operators import MAX_NODES, operators
 from blur2view.networks.smear_network import SmearNetwork
-from tests.support.colour_code import colour_code_network
+from tests.support.colour_code import colour_code_network, noise
 
 
 def test_network_tells_what_it_is(tiny_model: Path) -> None:
@@ -60,19 +60,15 @@ def endless_network() -> onnx.ModelProto:
     return model
 
 
-def with_domain(domain: str) -> onnx.ModelProto:
-    """Return the tiny network with a node of somebody else's."""
+def foreign_network(domain: str = "", function: bool = False, features: bool = False) -> onnx.ModelProto:
+    """Return the tiny network with somebody else's node, or a function, or any number of features."""
     model = colour_code_network()
     model.graph.node[0].domain = domain
-    return model
-
-
-def with_function() -> onnx.ModelProto:
-    """Return the tiny network with a function of its own, whose body may hold anything."""
-    model = colour_code_network()
-    opset = [helper.make_opsetid("", 17)]
-    node = helper.make_node("Identity", ["x"], ["y"])
-    model.functions.append(helper.make_function("own", "Relu", ["x"], ["y"], [node], opset))
+    if function:
+        node, opset = helper.make_node("Identity", ["x"], ["y"]), [helper.make_opsetid("", 17)]
+        model.functions.append(helper.make_function("own", "Relu", ["x"], ["y"], [node], opset))
+    if features:
+        model.graph.input[3].type.tensor_type.shape.dim[4].dim_param = "C"
     return model
 
 
@@ -119,14 +115,15 @@ def computing(*nodes: onnx.NodeProto, **constants: np.typing.NDArray[np.generic]
         (renamed_network("logits", "smear").SerializeToString(), "other inputs or outputs than grey, cep"),
         (renamed_network("scales", "image").SerializeToString(), "other inputs or outputs than grey, cep"),
         (endless_network().SerializeToString(), "what no blur2view network has .*Loop"),
-        (with_domain("com.microsoft").SerializeToString(), "what no .*com.microsoft.Slice"),
-        (with_domain("\x1b[31m\n").SerializeToString(), r"what no blur2view network has .*x1b\[31m.n.Slice"),
-        (with_function().SerializeToString(), "what no blur2view network has .*a function"),
+        (foreign_network("com.microsoft").SerializeToString(), "what no .*com.microsoft.Slice"),
+        (foreign_network("\x1b[31m\n").SerializeToString(), r"what no .*x1b\[31m.n.Slice"),
+        (foreign_network(function=True).SerializeToString(), "what no blur2view network has .*a function"),
         (with_attribute(value=with_weights_elsewhere()).SerializeToString(), "weights in another file"),
         (with_attribute(kernel_shape=[3, 4000]).SerializeToString(), "an integer of 4000"),
         (with_attribute(group=33).SerializeToString(), "an integer of 33"),
         (with_attribute(body=colour_code_network().graph).SerializeToString(), "a subgraph"),
         (with_attribute(bodies=[colour_code_network().graph]).SerializeToString(), "a subgraph"),
+        (foreign_network(features=True).SerializeToString(), "does not fix the number of its features"),
         (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),
         (colour_code_network(stride="16").SerializeToString(), "windows 16 px apart instead of 32"),
         (colour_code_network(multiple_of="4000000000").SerializeToString(), "instead of 32"),
@@ -216,7 +213,7 @@ def test_a_network_gets_no_more_memory_than_its_bound(tmp_path: Path) -> None:
     onnx.save(model, tmp_path / "a.onnx")
     network = SmearNetwork(tmp_path / "a.onnx")  # which computes nothing yet
     with pytest.raises(ModelError, match="cannot be run on 64x64"):
-        network.predict(np.zeros((64, 64, 3), np.float32))
+        network.predict(noise())
 
 
 def test_a_network_that_computes_for_too_long_is_stopped(
@@ -228,7 +225,7 @@ def test_a_network_that_computes_for_too_long_is_stopped(
     monkeypatch.setattr(model_file, "PATIENCE_S", 0.05)
     network = SmearNetwork(tmp_path / "a.onnx")
     with pytest.raises(ModelError, match="takes too long on 64x64"):
-        network.predict(np.zeros((64, 64, 3), np.float32))
+        network.predict(noise())
 
 
 def test_a_network_is_run_deterministically(tiny_model: Path) -> None:

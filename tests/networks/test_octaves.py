@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.networks.octaves import PyramidOptions, doubled, joined, octaves
+from blur2view.networks.octaves import doubled, joined, octave_count, octaves
 
 
 @pytest.mark.parametrize(
@@ -11,15 +11,9 @@ from blur2view.networks.octaves import PyramidOptions, doubled, joined, octaves
     [((1, 1), 1), ((179, 900), 1), ((180, 180), 2), ((359, 4000), 2), ((480, 640, 3), 3), ((3000, 4000), 4)],
 )
 def test_count_follows_from_the_shorter_side(shape: tuple[int, ...], count: int) -> None:
-    assert PyramidOptions().count(shape) == count
-    assert PyramidOptions(levels=1).count(shape) == 1
-    assert PyramidOptions(levels=2).count(shape) == min(count, 2)
-
-
-@pytest.mark.parametrize("options", [{"levels": 0}, {"smallest_px": 0}])
-def test_options_that_cannot_work_are_refused(options: dict[str, int]) -> None:
-    with pytest.raises(ValueError, match="expected levels and smallest_px >= 1"):
-        PyramidOptions(**options)
+    assert octave_count(shape) == count
+    assert octave_count(shape, 1) == 1
+    assert octave_count(shape, 2) == min(count, 2)
 
 
 def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> None:

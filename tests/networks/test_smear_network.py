@@ -3,22 +3,24 @@
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
+import cv2
 import numpy as np
 import onnx
 import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.octaves import PyramidOptions
+from blur2view.networks import octaves, smear_network
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
 from blur2view.networks.tiles import TileOptions, cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
-from tests.support.colour_code import colour_code, colour_code_network
+from tests.support.colour_code import colour_code, colour_code_network, noise
+from tools.metrics import direction_error_deg
 
 TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
-ONE = PyramidOptions(levels=1)
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -36,20 +38,30 @@ def difference(first: NDArray[np.floating], second: NDArray[np.floating]) -> NDA
     return apart
 
 
-@pytest.mark.parametrize("size", [(65, 33), (64, 64), (128, 192), (130, 250), (17, 16), (300, 50)])
+@pytest.mark.parametrize("size", [(65, 33), (128, 192), (130, 250), (17, 16), (300, 50)])
 def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: tuple[int, int]) -> None:
     true = turning_field(*size)
-    field = predict(colour_code(true, 1.0), tiny_model).at_pixels()
-    assert field.shape == size and field.sigma_rad is not None
+    image = colour_code(true, 1.0)
+    before = image.copy()
+    field = predict(image, tiny_model).at_pixels()
+    np.testing.assert_array_equal(image, before)
+    assert field.shape == size
     assert np.median(difference(field.displacement, true)) < 1.0  # a bin's likelihood is 10 % wide
     np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
+
+
+def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
+    angle = np.radians(60 + np.arange(256) / 4)  # even steps, so interpolation is exact
+    true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
+    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), levels=1).at_pixels()
+    assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
 
 
 @pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
     network = SmearNetwork(tiny_model)
-    whole, tiled = (network.predict(image, options, ONE).at_pixels() for options in (None, TILED))
+    whole, tiled = (network.predict(image, options, 1).at_pixels() for options in (None, TILED))
     assert difference(whole.displacement, tiled.displacement).max() < 1e-3
     np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
 
@@ -93,7 +105,7 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
     tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
-    whole, tiled = (network.predict(image, options, ONE).cells[..., :2] for options in (None, tiles))
+    whole, tiled = (network.predict(image, options, 1).cells[..., :2] for options in (None, tiles))
     error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
     # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
     seam = np.isin(np.arange(40), [12, 15, 24, 27])
@@ -118,6 +130,12 @@ def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest
         np.testing.assert_array_equal(predict(image, tiny_model).at_pixels().displacement, whole.displacement)
 
 
+def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(octaves, "SMALLEST_PX", 16)
+    for side in (64, 100):
+        assert SmearNetwork(threads=1).predict(np.zeros((side, side, 3))).shape == (side, side)
+
+
 def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
     field = predict(np.zeros((1, 1, 3), np.float32), tiny_model).at_pixels()
     assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
@@ -131,19 +149,27 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
 
 
+def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = colour_code(turning_field(128, 512), 1.0)
+    image[:, 160:] = 0.5
+    network = SmearNetwork(blurring_model)
+    read = Mock(wraps=network._reader.read)
+    monkeypatch.setattr(network._reader, "read", read)
+    found = network.predict(image, TILED, levels=1).cells
+    tiles = read.call_count
+    monkeypatch.setattr(smear_network, "_flat", lambda image, stride: np.zeros((4, 16), bool))
+    everywhere = network.predict(image, TILED, levels=1).cells
+    assert (tiles, read.call_count - tiles) == (3, 7)
+    seen = found[..., 2] != UNSEEN_SIGMA_PX
+    np.testing.assert_array_equal(found[seen], everywhere[seen])
+
+
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
     image = colour_code(turning_field(160, 320), 1.0)
     image[:, 160:] = image[80, 250]
     field = predict(image, tiny_model).at_pixels()
     assert (field.sigma_px[:, :144] < 2).all()
     assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
-
-
-def test_image_is_not_changed(tiny_model: Path) -> None:
-    image = colour_code(turning_field(65, 70), 1.0)
-    before = image.copy()
-    predict(image, tiny_model)
-    np.testing.assert_array_equal(image, before)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
@@ -155,39 +181,85 @@ def test_values_that_are_no_shares_of_white_are_refused(tiny_model: Path, value:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"overlap_px": -1},
-        {"overlap_px": 700, "tile_px": 1280},
-        {"tile_px": 0, "overlap_px": 0},
-        {"max_pixels": 0},
-    ],
+    "options", [{"overlap_px": -1}, {"overlap_px": 700}, {"tile_px": 0, "overlap_px": 0}, {"max_pixels": 0}]
 )
 def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
     with pytest.raises(ValueError, match="must be"):
         TileOptions(**options)
 
 
-def test_network_that_fails_at_work_is_refused(tmp_path: Path) -> None:
+def with_constants(**constants: object) -> onnx.ModelProto:
+    """Return the tiny network with other constants."""
     model = colour_code_network()
-    _, pool = (node for node in model.graph.node if node.op_type == "AveragePool")
-    pool.attribute[0].ints[:] = [32, 32]  # a window of more cells than the picture has
-    onnx.save(model, tmp_path / "wide.onnx")
-    with pytest.raises(ModelError, match=r"wide\.onnx: cannot be run on 64x64 pixels"):
-        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "wide.onnx")
+    for one in model.graph.initializer:
+        if one.name in constants:
+            kind = onnx.numpy_helper.to_array(one).dtype
+            one.CopyFrom(onnx.numpy_helper.from_array(np.array(constants[one.name], kind), one.name))
+    return model
 
 
-def test_network_that_gives_nan_is_refused(tmp_path: Path) -> None:
+def with_pooling(place: int, size: int) -> onnx.ModelProto:
+    """Return the tiny network with other means of cells (0) or of their neighbours (1)."""
     model = colour_code_network()
-    for constant in model.graph.initializer:
-        if constant.name == "scale":
-            constant.CopyFrom(onnx.numpy_helper.from_array(np.full(1, np.nan, np.float32), "scale"))
-    onnx.save(model, tmp_path / "nan.onnx")
-    with pytest.raises(ModelError, match="not finite"):
-        predict(np.zeros((64, 64, 3), np.float32), tmp_path / "nan.onnx")
+    pool = [node for node in model.graph.node if node.op_type == "AveragePool"][place]
+    for attribute in pool.attribute:
+        if attribute.name in ("kernel_shape", "strides"):
+            attribute.ints[:] = [size] * 2
+    return model
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (with_pooling(1, 32), "cannot be run on 96x64 pixels"),  # of more cells than the picture has
+        (with_pooling(0, 8), r"gives shape \(1, 4, 6, 32, 2"),
+        (with_constants(bins=[0, 0, 0, 16, 40], none=np.zeros((40, 2))), r"gives shape \(1, 2, 3, 16, "),
+        (with_constants(none=np.zeros((20, 3))), r"gives shape \(1, 2, 3, 32, 3\)"),
+        (with_constants(scale=[np.nan]), "not finite"),
+    ],
+    ids=["window", "cells", "directions", "channels", "nan"],
+)
+def test_network_that_breaks_its_promise_is_named_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], model: onnx.ModelProto, words: str
+) -> None:
+    onnx.save(model, tmp_path / "wrong.onnx")
+    with pytest.raises(ModelError, match=words) as caught:
+        predict(noise(64, 96), tmp_path / "wrong.onnx")
+    assert "wrong.onnx" in str(caught.value) and "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("image", ["a.jpg", Path("a.jpg"), None, [[0.0]]])
 def test_what_is_no_array_is_a_value_error_that_says_how_to_read_one(image: Any) -> None:
     with pytest.raises(ValueError, match=r"expected a photograph .* as from read_image\(path\), got"):
         rgb_of(image)
+
+
+def smeared_photograph(length: float, angle_deg: float) -> NDArray[np.float32]:
+    """Return a photograph of scikit-image that moved evenly during its exposure, with a little noise."""
+    from skimage import data
+
+    linear = (data.coffee().astype(np.float32) / 255) ** 2.2
+    d = length * np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    total, steps = np.zeros_like(linear), 4 * int(length)
+    for t in (np.arange(steps) + 0.5) / steps - 0.5:
+        matrix = np.array([[1, 0, t * d[0]], [0, 1, t * d[1]]])
+        size = (linear.shape[1], linear.shape[0])
+        total += cv2.warpAffine(linear, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    coded = (total / steps) ** (1 / 2.2)
+    coded += np.random.default_rng(0).normal(0, 0.004, coded.shape)
+    return np.asarray(np.round(np.clip(coded, 0, 1) * 255) / 255, np.float32)
+
+
+@pytest.mark.parametrize(("length", "within_deg", "within"), [(12.0, 2.0, 0.05), (24.0, 0.6, 0.015)])
+def test_shipped_network_reads_an_evenly_blurred_photograph(
+    length: float, within_deg: float, within: float
+) -> None:
+    angle_deg = 32.0
+    network = SmearNetwork()
+    assert network.info.license
+    field = network.predict(smeared_photograph(length, angle_deg)).at_pixels()
+    certain = field.sigma_rad <= np.median(field.sigma_rad)
+    true = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    assert np.median(direction_error_deg(field.displacement, true)[certain]) < within_deg
+    assert np.median(field.length_px[certain]) == pytest.approx(length, rel=within)

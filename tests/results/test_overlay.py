@@ -181,12 +181,12 @@ def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_
     assert headline(replace(mask, labels=labels)) == "motion is unobservable in 78%; elsewhere nothing moves"
     labels[:4] = moving
     regions = moving_regions(labels == moving, np.ones(labels.shape, np.float32))
-    told = headline(replace(mask, labels=labels, regions=regions))
-    assert told == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
+    counted = headline(replace(mask, labels=labels, regions=regions))
+    assert counted == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
     few = np.full((400, 400), still, np.uint8)
     few[:8, :8] = moving
-    told = headline(replace(mask, labels=few, regions=regions))
-    assert told == "1 moving part, under 0.1% of the photograph"
+    counted = headline(replace(mask, labels=few, regions=regions))
+    assert counted == "1 moving part, under 0.1% of the photograph"
     labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, still
     assert headline(replace(mask, labels=labels)) == "motion is unobservable in 99%; elsewhere nothing moves"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from blur2view.geometry.sampson import serrmin
+from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.options import CUTOFF, EstimatorOptions
 from blur2view.two_view.search import build_estimator
 from tests.support.scenes import IMAGE_SIZE, make_scene
 
@@ -16,8 +16,7 @@ def test_score_is_the_cut_sum_of_squared_distances_in_standard_deviations() -> N
     ends = make_scene(rng, count=200, length_px=15).ends
     sigma = rng.uniform(0.3, 3, len(ends))
     matches = SmearMatches.from_points(ends[:, 0], ends[:, 1], sigma_px=sigma, image_size=IMAGE_SIZE)
-    options = EstimatorOptions()
-    estimator = build_estimator(matches, options)
+    estimator = build_estimator(matches)
     models, some = rng.normal(size=(20, 3, 3)), rng.permutation(200)[:150]
     squared = np.stack([serrmin(estimator.problem.pixels(F), ends) for F in models])
     deviations = squared / matches.sampson_px**2

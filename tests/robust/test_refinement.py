@@ -61,13 +61,13 @@ def test_signed_sampson_squared_is_sampson() -> None:
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
 def test_tangents_are_numeric_derivatives_and_keep_rank_two(family: Manifold) -> None:
     tangent = family.tangent()
-    assert tangent.shape == (family.dimension, 3, 3)
-    for k, step in enumerate(1e-6 * np.eye(family.dimension)):
+    assert tangent.shape[1:] == (3, 3)
+    for k, step in enumerate(1e-6 * np.eye(len(family.tangent()))):
         numeric = (family.step(step).matrix() - family.step(-step).matrix()) / 2e-6
         assert np.allclose(numeric, tangent[k], atol=1e-8)
         assert abs(np.linalg.det(family.step(1e5 * step).matrix())) < 1e-12
     residual, jacobian = family.prior()
-    assert jacobian.shape == (len(residual), family.dimension)
+    assert jacobian.shape == (len(residual), len(tangent))
 
 
 def test_general_F_keeps_a_matrix_of_rank_two() -> None:
@@ -159,8 +159,8 @@ def test_weighing_both_orders_invents_less_rotation() -> None:
 
 def test_the_robust_weight_is_the_derivative_of_the_robust_cost() -> None:
     squared, step = np.array([0.0, 1.0, 9.0, 100.0]), 1e-5
-    numeric = (robust_cost(squared + step, 3.0) - robust_cost(squared - step, 3.0)) / (2 * step)
-    np.testing.assert_allclose(robust_weight(squared, 3.0), numeric, rtol=1e-6)
+    numeric = (robust_cost(squared + step) - robust_cost(squared - step)) / (2 * step)
+    np.testing.assert_allclose(robust_weight(squared), numeric, rtol=1e-6)
 
 
 def test_errors_along_the_line_are_those_of_the_difference_of_two_ends() -> None:
@@ -180,7 +180,7 @@ def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
     assert np.allclose(least**2, serrmin(F, ends))
 
 
-@pytest.mark.parametrize("wrong", [{"cutoff": 0.0}, {"data_weight": 0.0}, {"max_iterations": -1}])
+@pytest.mark.parametrize("wrong", [{"data_weight": 0.0}, {"max_iterations": -1}])
 def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="need"):
         RefineOptions(**wrong)  # type: ignore[arg-type]

@@ -84,9 +84,9 @@ def test_what_follows_the_lines_is_depth_where_parallax_is_proven() -> None:
 
 
 def test_F_of_a_rolling_shutter_is_not_compared_with_smears_as_recorded() -> None:
-    found = estimate_of(with_mover(), F=SIDEWAYS)
+    result = estimate_of(with_mover(), F=SIDEWAYS)
     shutter = RollingShutter(readout_s=0.01, exposure_s=0.02)
-    one, other = (segment(replace(found, shutter=each), photo(with_mover())) for each in (None, shutter))
+    one, other = (segment(replace(result, shutter=each), photo(with_mover())) for each in (None, shutter))
     assert "epipolar lines" in one.reason and "epipolar lines" not in other.reason
 
 
@@ -133,17 +133,17 @@ def test_any_size_will_do() -> None:
 
 
 def test_another_photograph_is_refused() -> None:
-    found = estimate_of(sideways())
+    result = estimate_of(sideways())
     with pytest.raises(ValueError, match="photograph of the estimate"):
-        segment(found, photo(sideways((64, 64))))
+        segment(result, photo(sideways((64, 64))))
 
 
 def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:
     from blur2view.camera.camera import Camera
 
     camera = Camera.from_string(f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 440 320 240 -0.35")
-    found = replace(estimate_of(with_mover(), F=SIDEWAYS), camera=camera)
-    assert np.isfinite(segment(found, photo(with_mover())).probability).all()
+    result = replace(estimate_of(with_mover(), F=SIDEWAYS), camera=camera)
+    assert np.isfinite(segment(result, photo(with_mover())).probability).all()
 
 
 def test_parts_move_if_they_are_surely_seen_to_somewhere_and_large_enough() -> None:

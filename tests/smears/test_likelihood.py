@@ -9,6 +9,7 @@ from blur2view.smears.likelihood import (
     LABEL_SPREAD,
     PER_OCTAVE,
     SHORTEST_PX,
+    STILL_ODDS,
     lengths_px,
     read_smears,
 )
@@ -90,3 +91,14 @@ def test_every_cell_is_read_by_itself(h: int, w: int, bins: int) -> None:
     assert smears.shape == (h, w, 4) and smears.dtype == np.float32 and (smears[..., 2:] > 0).all()
     np.testing.assert_allclose(read_smears(logits + 7), smears, rtol=1e-3, atol=1e-3)  # up to a constant
     np.testing.assert_allclose(read_smears(logits[-1:, -1:])[0, 0], smears[-1, -1], rtol=1e-4, atol=1e-5)
+
+
+def test_no_smear_weighs_more_in_deviations_than_in_the_smear() -> None:
+    """Of a bin of 8 px with 0.7 of the likelihood, and "no smear" of any direction with 0.3."""
+    likelihood = np.full((DIRECTIONS, BINS), 1e-12)
+    likelihood[0, 1 + 2 * PER_OCTAVE], likelihood[:, 0] = 0.7, 0.3 / DIRECTIONS
+    x, y, sigma_px, sigma_rad = read_smears(np.log(likelihood)[None, None])[0, 0]
+    still = 0.3 * STILL_ODDS / (0.3 * STILL_ODDS + 0.7)
+    assert np.hypot(x, y) == pytest.approx(8, rel=1e-3)
+    assert sigma_px == pytest.approx(8 * still**0.5, rel=0.06)  # less 0.4 px, the blur
+    assert sigma_rad == pytest.approx(np.pi / 12**0.5 * still**0.5, rel=0.06)

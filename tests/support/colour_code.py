@@ -56,6 +56,11 @@ def colour_code(
     return np.repeat(0.5 + STRENGTH * code[..., None], 3, -1).astype(np.float32)
 
 
+def noise(height: int = 64, width: int = 64) -> NDArray[np.float32]:
+    """Return a picture, (H, W, 3), that is flat nowhere, so that the network has to read it."""
+    return np.random.default_rng(0).random((height, width, 3), np.float32)
+
+
 def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
     """Write a picture as 16-bit PNG, which keeps the colour code to 0.001 px."""
     bgr = np.round(rgb[..., ::-1] * 65535).astype(np.uint16)

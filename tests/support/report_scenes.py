@@ -103,12 +103,7 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     labels[top:bottom, left:right] = MotionLabel.MOVING
     labels[:, 3 * width // 4 :] = MotionLabel.UNOBSERVABLE
     probability = np.where(labels == MotionLabel.MOVING, 0.9, 0.1).astype(np.float32)
-    return MotionMask(
-        labels=labels,
-        probability=probability,
-        regions=(),
-        reason="F",
-    )
+    return MotionMask(labels=labels, probability=probability, regions=(), reason="F")
 
 
 def unpacked(packed: Packed) -> NDArray[np.float64]:

@@ -269,7 +269,6 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
         {"max_error_px": 0.0},
         {"max_error_px": np.inf},
         {"max_error_px": 1e300},  # its square is no number
-        {"fit_error_px": np.nan},
         {"max_iterations": 0},
         {"confidence": 1.0},
     ],

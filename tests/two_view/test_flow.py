@@ -15,7 +15,7 @@ from blur2view.robust.homography import PlaneH, RotationH
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.smears.noise import INDEPENDENT, SharedErrors
-from blur2view.two_view.flow import SLOW, FlowData, FlowFit, fit_flow
+from blur2view.two_view.flow import LOW_FREQUENCY, FlowData, FlowFit, fit_flow
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
 
 FIXED = CameraPrior(rotation=(1.0, 1.0, 1.0), log_focal=0.0, principal=0.0)
@@ -54,7 +54,7 @@ def test_a_pure_rotation_is_found_without_orders_though_a_fifth_are_outliers() -
 def test_its_jacobian_is_the_derivative_of_its_residuals() -> None:
     scene = disturb(turning(1, count=40), np.random.default_rng(1), noise_px=0.5)
     data = FlowData.of(problem_of(scene, SLOWLY), errors_px(scene, 1.0, 0.5))
-    fit = FlowFit(data=data, family=start(scene), slow=np.full(SLOW, 0.1))
+    fit = FlowFit(data=data, family=start(scene), low_frequency=np.full(LOW_FREQUENCY, 0.1))
     _, gradient = fit.normal_equations()
     step = 1e-6
     for k in range(len(gradient)):
@@ -91,9 +91,9 @@ def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
         half = 0.5 * (scene.ends[:, 1] - scene.ends[:, 0]) * (1 + 0.05 * rng.normal())
         wrong = replace(scene, ends=np.stack([middle - half, middle + half], axis=1))
         data = FlowData.of(problem_of(wrong, SLOWLY), errors_px(wrong, 0.4, 0.4))
-        fit = fit_flow(start(scene), data.without_slow_errors())
+        fit = fit_flow(start(scene), data.without_low_frequency())
         error = fit.family.rotation - rotation_vector(scene.R)
-        for regions, given in ((held, data), (without, data.without_slow_errors())):
+        for regions, given in ((held, data), (without, data.without_low_frequency())):
             covariance = fit.covariance(1.0, given)[:3, :3]
             regions.append(bool(error @ np.linalg.solve(covariance, error) < CHI_SQUARED_90[3]))
     assert np.mean(held) > 0.75

@@ -77,7 +77,7 @@ def test_exact_smears_give_the_exact_F() -> None:
     T = problem.T @ np.diag([768.0, 768.0, 1.0])  # from these coordinates to the problem's
     moved = T @ cayley(A) @ np.linalg.inv(T)
     B = 2 * (moved - np.eye(3)) @ np.linalg.inv(moved + np.eye(3))
-    found = plane_and_parallax(B, problem, np.arange(30), 3.0, np.random.default_rng(0))
+    found = plane_and_parallax(B, problem, np.arange(30), np.random.default_rng(0))
     assert found is not None
     back = unit_norm(T.T @ found @ T)
     assert min(np.abs(back - s * f).max() for s in (1, -1) for f in (F, F.T)) < 1e-9
@@ -85,7 +85,7 @@ def test_exact_smears_give_the_exact_F() -> None:
 
 def test_one_smear_off_the_plane_is_not_enough() -> None:
     problem = build_problem(np.random.default_rng(0).uniform(0, 400, (20, 2, 2)), np.ones(20), (400, 400))
-    assert plane_and_parallax(np.zeros((3, 3)), problem, np.arange(1), 3.0, np.random.default_rng(0)) is None
+    assert plane_and_parallax(np.zeros((3, 3)), problem, np.arange(1), np.random.default_rng(0)) is None
 
 
 def seven_smear_ransac(matches: SmearMatches, samples: int, rng: np.random.Generator) -> Array:
@@ -112,11 +112,11 @@ def test_F_beside_a_dominant_plane_is_recovered_where_plain_samples_fail() -> No
         matches, K, F = dominant_plane(seed, 0.3, 0.1)
         rng = np.random.default_rng(0)
         problem = build_problem(matches.ends, np.full(len(matches), 0.4), IMAGE_SIZE)
-        plane = find_plane(problem.weighted, 3.0, True, rng)
+        plane = find_plane(problem.weighted, True, rng)
         assert plane is not None
         off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 > 9)
         assert 0.1 < len(off_plane) / len(matches) < 0.35
-        found = plane_and_parallax(plane.generator(), problem, off_plane, 3.0, rng)
+        found = plane_and_parallax(plane.generator(), problem, off_plane, rng)
         geometry = estimate_two_view(matches)
         assert geometry.config is Configuration.UNCALIBRATED
         assert found is not None and geometry.F is not None

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import cache, partial
 from importlib import metadata
@@ -33,22 +32,15 @@ from tools.benchmarks.estimator_cells import (
     network_problem,
     synthetic_problem,
 )
-from tools.benchmarks.estimator_log import Log, Measured, Record
+from tools.benchmarks.estimator_log import Measured, Record, begun, read
 from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
 from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
+from tools.pages import append_line, publish
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
-MEASURED_CODE = (
-    "estimators/baselines",
-    "benchmarks/estimator_methods",
-    "benchmarks/estimator_cells",
-    "datasets/synthetic_matches",
-    "evaluation/pose_error",
-)
-"""Modules of tools on which the figures depend, besides the whole package."""
 
 
 def measure(method: Method, problem: Problem) -> Measured:
@@ -65,19 +57,14 @@ def measure(method: Method, problem: Problem) -> Measured:
 def run_instance(instance: Instance, plan: Plan, scenes: Path | None = None) -> Record:
     """Return the figures of every method that the plan wants; ``scenes`` holds the photographs of NETWORK."""
     warm_up()
-    problem = network_instance(instance, scenes) if instance.kind == NETWORK else synthetic_problem(instance)
-    methods = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
-    return Record(
-        instance=instance, measured={name: measure(method, problem) for name, method in methods.items()}
-    )
-
-
-def network_instance(instance: Instance, folder: Path | None) -> Problem:
-    """Return the matches of a rendered photograph."""
-    if folder is None:
-        raise ValueError("network smears need a folder of rendered scenes")
-    scene = _scenes(folder)[instance.seed]
-    return network_problem(scene, _network().predict(blur2view.read_image(scene.image_path)))
+    if instance.kind == NETWORK:
+        assert scenes is not None
+        scene = _scenes(scenes)[instance.seed]
+        problem = network_problem(scene, _network().predict(blur2view.read_image(scene.image_path)))
+    else:
+        problem = synthetic_problem(instance)
+    wanted = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
+    return Record(instance=instance, measured={name: measure(one, problem) for name, one in wanted.items()})
 
 
 @cache
@@ -100,36 +87,31 @@ def warm_up() -> None:
 
 
 def code_digest() -> str:
-    """Return a short digest of the sources that the figures depend on."""
-    sources = sorted((ROOT / "blur2view").rglob("*.py"))
-    sources += [ROOT / "tools" / f"{name}.py" for name in MEASURED_CODE]
+    """Return a short digest of the sources that the figures may depend on."""
+    sources = sorted(path for room in ("blur2view", "tools") for path in (ROOT / room).rglob("*.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
 
 
-def sweep(pending: list[Instance], log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
+def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run instances in parallel and log each when it is finished."""
-    if not pending:
-        return
     with single_threaded_pool(processes) as pool:
         work = partial(run_instance, plan=plan, scenes=scenes)
-        results: Iterator[Record] = pool.imap_unordered(work, pending)
         start = time.perf_counter()
-        for count, record in enumerate(results, 1):
-            log.append(record)
+        for count, record in enumerate(pool.imap_unordered(work, pending), 1):
+            append_line(log, record.document())
             if count % 100 == 0:
                 left = (time.perf_counter() - start) / count * (len(pending) - count) / 60
                 print(f"{count} of {len(pending)} instances, {left:.0f} min left", flush=True)
 
 
-def run(log: Log, plan: Plan, processes: int, scenes: Path | None) -> None:
+def run(log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run what the log does not hold yet."""
-    try:
-        log.begin({"code": code_digest(), "machine": machine(), **versions()})
-    except ValueError as error:
-        raise SystemExit(str(error)) from None
-    done = {record.instance for record in log.read()}
+    head = {"code": code_digest(), "machine": machine(), **versions()}
+    done = {record.instance for record in begun(log, head)}
     wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
-    sweep([instance for instance in wanted if instance not in done], log, plan, processes, scenes)
+    pending = [instance for instance in wanted if instance not in done]
+    if pending:
+        sweep(pending, log, plan, processes, scenes)
 
 
 def versions() -> dict[str, str]:
@@ -152,17 +134,13 @@ def main() -> None:
     parser.add_argument("--log", type=Path, default=Path("runs/estimators.jsonl"))
     parser.add_argument("--out", type=target, default=Path("tools/results/estimators.md"))
     arguments = parser.parse_args()
-    plan, log = (
-        Plan(first_seed=arguments.first_seed, paper_seeds=arguments.paper_seeds),
-        Log(path=arguments.log),
-    )
+    plan = Plan(first_seed=arguments.first_seed, paper_seeds=arguments.paper_seeds)
     if arguments.seeds:
         plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
     if not arguments.report:
-        run(log, plan, arguments.processes, arguments.scenes)
-    text = estimator_report.markdown(log.read(), log.head())
-    arguments.out.write_text(text)
-    print(text)
+        run(arguments.log, plan, arguments.processes, arguments.scenes)
+    head, records = read(arguments.log)
+    publish(estimator_report.markdown(records, head), arguments.out)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tools.benchmarks.estimator_cells import Instance
 from tools.evaluation.evaluate import Judged
+from tools.pages import append_line, finished_lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,56 +31,36 @@ class Record:
     instance: Instance
     measured: dict[str, Measured]
 
-    def to_json(self) -> str:
-        """Return one line, figures to five digits."""
+    def document(self) -> dict[str, Any]:
+        """Return what is stored: figures to five digits."""
         rows = {
             method: {name: float(f"{value:.5g}") for name, value in vars(figures).items()}
             for method, figures in self.measured.items()
         }
-        return json.dumps({**vars(self.instance), "measured": rows})
+        return {**vars(self.instance), "measured": rows}
 
     @classmethod
-    def from_json(cls, line: str) -> Record:
-        """Return the record of a line of `to_json`."""
-        stored = json.loads(line)
-        rows = stored.pop("measured")
-        measured = {method: Measured(**row) for method, row in rows.items()}
+    def of(cls, stored: dict[str, Any]) -> Record:
+        """Return the record of a `document`."""
+        measured = {method: Measured(**row) for method, row in stored.pop("measured").items()}
         return cls(instance=Instance(**stored), measured=measured)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Log:
-    """The file: a first line that says from which code and machine the figures are, then the records."""
+def begun(path: Path, head: dict[str, str]) -> list[Record]:
+    """Return the finished records of a log, whose first line says from which code they are, or begin one.
 
-    path: Path
+    SystemExit if they are of other code: figures of two versions must not be mixed.
+    """
+    before, records = read(path)
+    if not before:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        append_line(path, head)
+    elif before["code"] != head["code"]:
+        raise SystemExit(f"{path} holds figures of other code: remove it or give another --log")
+    return records
 
-    def read(self) -> list[Record]:
-        """Return what is finished; a last line cut short by a kill is left out."""
-        return [Record.from_json(line) for line in self._lines()[1:]]
 
-    def head(self) -> dict[str, str]:
-        """Return the first line; empty where there is none."""
-        lines = self._lines()
-        found: dict[str, str] = json.loads(lines[0]) if lines else {}
-        return found
-
-    def _lines(self) -> list[str]:
-        if not self.path.exists():
-            return []
-        return [line for line in self.path.read_text().splitlines(keepends=True) if line.endswith("\n")]
-
-    def begin(self, head: dict[str, str]) -> None:
-        """Start a new file, or mend one that a kill cut short.
-
-        ValueError if the file holds figures of other code: those of two versions must not be mixed.
-        """
-        before = self.head()
-        if before and before["code"] != head["code"]:
-            raise ValueError(f"{self.path} holds figures of other code: remove it or give another --log")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_text("".join(self._lines()) if before else json.dumps(head) + "\n")
-
-    def append(self, record: Record) -> None:
-        """Append one line."""
-        with self.path.open("a") as stream:
-            stream.write(record.to_json() + "\n")
+def read(path: Path) -> tuple[dict[str, str], list[Record]]:
+    """Return the first line of a log, empty where there is none, and the records."""
+    head, *rows = finished_lines(path) or [{}]
+    return head, [Record.of(row) for row in rows]

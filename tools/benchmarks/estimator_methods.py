@@ -18,10 +18,8 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.options import EstimatorOptions
 from tools.estimators import baselines
-from tools.estimators.baselines import two_parameter_fundamental
-from tools.estimators.paper import paper_two_view
+from tools.estimators.paper import paper_of_matches
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,36 +43,19 @@ Method = Callable[[Problem], "AnyArray | None"]
 
 def ours(problem: Problem) -> AnyArray | None:
     """Return the F of the smears and of what a photograph gives: the image's size."""
-    return _estimate(problem.matches, EstimatorOptions())
+    return estimate_two_view(problem.matches).F
 
 
 def without_size(problem: Problem) -> AnyArray | None:
     """Return the F found with no camera assumed."""
-    return _estimate(replace(problem.matches, image_size=None), EstimatorOptions())
+    return estimate_two_view(replace(problem.matches, image_size=None)).F
 
 
 def with_camera(problem: Problem) -> AnyArray | None:
     """Return the F found with the true intrinsics."""
     assert problem.matches.image_size is not None
     width, height = problem.matches.image_size
-    camera = Camera(K=problem.K, width=width, height=height)
-    return _estimate(problem.matches, EstimatorOptions(), camera)
-
-
-def _estimate(
-    matches: SmearMatches, options: EstimatorOptions, camera: Camera | None = None
-) -> AnyArray | None:
-    return estimate_two_view(matches, options, np.random.default_rng(0), camera).F
-
-
-def papers(problem: Problem) -> AnyArray | None:
-    """Return the F of the paper's estimator."""
-    return paper_two_view(problem.matches).F
-
-
-def two_parameters(problem: Problem) -> AnyArray | None:
-    """Return the F whose smears all meet in one point."""
-    return two_parameter_fundamental(problem.matches)
+    return estimate_two_view(problem.matches, camera=Camera(K=problem.K, width=width, height=height)).F
 
 
 def ordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
@@ -117,8 +98,8 @@ METHODS: dict[str, Method] = {
     OURS: ours,
     "ours, no image size": without_size,
     "ours, K given": with_camera,
-    "two-parameter F": two_parameters,
-    PAPER: papers,
+    "two-parameter F": lambda problem: baselines.two_parameter_fundamental(problem.matches),
+    PAPER: lambda problem: paper_of_matches(problem.matches),
     "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
     "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
     **TRUE_ORDER,

@@ -10,13 +10,12 @@ from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Plan
 from tools.benchmarks.estimator_log import Measured, Record
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
 from tools.evaluation.pose_error import pose_auc
+from tools.pages import table
 
 SUCCESS_RHO = 0.05
 """Median rho below which an F counts as found: errors of exact smears under a twentieth of their length."""
 POSE_DEG = (5.0, 10.0, 20.0)
 KINDS = ("smooth", "scattered")
-
-
 COLUMNS = {
     "n": "{:.0f}", "success": "{:.3f}", "pose < 10 deg": "{:.3f}", "AUC@5": "{:.3f}", "AUC@10": "{:.3f}",
     "AUC@20": "{:.3f}", "rho": "{:.4f}", "rho < 0.05": "{:.3f}", "rho < 0.10": "{:.3f}",
@@ -68,16 +67,12 @@ def markdown(records: list[Record], head: dict[str, str]) -> str:
     parts = [introduction(head), "## Answers", "", *answers(records), ""]
     for kind in KINDS:
         chosen = select(synthetic, kind=kind)
-        parts += [f"## Whole sweep, {kind} depth: {len(chosen)} instances", "", *table(by_method(chosen)), ""]
-        base = select(synthetic, cell=BASE, kind=kind)
-        parts += [f"### Its base case: {len(base)} instances", "", *table(by_method(base)), ""]
+        base = select(chosen, cell=BASE)
+        parts += [f"## Whole sweep, {kind} depth: {len(chosen)} instances", "", *method_table(chosen), ""]
+        parts += [f"### Its base case: {len(base)} instances", "", *method_table(base), ""]
     if network:
-        parts += [
-            f"## Network smears: {len(network)} rendered photographs",
-            "",
-            *table(by_method(network)),
-            "",
-        ]
+        title = f"## Network smears: {len(network)} rendered photographs"
+        parts += [title, "", *method_table(network), ""]
     for kind in KINDS:
         parts += [f"## Cell by cell, {kind} depth: AUC@10 / success", ""]
         parts += [*cell_table(select(synthetic, kind=kind)), ""]
@@ -107,24 +102,21 @@ one thread; ms is the CPU time of one call. "true order" methods are given what 
 """
 
 
-def table(rows: dict[str, Figures]) -> list[str]:
+def method_table(records: list[Record]) -> list[str]:
     """Return a table of all columns, one row for each method."""
-    lines = ["| method | " + " | ".join(COLUMNS) + " |", "|---|" + "---|" * len(COLUMNS)]
-    for name, f in rows.items():
-        lines.append(f"| {name} | " + " | ".join(form.format(f[c]) for c, form in COLUMNS.items()) + " |")
-    return lines
+    rows = by_method(records).items()
+    cells = [(name, *(form.format(f[c]) for c, form in COLUMNS.items())) for name, f in rows]
+    return table(f"method | {' | '.join(COLUMNS)}", cells)
 
 
 def cell_table(records: list[Record]) -> list[str]:
     """Return a table with a row for each cell, a column for each method."""
-    names = list(by_method(records))
-    lines = ["| cell | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
+    names, lines = list(by_method(records)), []
     for cell in CELLS:
         rows = by_method(select(records, cell=cell))
         cells = [f"{rows[n]['AUC@10']:.2f} / {rows[n]['success']:.2f}" if n in rows else "" for n in names]
-        if rows:
-            lines.append(f"| {cell} | " + " | ".join(cells) + " |")
-    return lines
+        lines += [(cell, *cells)] if rows else []
+    return table(f"cell | {' | '.join(names)}", lines)
 
 
 def answers(records: list[Record]) -> list[str]:

@@ -33,7 +33,6 @@ import numpy as np
 from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
 from blur2view.errors import DatabaseError
-from blur2view.exposure.linked_views import KeypointViews
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 from tools.arguments import parser_of
@@ -89,7 +88,7 @@ def link_jobs(path: Path, rng: np.random.Generator, *, again: bool = False) -> l
             raise plan
         views = random_views(plan.image.name, FEATURES, rng)
         usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
-        jobs.append(LinkJob(plan=plan, linked=KeypointViews(views=views, usable=usable)))
+        jobs.append(LinkJob(plan=plan, views=replace(views, usable=usable)))
     return jobs
 
 

@@ -33,21 +33,10 @@ CORRELATIONS_PX = (0.0, 20.0, 40.0, 80.0, 120.0)  # of the directions of fields 
 class DegenerateOptions:
     """Ranges from which a scene is drawn, uniform but for the length, which is log-uniform.
 
-    Attributes
-    ----------
-    noise_px : (float, float)
-        Standard deviation of every coordinate of both ends.
-    outliers : (float, float)
-        Share of smears of random direction, 0.3 to 2 medians long.
-    length_px : (float, float)
-        Median length of the true smears.
-    count : (int, int)
-        Smears.
-    rotation_share : (float, float)
-        Median length of the smears of the rotation alone over that of the translation alone, where the
-        camera does both.
-    second_share : (float, float)
-        Share of the smears that follow the second of several motions, a compact part of the image.
+    ``noise_px`` is the standard deviation of every coordinate, ``outliers`` the share of smears of random
+    direction, 0.3 to 2 medians long, ``length_px`` the median true length, ``count`` the number of smears.
+    ``rotation_share`` is the median length of the rotation's smears over that of the translation's, where the
+    camera does both; ``second_share`` of the smears, a compact part, follow the second of several motions.
     """
 
     noise_px: tuple[float, float] = (0.25, 1.0)

@@ -58,18 +58,9 @@ SAMPLE = 1000
 
 
 def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
-    """Return how far true smears are from the homography of most of them, and their lengths.
+    """Return how far true smears (h, w, 2), where chosen, are from the homography of most, and their lengths.
 
-    Parameters
-    ----------
-    displacement : ndarray of shape (h, w, 2)
-    chosen : ndarray of bool, shape (h, w)
-    K : ndarray of shape (3, 3)
-
-    Returns
-    -------
-    deviation, length : ndarray of shape (M,)
-        Of at most SAMPLE of the smears, focal lengths; the same if no homography is found.
+    Both (M,), of at most SAMPLE of the smears, in focal lengths; the same if no homography is found.
     """
     rows, columns = chosen.shape
     points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
@@ -78,7 +69,7 @@ def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Ar
     ends: Array = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
-    plane = find_plane(matches, 3.0, True, rng)
+    plane = find_plane(matches, True, rng)
     if plane is None:
         return length, length
     deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma

@@ -28,14 +28,8 @@ WHITE = 4.0
 class Scenes:
     """Rendered scenes in memory, compactly.
 
-    Attributes
-    ----------
-    linear : ndarray of shape (N, H, W, 3)
-        uint16 code of the radiance, see :func:`decode_linear`.
-    displacement : ndarray of shape (N, H/4, W/4, 2)
-        float16, pixels; not finite where it overflows.
-    labels : ndarray of shape (N, H/4, W/4)
-        uint8: 1 valid + 2 static.
+    ``linear`` (N, H, W, 3) is the uint16 code of the radiance (:func:`decode_linear`), ``displacement``
+    (N, H/4, W/4, 2) float16 pixels, not finite where they overflow, ``labels`` uint8: 1 valid + 2 static.
     """
 
     linear: AnyArray

@@ -32,32 +32,20 @@ Report = Literal["equal", "constant", "varied", "varied, constant", "varied, wro
 class SyntheticOptions:
     """What a set of synthetic smears is like.
 
-    Parameters
-    ----------
-    kind : {"smooth", "scattered"}
-        How depth varies over the image.
-    motion : {"mixed", "forward", "sideways", "rotating", "near-planar"}
-        "mixed": any direction and axis, the rotation alone makes smears 0.2 to 1 times as long as the
-        translation alone. "forward": within about 10 degrees of the optical axis, 0 to 0.5 times.
-        "sideways": across it, 0.2 to 1 times. "rotating": any direction, 3 times. "near-planar": as "mixed",
-        one tilted plane with relief of RELIEF.
-    count : int
-        Smears.
-    length_px : float
-        Median length of the true smears.
-    noise_px : float
-        Standard deviation of the Gaussian noise of every coordinate of both ends; its root mean square over
-        the smears where it varies.
-    report : {"equal", "constant", "varied", "varied, constant", "varied, wrong"}
-        How the noise varies and what ``sigma_px`` says of it. "equal": the same for all smears, stated truly.
-        "constant": the same for all, stated as 1 px a coordinate whatever it is. "varied": log-normal
-        by smear (NOISE_SPREAD), stated truly; "varied, constant": stated as the root mean square;
-        "varied, wrong": stated as that of other smears.
-    outliers : float
-        Share of smears with a random direction and a length of 0.3 to 2 times the median, stated as certain
-        as the others.
-    second_motion : float
-        Share of smears, those nearest to a random point, that follow another rigid motion.
+    ``kind`` is how depth varies, ``length_px`` the median true length, ``noise_px`` the standard deviation of
+    every coordinate of both ends (root mean square where it varies). An ``outliers`` share has a random
+    direction and 0.3 to 2 medians of length; ``second_motion``, those nearest to a random point, move rigidly
+    otherwise.
+
+    ``motion``: "mixed", any direction and axis, the rotation's smears 0.2 to 1 times as long as the
+    translation's; "forward", within about 10 degrees of the optical axis, 0 to 0.5 times; "sideways", across
+    it, 0.2 to 1 times; "rotating", any direction, 3 times; "near-planar", as "mixed", one tilted plane with
+    relief of RELIEF.
+
+    ``report`` says how the noise varies and what ``sigma_px`` states: "equal", the same for all, truly;
+    "constant", stated as 1 px a coordinate whatever it is; "varied", log-normal (NOISE_SPREAD), truly;
+    "varied, constant", as the root mean square; "varied, wrong", as that of other smears. ValueError out of
+    range.
     """
 
     kind: Kind = "smooth"
@@ -90,20 +78,10 @@ class SyntheticOptions:
 class SyntheticSmears:
     """Smears and their truth; pixels.
 
-    Parameters
-    ----------
-    K, R, t, F : ndarray
-        Camera, ``cam2_from_cam1`` and F of unit norm.
-    ends : ndarray of shape (N, 2, 2)
-        As observed, in random order.
-    true_ends : ndarray of shape (N, 2, 2)
-        Open then close, of the camera's motion, for every smear (also where an outlier was observed).
-    sigma_px : ndarray of shape (N,)
-        As reported: of the error of the whole displacement, twice that of one coordinate.
-    swapped : ndarray of bool, shape (N,)
-        Where ends[:, 1] is the open end.
-    outlier : ndarray of bool, shape (N,)
-        Random, or of the second motion.
+    ``R``, ``t`` are ``cam2_from_cam1``, ``F`` has unit norm. ``ends`` (N, 2, 2) are as observed, in random
+    order, ``true_ends`` open then close, of the camera's motion, also where an outlier was observed;
+    ``sigma_px`` (N,) as reported: of the whole displacement, twice that of one coordinate. ``swapped``: where
+    ends[:, 1] is the open end; ``outlier``: random, or of the second motion.
     """
 
     K: Array

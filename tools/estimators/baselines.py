@@ -15,7 +15,6 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import MIN_MATCHES
 from blur2view.two_view.model_selection import fit_translation
-from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.search import build_estimator
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
@@ -97,7 +96,7 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
     """Return the two-parameter F, all smears meeting in one point, fitted robustly; None of too few."""
     if len(matches) < MIN_MATCHES:
         return None
-    estimator = build_estimator(matches, EstimatorOptions())
+    estimator = build_estimator(matches)
     point = fit_translation(estimator, np.random.default_rng(0))
     return estimator.problem.pixels(point.matrix())
 

@@ -22,14 +22,11 @@ from blur2view.geometry.epipolar import (
     symmetric_from_vector,
     unit_norm,
 )
-from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
+from blur2view.geometry.sampson import serrmin
 from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import insufficient_data, still
-from blur2view.two_view.estimate import without_F
-from blur2view.two_view.options import EstimatorOptions
 
 # Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
 SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)
@@ -52,37 +49,14 @@ class PaperOptions:
     fit_error_px: float = 1.0
     block: int = 100
 
-    def __post_init__(self) -> None:
-        """Refuse options out of range."""
-        if self.max_iterations < 1 or self.block < 1:
-            raise ValueError(f"max_iterations and block must be positive, got {self}")
-        if not (0 < self.stop_share <= 1 and 0 < self.fit_error_px < np.inf):
-            raise ValueError(f"need 0 < stop_share <= 1 and a positive fit_error_px, got {self}")
-
 
 def paper_fundamental(
     ends: Array, options: PaperOptions, rng: np.random.Generator
 ) -> tuple[Array | None, int]:
     """Return F estimated from unordered smears as the paper does.
 
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2)
-        Pixels, N at least 7.
-    options : PaperOptions
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    F : ndarray of shape (3, 3) or None
-        Unit norm and rank 2, not refined; None where no sample gave any.
-    iterations : int
-        Samples drawn.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than seven smears.
+    ``ends`` (N, 2, 2), pixels, N at least 7 (else ValueError). F has unit norm and rank 2 and is not refined;
+    None where no sample gave any. Returned with it is the number of samples drawn.
 
     References
     ----------
@@ -105,35 +79,14 @@ def paper_fundamental(
     return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))], options), iterations
 
 
-def paper_two_view(
+def paper_of_matches(
     matches: SmearMatches, options: PaperOptions | None = None, rng: np.random.Generator | None = None
-) -> TwoViewGeometry:
-    """Return the paper's F with our refusals; believed as it is, UNDEFINED where no sample gave any.
-
-    Parameters
-    ----------
-    matches : SmearMatches
-    options : PaperOptions, optional
-    rng : numpy.random.Generator, optional
-        Default: seed 0.
-    """
-    trust, rng = EstimatorOptions(), np.random.default_rng(0) if rng is None else rng
-    refusal = still(matches) or insufficient_data(matches)
-    if refusal is not None:
-        return without_F(matches, Configuration.DEGENERATE, refusal)
-    F, iterations = paper_fundamental(matches.ends, options or PaperOptions(), rng)
-    if F is None:
-        return without_F(matches, Configuration.UNDEFINED, "the optimiser found no F", iterations)
-    inlier_mask = serrmin(F, matches.ends) < trust.max_error_px**2
-    return TwoViewGeometry(
-        F=F,
-        config=Configuration.UNCALIBRATED,
-        reason=f"the paper's estimator, not tested: {inlier_mask.mean():.0%} of the smears are inliers",
-        inlier_mask=inlier_mask,
-        swapped=swapped_order(F, matches.ends),
-        iterations=iterations,
-        model=MotionModel.GENERAL,
-    )
+) -> Array | None:
+    """Return the paper's F, of seed 0 by default; None where we refuse, or no sample gave any."""
+    if still(matches) or insufficient_data(matches):
+        return None
+    rng = np.random.default_rng(0) if rng is None else rng
+    return paper_fundamental(matches.ends, options or PaperOptions(), rng)[0]
 
 
 def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
@@ -158,10 +111,7 @@ def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
 def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
     """Return the minimum of the paper's cost on seven smears (7, 2, 2) from a random start.
 
-    Returns
-    -------
-    ndarray of shape (3, 3) or None
-        Unit norm, rank 2, pixels; a local minimum. None where the optimiser ends without finite numbers.
+    Unit norm, rank 2, pixels; a local minimum. None where the optimiser ends without finite numbers.
     """
     from scipy.optimize import minimize
 

@@ -19,13 +19,8 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
     Both flips of time are tried, F with the order it gives the matches and its transpose with the opposite;
     each gets its pose by cheirality; the smaller error counts.
 
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3)
-    K, R, t : ndarray
-        The true camera and ``cam2_from_cam1``.
-    ends : ndarray of shape (N, 2, 2)
-        Observed matches for the test of cheirality; their order is not used.
+    ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``, ``ends`` (N, 2, 2) observed matches for
+    the test of cheirality; their order is not used.
     """
     swapped = swapped_order(F, ends)[:, None, None]
     ordered = np.where(swapped, ends[:, ::-1], ends)

@@ -82,16 +82,8 @@ class SmearFigures:
 class Smears:
     """Smears of many images.
 
-    Attributes
-    ----------
-    found, true : ndarray of shape (N, 2)
-        Displacements in pixels.
-    sigma : ndarray of shape (N,)
-        What the network expects of their error, pixels.
-    sure : ndarray of bool, shape (N,)
-        Whether sigma is at most its median over the image.
-    blocks : ndarray of shape (B,)
-        See :func:`block_errors`.
+    ``found`` and ``true`` (N, 2) are displacements, ``sigma`` (N,) their expected error, pixels; ``sure``
+    (N,) whether it is at most its median over the image; ``blocks`` (B,) are :func:`block_errors`.
     """
 
     found: AnyArray

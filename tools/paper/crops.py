@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import cv2
@@ -63,14 +64,10 @@ def resized(linear: Array, displacement: Array, labels: Array, side: int) -> tup
 
 
 def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tuple[Array, Array]:
-    """Make one augmented training pair.
+    """Make one augmented training pair, float32.
 
-    Returns
-    -------
-    image : ndarray of shape (3, side, side)
-        float32 RGB in [0, 1].
-    target : ndarray of shape (3, side / 4, side / 4)
-        float32, finite: displacement x, y in pixels and validity (0 or 1).
+    An image (3, side, side) in [0, 1], and its finite target (3, side / 4, side / 4): displacement x, y in
+    pixels and validity (0 or 1).
     """
     linear, displacement, labels = cut(rng, scenes, index, side)
     turns, mirror = int(rng.integers(4)), bool(rng.random() < 0.5)
@@ -85,19 +82,16 @@ def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tup
 class CropStream(IterableDataset[tuple[torch.Tensor, torch.Tensor]]):
     """Endless batches of crops; batch k depends only on (seed, k), however many workers make them."""
 
-    def __init__(self, scenes: Scenes, seed: int, batch: int, side: int, first: int = 0) -> None:
+    def __init__(self, scenes: Scenes, seed: int, batch: int, side: int) -> None:
         super().__init__()
-        self.scenes, self.seed, self.batch, self.side, self.first = scenes, seed, batch, side, first
+        self.scenes, self.seed, self.batch, self.side = scenes, seed, batch, side
 
     def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Yield (images, targets); with several workers each makes every n-th batch, in order."""
         cv2.setNumThreads(1)
         worker = torch.utils.data.get_worker_info()
         step, offset = (worker.num_workers, worker.id) if worker else (1, 0)
-        k = self.first + offset
-        while True:
-            yield self.make(k)
-            k += step
+        yield from map(self.make, count(offset, step))
 
     def make(self, k: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Return batch number k: images (N, 3, side, side) and targets (N, 3, side / 4, side / 4)."""
@@ -112,27 +106,10 @@ class CropStream(IterableDataset[tuple[torch.Tensor, torch.Tensor]]):
 class TrainOptions:
     """One training run on crops.
 
-    Attributes
-    ----------
-    train, val, out : Path
-        Folders of rendered shards, and of checkpoints and results.
-    steps : int
-        Length of the whole run.
-    batch, side : int
-        Crops a step and their side in pixels (a multiple of 16).
-    learning_rate : float
-        Peak of the schedule (AdamW).
-    seed : int
-        Decides the initial weights and every crop.
-    workers : int
-        Processes that make crops; with 0 the training process makes them itself.
-    save_every : int
-        Steps between checkpoints.
-
-    Raises
-    ------
-    ValueError
-        If `side` is not a positive multiple of 16.
+    ``train`` and ``val`` hold rendered shards, ``out`` gets results. A run has ``steps``, each of ``batch``
+    crops of ``side`` px (a multiple of 16), which ``workers`` processes make (0: this one);
+    ``learning_rate`` is the peak of the schedule (AdamW), ``seed`` decides weights and crops. ValueError if
+    ``side`` is wrong.
     """
 
     train: Path
@@ -144,7 +121,6 @@ class TrainOptions:
     learning_rate: float = 2e-3
     seed: int = 0
     workers: int = 1
-    save_every: int = 250
 
     def __post_init__(self) -> None:
         """Check the size of crops."""
@@ -152,9 +128,9 @@ class TrainOptions:
             raise ValueError(f"side must be a positive multiple of {MULTIPLE_OF}, got {self.side}")
 
 
-def batches_of(scenes: Scenes, options: TrainOptions, first: int) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield batches from number `first` on, made by `workers` processes."""
-    stream = CropStream(scenes, options.seed, options.batch, options.side, first=first)
+def batches_of(scenes: Scenes, options: TrainOptions) -> Iterator[tuple[Tensor, Tensor]]:
+    """Yield batches, made by `workers` processes."""
+    stream = CropStream(scenes, options.seed, options.batch, options.side)
     ahead = 4 if options.workers else None
     return iter(DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=ahead))
 

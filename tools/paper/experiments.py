@@ -2,14 +2,13 @@
 
     python -m tools.paper.experiments --photos KODAK
 
-renders what is missing (training scenes: 25 minutes of two cores), trains 30 networks (two hours), estimates
-Table 2 (11 minutes of one core). Trainings, renderings and Table 2 go on where they were; ``--stages report``
-writes the file from what is there.
+renders what is missing (training scenes: 25 minutes of two cores), trains 27 networks (two hours), estimates
+Table 2 (11 minutes of one core). Renderings and Table 2 go on where they were, trainings with the first seed
+that is not finished; ``--stages report`` writes the file from what is there.
 """
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,10 +17,11 @@ from pathlib import Path
 import blur2view
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
+from tools.pages import write_json
 from tools.paper import paper_summary, paper_tables
 from tools.paper.crops import TrainOptions
 from tools.paper.paper_report import report
-from tools.paper.paper_variants import ALPHA_STUDY, PLAIN_STEPS, STEPS, VARIANTS, run_all
+from tools.paper.paper_variants import ALPHA_STUDY, STEPS, VARIANTS, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
 
@@ -31,7 +31,7 @@ TRAINING_SCENES = 5150
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Where things are, and the budgets: `seeds`, `steps` and `plain_steps` of the trainings.
+    """Where things are, and the budget: `seeds` and `steps` of the trainings.
 
     `shards` holds ``train`` and ``val``, as :func:`tools.training.recipe.render_all` renders them.
     """
@@ -43,7 +43,6 @@ class Plan:
     results: Path
     seeds: tuple[int, ...] = (0, 1, 2)
     steps: int = STEPS
-    plain_steps: int = PLAIN_STEPS
 
 
 def train(plan: Plan) -> None:
@@ -55,7 +54,7 @@ def train(plan: Plan) -> None:
     options = TrainOptions(
         train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
     )
-    run_all(list(VARIANTS.values()), plan.seeds, options, plan.plain_steps)
+    run_all(list(VARIANTS.values()), plan.seeds, options)
     summarise(plan)
 
 
@@ -65,8 +64,8 @@ def summarise(plan: Plan) -> None:
     found = paper_summary.read_runs(runs, VARIANTS.values())
     study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
     if found:
-        write_json(plan.results / "paper_table1.json", paper_summary.stored(found))
-        write_json(plan.results / "paper_alpha.json", paper_summary.stored(study))
+        for name, figures in {"table1": found, "alpha": study}.items():
+            write_json(plan.results / f"paper_{name}.json", {k: asdict(one) for k, one in figures.items()})
 
 
 def estimate(plan: Plan) -> None:
@@ -84,17 +83,7 @@ def write_report(plan: Plan) -> None:
     (plan.results / "paper.md").write_text(report(plan.results))
 
 
-STAGES: dict[str, Callable[[Plan], None]] = {
-    "table2": estimate,
-    "table1": train,
-    "report": write_report,
-}
-
-
-def write_json(path: Path, document: object) -> None:
-    """Write a result."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=1) + "\n")
+STAGES: dict[str, Callable[[Plan], None]] = {"table2": estimate, "table1": train, "report": write_report}
 
 
 def main() -> None:
@@ -107,7 +96,6 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("tools/results"), help="(default: %(default)s)")
     parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
     parser.add_argument("--steps", type=int, default=Plan.steps)
-    parser.add_argument("--plain-steps", type=int, default=Plan.plain_steps)
     parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))
     words = vars(parser.parse_args())
     stages = words.pop("stages")

@@ -1,4 +1,4 @@
-"""Networks of the paper's experiments, with its outputs v and w: its plain U-Net, one behind a fixed stem."""
+"""The network of the paper's experiments, with its outputs v and w: a U-Net behind a fixed stem."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from tools.paper.stem import STRIDE, StructureStem
+from tools.paper.stem import StructureStem
 
 MULTIPLE_OF = 16
 """Height and width of the input must be multiples of this."""
@@ -79,48 +79,4 @@ class StemUNet(nn.Module):
             lifted = nnf.interpolate(self.lifts[k](x), scale_factor=2.0, mode="nearest")
             x = self.decoders[k](skips[k] + lifted)
         heads: Tensor = self.head(x)
-        return heads
-
-
-class DoubleConvolution(nn.Sequential):
-    """Two 3 x 3 convolutions, each with batch normalisation and ReLU."""
-
-    def __init__(self, inputs: int, outputs: int) -> None:
-        layers: list[nn.Module] = []
-        for channels in (inputs, outputs):
-            layers += [
-                nn.Conv2d(channels, outputs, 3, padding=1, bias=False),
-                nn.BatchNorm2d(outputs),
-                nn.ReLU(inplace=True),
-            ]
-        super().__init__(*layers)
-
-
-class PlainUNet(nn.Module):
-    """The U-Net of Ronneberger et al. (MICCAI 2015), as the paper has it: RGB in, v and w out.
-
-    It works at full resolution; its output is read at pixels [1::4], the centres of our truth's cells.
-    """
-
-    def __init__(self, width: int = 64, depth: int = 4) -> None:
-        super().__init__()
-        widths = [width * 2**k for k in range(depth + 1)]
-        pairs = list(zip(widths[:-1], widths[1:], strict=True))
-        self.encoders = nn.ModuleList(
-            [DoubleConvolution(3, width), *(DoubleConvolution(*pair) for pair in pairs)]
-        )
-        self.lifts = nn.ModuleList([nn.ConvTranspose2d(coarse, fine, 2, stride=2) for fine, coarse in pairs])
-        self.decoders = nn.ModuleList([DoubleConvolution(2 * fine, fine) for fine, _ in pairs])
-        self.head = nn.Conv2d(width, 3, 1)
-        start_outputs(self.head)
-
-    def forward(self, image: Tensor) -> Tensor:
-        """Return (N, 3, H/4, W/4) for RGB (N, 3, H, W), sides multiples of 2^depth."""
-        x, skips = image, []
-        for k, encoder in enumerate(self.encoders):
-            x = encoder(x if k == 0 else nnf.max_pool2d(x, 2))
-            skips.append(x)
-        for k in reversed(range(len(self.decoders))):
-            x = self.decoders[k](torch.cat([skips[k], self.lifts[k](x)], 1))
-        heads: Tensor = self.head(x)[..., 1::STRIDE, 1::STRIDE]
         return heads

@@ -16,48 +16,18 @@ arXiv 2605.01552.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import torch
 from torch import Tensor
 from torch.nn import functional as nnf
 
+from blur2view.smears.field import Floats, from_double_angle
+
 Representation = Literal["local", "restricted", "double"]
 
 LEAST_SIGMA_PX = 0.05
 """Added to softplus(w), so that the likelihood is bounded."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Target:
-    """Truth of a batch: unit double angle (N, 2, h, w), length in px and validity (N, 1, h, w)."""
-
-    unit: Tensor
-    length: Tensor
-    valid: Tensor
-
-
-def target_parts(target: Tensor) -> Target:
-    """Split the truth (N, 3, h, w): displacement x, y in px and validity.
-
-    A displacement that is not finite becomes zero and invalid: NaN times a mask of zero would still be NaN.
-    """
-    finite = torch.isfinite(target[:, :2]).all(1, keepdim=True)
-    clean = torch.where(finite, target, 0.0)
-    x, y, valid = clean[:, :1], clean[:, 1:2], clean[:, 2:]
-    length = torch.sqrt(x * x + y * y + 1e-12)
-    unit = torch.cat([(x * x - y * y), 2 * x * y], 1) / (length * length)
-    return Target(unit=unit, length=length, valid=valid)
-
-
-def smear_error(predicted: Tensor, target: Target) -> Tensor:
-    """Return EPE-S (N, 1, h, w), px, of decoded predictions (N, 3, h, w): min(|d - d*|, |d + d*|)."""
-    double, length = predicted[:, :2], target.length
-    mine = torch.sqrt((double * double).sum(1, keepdim=True) + 1e-12)
-    cosine = ((double * target.unit).sum(1, keepdim=True) / mine).clamp(-1, 1)
-    half_cosine = torch.sqrt((1 + cosine) / 2 + 1e-12)  # |cos| of the angle between the smears themselves
-    return torch.sqrt((mine - length) ** 2 + 2 * mine * length * (1 - half_cosine) + 1e-6)
 
 
 def sigma_of(raw: Tensor) -> Tensor:
@@ -92,18 +62,9 @@ def paper_loss(
 ) -> Tensor:
     """Return the loss of a batch, a scalar.
 
-    Parameters
-    ----------
-    raw : Tensor of shape (N, 3, h, w)
-        The network's v and w.
-    target : Tensor of shape (N, 3, h, w)
-        Displacement in pixels and the cross-check map (0 or 1). Where a displacement is not finite the map
-        is taken to be 0, and the likelihood is left out in either case.
-    representation : {"local", "restricted", "double"}
-    cross_check : bool
-        Whether the map is used.
-    alpha : float
-        What 1 / sigma^2 may be where the map is 0.
+    ``raw`` (N, 3, h, w) are the network's v and w, ``target`` (N, 3, h, w) displacements in pixels and the
+    cross-check map (0 or 1), which counts as 0 where a displacement is not finite; the likelihood is left out
+    there. ``alpha`` is what 1 / sigma^2 may be where the map is 0.
     """
     finite = torch.isfinite(target[:, :2]).all(1, keepdim=True)
     d = torch.where(finite, target[:, :2], 0.0)
@@ -116,7 +77,7 @@ def paper_loss(
     return (m * known + torch.relu((1 - m) / sigma**2 - alpha)).mean()
 
 
-def decoded(raw: Tensor, representation: Representation) -> Tensor:
-    """Return the double angle and sigma (N, 3, h, w), px, of raw output (N, 3, h, w)."""
-    vector = raw[:, :2] if representation == "double" else double_angle(raw[:, :2])
-    return torch.cat([vector, sigma_of(raw)], 1)
+def decoded(raw: Tensor, representation: Representation) -> tuple[Floats, Floats]:
+    """Return displacements (N, h, w, 2) and sigmas (N, h, w), px, of raw output (N, 3, h, w)."""
+    vector = raw[:, :2].permute(0, 2, 3, 1).numpy()
+    return from_double_angle(vector) if representation == "double" else vector, sigma_of(raw)[:, 0].numpy()

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tools.pages import table
 from tools.paper import paper_summary, paper_tables
-from tools.paper.paper_variants import ALPHA_STUDY, TABLE_1
+from tools.paper.paper_variants import ALPHA_STUDY, SIX
 
 COMMAND = "python -m tools.paper.experiments --photos KODAK --stages"
 EVALUATION = "python -m tools.evaluation.evaluate render/test --out tools/results/evaluation"
@@ -31,7 +32,7 @@ photographs**: ours are rendered (`tools/datasets/testset.py`, `tools/datasets/s
 compared are fractions of what the true F reaches, and which variant is best.
 
 `python -m tools.paper.experiments --photos KODAK` makes all of this file: about three hours of two cores, two
-of them for the 30 trainings of Table 1 and of the study of alpha; a stopped run goes on."""
+of them for the 27 trainings of Table 1 and of the study of alpha; finished seeds are kept."""
 
 
 def read(results: Path, name: str) -> Any:
@@ -42,48 +43,46 @@ def read(results: Path, name: str) -> Any:
 
 def comparison(table2: Any, evaluation: Any) -> list[str]:
     """Return our figures under the published ones."""
-    lines = [
-        "| photographs | EPE-S top 50 %, px | over the length | SErrMin < 3, F | true F | fraction |",
-        "|---|---|---|---|---|---|",
-    ]
+    cells: list[tuple[str, ...]] = []
     for name, epe_s_px, inliers, true in PUBLISHED:
-        shares = f"{inliers / 100:.3f} | {true / 100:.3f} | {inliers / true:.2f}"
-        lines.append(f"| {name}, as published | {epe_s_px:.3f} | - | {shares} |")
+        shares = f"{inliers / 100:.3f}", f"{true / 100:.3f}", f"{inliers / true:.2f}"
+        cells.append((f"{name}, as published", f"{epe_s_px:.3f}", "-", *shares))
     smears = (evaluation or {}).get("smears", {})
-    errors = [f"{smears[k]:.3f}" if k in smears else "-" for k in ("epe_s_top50", "epe_s_top50_over_length")]
+    errors = (f"{smears[k]:.3f}" if k in smears else "-" for k in ("epe_s_top50", "epe_s_top50_over_length"))
     rows = {(r["estimator"], r["beta"]): r for r in (table2 or {}).get("rows", [])}
     ours, true_F = rows.get(("ours", paper_tables.AUTOMATIC)), rows.get(("true F", "-"))
-    shares = "- | - | -"
+    shares = "-", "-", "-"
     if ours and true_F:
-        shares = f"{ours['inliers']:.3f} | {true_F['inliers']:.3f} | {ours['inliers_of_true']:.2f}"
-    lines.append(f"| rendered test split, ours | {' | '.join(errors)} | {shares} |")
+        shares = f"{ours['inliers']:.3f}", f"{true_F['inliers']:.3f}", f"{ours['inliers_of_true']:.2f}"
+    cells.append(("rendered test split, ours", *errors, *shares))
+    head = "photographs | EPE-S top 50 %, px | over the length | SErrMin < 3, F | true F | fraction"
     note = "The paper's vector s is half of a smear; our EPE-S is of whole smears."
-    return [*lines, "", note, f"Ours: `{EVALUATION}` and Table 2 below."]
+    return [*table(head, cells), "", note, f"Ours: `{EVALUATION}` and Table 2 below."]
+
+
+def variants_of(document: Any) -> dict[str, paper_summary.VariantFigures]:
+    """Return the stored figures of variants."""
+    return {name: paper_summary.VariantFigures(**values) for name, values in document.items()}
 
 
 def first_table(document: Any) -> list[str]:
     """Return Table 1."""
-    found = paper_summary.from_stored(document)
+    found = variants_of(document)
     words = "Mean ± deviation over seeds, on 128 fixed crops of held-out textures."
-    return [*paper_summary.table(found, TABLE_1), "", *paper_summary.verdicts(found), "", words]
+    return [*paper_summary.variant_table(found, SIX), "", *paper_summary.verdicts(found), "", words]
 
 
 def alpha_study(document: Any) -> list[str]:
     """Return the study of alpha."""
-    lines = paper_summary.table(paper_summary.from_stored(document), ALPHA_STUDY)
+    lines = paper_summary.variant_table(variants_of(document), ALPHA_STUDY)
     return [*lines, "", "Over the seeds that all four have."]
 
 
 def second_table(document: Any) -> list[str]:
     """Return Table 2 with its verdict."""
     rows = [paper_tables.Row(**row) for row in document["rows"]]
-    return [
-        *paper_tables.markdown(rows),
-        "",
-        automatic_verdict(rows),
-        "",
-        f"Network {document['model_id']}.",
-    ]
+    words = [automatic_verdict(rows), "", f"Network {document['model_id']}."]
+    return [*paper_tables.markdown(rows), "", *words]
 
 
 def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
@@ -102,7 +101,7 @@ def automatic_verdict(rows: Sequence[paper_tables.Row]) -> str:
 
 
 PARTS = {
-    "Table 1: losses and networks": ("paper_table1.json", first_table, "table1", "6.5 core minutes a run"),
+    "Table 1: losses": ("paper_table1.json", first_table, "table1", "6.5 core minutes a run"),
     "Table 2: shares of the smears and estimators": (
         "paper_table2.json", second_table, "table2", "11 core minutes",
     ),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tools.pages import table
 from tools.paper.paper_variants import SIX, VARIANTS, Variant
 
 MEASURES = (
@@ -19,6 +20,10 @@ MEASURES = (
     "epe_s_left",
     "epe_s_oracle",
     "direction_deg_top50",
+)
+HEAD = (
+    "name | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
+    "| sparsification area | EPE-S left, px | oracle, px | direction top 50 %, deg"
 )
 RANKED = {
     "epe_s_top50": "EPE-S top 50 %",
@@ -68,41 +73,23 @@ def read_runs(folder: Path, variants: Collection[Variant], shared: bool = False)
     return {name: figures_of(name, found) for name, found in documents.items() if found}
 
 
-def stored(found: dict[str, VariantFigures]) -> dict[str, Any]:
-    """Return plain values, for JSON."""
-    return {name: asdict(figures) for name, figures in found.items()}
+def label(variant: Variant) -> str:
+    """Return the name of a variant's loss for people."""
+    return f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
 
 
-def from_stored(document: dict[str, Any]) -> dict[str, VariantFigures]:
-    """Return the inverse of :func:`stored`."""
-    return {name: VariantFigures(**values) for name, values in document.items()}
-
-
-def label(variant: Variant) -> tuple[str, str]:
-    """Return the names of a variant's network and loss for people."""
-    network = "the paper's plain U-Net" if variant.network == "plain" else "stem, paper's outputs"
-    return network, f"{variant.representation}, {'with' if variant.cross_check else 'without'} map"
-
-
-def table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
+def variant_table(found: dict[str, VariantFigures], variants: Sequence[Variant]) -> list[str]:
     """Return Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
-    lines = [
-        "| name | network | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
-        "| sparsification area | EPE-S left, px | oracle, px | direction top 50 %, deg |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for variant in variants:
         if variant.name not in found:
             continue
-        figures, (network, loss) = found[variant.name], label(variant)
-        cells = [f"{figures.mean[m]:.3f} ± {figures.deviation[m]:.3f}" for m in MEASURES]
-        if figures.seeds == 1:
-            cells = [f"{figures.mean[m]:.3f}" for m in MEASURES]
-        head = (
-            f"| {variant.name} | {network} | {loss} | {variant.alpha:g} | {figures.steps} | {figures.seeds}"
-        )
-        lines.append(f"{head} | {' | '.join(cells)} |")
-    return lines
+        figures = found[variant.name]
+        spread = {m: f" ± {figures.deviation[m]:.3f}" if figures.seeds > 1 else "" for m in MEASURES}
+        cells = (f"{figures.mean[m]:.3f}{spread[m]}" for m in MEASURES)
+        head = variant.name, label(variant), f"{variant.alpha:g}", figures.steps, figures.seeds
+        rows.append((*head, *cells))
+    return table(HEAD, rows)
 
 
 def verdicts(found: dict[str, VariantFigures]) -> list[str]:
@@ -116,8 +103,8 @@ def verdicts(found: dict[str, VariantFigures]) -> list[str]:
         mean, spread = (getattr(found[best.name], of)[measure] for of in ("mean", "deviation"))
         next_ = found[second.name].mean[measure]
         lines.append(
-            f"- Best of the six by {words}: {label(best)[1]} (in the paper: {label(VARIANTS[BEST])[1]}), "
-            f"{mean:.3f}; next {label(second)[1]}, {next_:.3f}: "
+            f"- Best of the six by {words}: {label(best)} (in the paper: {label(VARIANTS[BEST])}), "
+            f"{mean:.3f}; next {label(second)}, {next_:.3f}: "
             f"{'within' if next_ - mean <= spread else 'beyond'} its deviation over seeds."
         )
     return lines

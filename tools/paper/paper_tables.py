@@ -9,7 +9,6 @@ its robust cost (no truth is used).
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,21 +20,21 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets.testset import TestScene
-from tools.estimators.paper import paper_two_view
+from tools.estimators.paper import paper_of_matches
 from tools.metrics import PAPER_INLIER
+from tools.pages import append_line, finished_lines, table
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
 AUTOMATIC = "automatic"
-ESTIMATORS: dict[str, Callable[[SmearMatches, np.random.Generator], TwoViewGeometry]] = {
-    "paper": lambda matches, rng: paper_two_view(matches, rng=rng),
-    "ours": lambda matches, rng: estimate_two_view(matches, rng=rng),
+ESTIMATORS: dict[str, Callable[[SmearMatches], AnyArray | None]] = {
+    "paper": paper_of_matches,
+    "ours": lambda matches: estimate_two_view(matches).F,
 }
 CUTOFF = 3.0
 """Standard deviations beyond which a smear counts as an outlier when answers are compared."""
@@ -88,7 +87,7 @@ def estimates(scene: TestScene, grid: SmearGrid, model_id: str, known: set[Any])
             if (model_id, scene.name, name, beta) in known:
                 continue
             matches, began = select_matches(grid, SelectOptions(beta=beta)), time.perf_counter()
-            F = estimator(matches, np.random.default_rng(0)).F
+            F = estimator(matches)
             yield Found(
                 model_id=model_id,
                 scene=scene.name,
@@ -100,28 +99,20 @@ def estimates(scene: TestScene, grid: SmearGrid, model_id: str, known: set[Any])
             )
 
 
-def read_work(work: Path, model_id: str) -> list[Found]:
-    """Return what is there of one network; a last line that was cut by a kill is dropped."""
-    lines = work.read_text().splitlines(keepends=True) if work.exists() else []
-    found = [Found(**json.loads(line)) for line in lines if line.endswith("\n")]
-    return [one for one in found if one.model_id == model_id]
-
-
 def complete(scenes: Sequence[TestScene], network: blur2view.SmearNetwork, work: Path) -> list[Found]:
     """Return all estimates, making what is missing and keeping every answer at once."""
     model_id = network.info.model_id
-    found = read_work(work, model_id)
-    work.parent.mkdir(parents=True, exist_ok=True)
-    work.write_text("".join(json.dumps(asdict(one)) + "\n" for one in found))
+    found = [Found(**line) for line in finished_lines(work)]
     known = {one.key for one in found}
+    work.parent.mkdir(parents=True, exist_ok=True)
     for scene in scenes:
         if all((model_id, scene.name, name, beta) in known for name in ESTIMATORS for beta in BETAS):
             continue
         grid = network.predict(blur2view.read_image(scene.image_path))
         for one in estimates(scene, grid, model_id, known):
-            with work.open("a") as file:
-                file.write(json.dumps(asdict(one)) + "\n")
-    return read_work(work, model_id)
+            append_line(work, asdict(one))
+            found.append(one)
+    return [one for one in found if one.model_id == model_id]
 
 
 def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Found]]:
@@ -130,16 +121,12 @@ def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Fo
     for one in found:
         groups.setdefault((one.estimator, f"{one.beta:.0%}"), {})[one.scene] = one
     mine = [group for (estimator, _), group in groups.items() if estimator == "ours"]
-    scenes = {scene for group in mine for scene in group}
-    groups["ours", AUTOMATIC] = {
-        scene: cheapest([group[scene] for group in mine if scene in group]) for scene in sorted(scenes)
-    }
+    groups["ours", AUTOMATIC] = {}
+    for scene in sorted({scene for group in mine for scene in group}):
+        answers = [group[scene] for group in mine if scene in group]
+        seconds = sum(one.seconds for one in answers)  # all are needed for a choice
+        groups["ours", AUTOMATIC][scene] = replace(min(answers, key=lambda one: one.cost), seconds=seconds)
     return groups
-
-
-def cheapest(answers: Sequence[Found]) -> Found:
-    """Return the answer of the least robust cost; its seconds are those of all answers, as all are needed."""
-    return replace(min(answers, key=lambda one: one.cost), seconds=sum(one.seconds for one in answers))
 
 
 def all_true_ends(scene: TestScene) -> AnyArray:
@@ -183,12 +170,10 @@ def rows_of(found: Sequence[Found], scenes: Sequence[TestScene]) -> list[Row]:
 
 def markdown(rows: Sequence[Row]) -> list[str]:
     """Return the table as lines of Markdown."""
-    lines = [
-        "| estimator | smears used | images | no F | SErrMin < 3 | of the true F's "
-        "| median SErrMin, px^2 | median s |",
-        "|---|---|---|---|---|---|---|---|",
+    cells = [
+        (r.estimator, r.beta, r.images, r.without_F, f"{r.inliers:.3f}", f"{r.inliers_of_true:.3f}")
+        + (f"{r.serrmin_px2:.3g}", f"{r.seconds:.2f}")
+        for r in rows
     ]
-    for r in rows:
-        figures = f"{r.inliers:.3f} | {r.inliers_of_true:.3f} | {r.serrmin_px2:.3g} | {r.seconds:.2f}"
-        lines.append(f"| {r.estimator} | {r.beta} | {r.images} | {r.without_F} | {figures} |")
-    return lines
+    head = "estimator | smears used | images | no F | SErrMin < 3 | of the true F's"
+    return table(f"{head} | median SErrMin, px^2 | median s", cells)

@@ -16,16 +16,8 @@ from tools.rendering.scene import Layer, Plane, sample_grid
 class Canvas:
     """A layer painted at mid exposure.
 
-    Attributes
-    ----------
-    rgba : ndarray of shape (h, w, 4)
-        float32, linear, premultiplied; column c shows image position ``left + c / detail``.
-    left, top : float
-        Image position of the first pixel.
-    detail : float
-        Canvas pixels per image pixel.
-    layer : Layer
-        What is painted.
+    ``rgba`` (h, w, 4) is float32, linear, premultiplied; its column c shows image position
+    ``left + c / detail``, ``detail`` being canvas pixels per image pixel.
     """
 
     rgba: AnyArray
@@ -129,20 +121,8 @@ def paint(
 ) -> Canvas:
     """Return a layer painted over the part of the image, and of a margin in pixels, that it covers.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws the highlights.
-    layer : Layer
-        What to paint.
-    K : ndarray of shape (3, 3)
-        Intrinsics.
-    size : tuple of int
-        Image width and height.
-    margin : float
-        How far beyond the image's border motion may reach, pixels.
-    detail : float
-        Canvas pixels per image pixel.
+    ``margin`` is how far beyond the border motion may reach, pixels; ``detail`` canvas pixels per image
+    pixel.
     """
     points = canvas_points(layer, size, margin, detail)
     rgb = surface_colour(layer, pixel_rays(points, K).astype(np.float32))

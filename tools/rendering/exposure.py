@@ -42,17 +42,7 @@ def pixel_grid(size: tuple[int, int]) -> AnyArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """A pinhole camera that moves while its shutter is open.
-
-    Attributes
-    ----------
-    camera : Trajectory
-        Its path; at tau = 0 its frame is that of the scene.
-    K : ndarray of shape (3, 3)
-        Intrinsics in pixels.
-    size : tuple of int
-        Image width and height in pixels.
-    """
+    """A pinhole camera that moves while its shutter is open; at tau = 0 its frame is that of the scene."""
 
     camera: Trajectory
     K: AnyArray

@@ -28,31 +28,13 @@ STILL_PX = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class RenderOptions:
-    """What a scene may be.
+    """What a scene may be; ValueError if a size is no multiple of 4 or the range of lengths is empty.
 
-    Attributes
-    ----------
-    size : tuple of int
-        Image width and height in pixels, multiples of 4.
-    smear_px : tuple of float
-        Range of the median static smear length, log-uniform.
-    sharp_share : float
-        Share of scenes with median smears under one pixel instead.
-    mover_share : float
-        Share of scenes with one or two moving objects; in sharp scenes they move before a still camera.
-    straight : bool
-        Constant velocity only.
-    split : {"train", "test"}
-        Which photographs may be textures.
-    photos : Path or None
-        Folder of further photographs.
-    detail : float
-        Canvas pixels per image pixel.
-
-    Raises
-    ------
-    ValueError
-        If a size is not a positive multiple of 4 or the range of lengths is empty.
+    ``smear_px`` is the range of the median static smear length, log-uniform; a ``sharp_share`` of scenes has
+    median smears under one pixel instead, a ``mover_share`` one or two moving objects (before a still camera
+    in sharp scenes). ``straight``: constant velocity only. ``split`` ("train" or "test") says which
+    photographs, ``photos`` (a folder) which further ones may be textures; ``detail`` is canvas pixels per
+    image pixel.
     """
 
     size: tuple[int, int] = (320, 240)
@@ -76,20 +58,11 @@ class RenderOptions:
 class Rendering(GridTruth):
     """One rendered exposure with its truth; see :class:`tools.rendering.truth.GridTruth` for the grid's.
 
-    Attributes
-    ----------
-    linear : ndarray of shape (H, W, 3)
-        float32 mean radiance over the exposure, 0 to about 4 (highlights).
-    K, R, t : ndarray
-        Intrinsics; ``cam_close_from_cam_open``.
-    F : ndarray of shape (3, 3) or None
-        ``points_close^T F points_open = 0``, unit norm; None without translation.
-    kind : str
-        Kind of the camera path, see :func:`tools.rendering.motion.sample_camera_path`.
-    straight : bool
-        Whether the camera's velocity was constant.
-    open_image, close_image : ndarray of shape (H, W, 3)
-        Sharp linear first and last instants.
+    ``linear`` (H, W, 3) is the float32 mean radiance over the exposure, 0 to about 4 (highlights),
+    ``open_image`` and ``close_image`` are its sharp first and last instants. ``K`` are the intrinsics, ``R``,
+    ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm, ``points_close^T F points_open = 0``, None
+    without translation. ``kind`` is that of the camera's path (`tools.rendering.motion.sample_camera_path`),
+    ``straight`` whether its velocity was constant.
     """
 
     linear: AnyArray
@@ -157,20 +130,7 @@ def set_in_motion(
 
 
 def render(seed: int, options: RenderOptions | None = None) -> Rendering:
-    """Return one rendered scene with its truth; the same seed and options give the same bytes.
-
-    Parameters
-    ----------
-    seed : int
-        Decides everything.
-    options : RenderOptions, optional
-        What a scene may be.
-
-    Returns
-    -------
-    Rendering
-        Picture, truth on the grid, and pose.
-    """
+    """Return one rendered scene with its truth; the same seed and options give the same bytes."""
     options = options or RenderOptions()
     rng = np.random.default_rng([seed, 0 if options.split == "train" else 1])
     size, pool = options.size, photographs(options.split, options.photos)

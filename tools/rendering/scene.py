@@ -47,22 +47,11 @@ class Plane:
 class Layer:
     """One opaque surface, back to front in a scene.
 
-    Attributes
-    ----------
-    planes : tuple of Plane
-        The nearest along a ray is the surface (a card has one, a room several).
-    relief : ndarray of shape (n, n)
-        Log factor of the inverse depth, stretched over the image; zeros for flat surfaces.
-    stencil : ndarray of shape (n, n) or None
-        Alpha of a card inside `box`; None for the background, which is everywhere.
-    box : tuple of float
-        x, y, width, height of the stencil in the mid-exposure image, pixels.
-    own_path : Trajectory or None
-        Rigid motion of a moving object about `pivot`.
-    pivot : ndarray of shape (3,)
-        A point of the camera frame at mid exposure.
-    illumination : ndarray of shape (n, n)
-        Shading factors, stretched over the image.
+    The nearest of ``planes`` along a ray is the surface (a card has one, a room several). ``relief`` (n, n)
+    is a log factor of the inverse depth, stretched over the image, zeros for flat surfaces; ``illumination``
+    (n, n) are shading factors. ``stencil`` (n, n) is the alpha of a card inside ``box`` (x, y, width, height
+    in the mid-exposure image, pixels), None for the background, which is everywhere. ``own_path`` is the
+    rigid motion of a moving object about ``pivot`` (3,), a point of the camera frame at mid exposure.
     """
 
     planes: tuple[Plane, ...]

@@ -14,26 +14,12 @@ from blur2view.arrays import AnyArray
 class SensorOptions:
     """Which effects may occur; the defaults are those of training.
 
-    Attributes
-    ----------
-    softness_px : tuple of float
-        Range of the standard deviation of the optical point spread, pixels.
-    read_noise : tuple of float
-        Range of the noise deviation in the dark, full scale = 1 (log-uniform).
-    shot_noise : tuple of float
-        Range of the noise variance per unit signal (log-uniform).
-    jpeg_share : float
-        Share of images that are JPEG-compressed.
-    defocus_share : float
-        Share of images out of focus, by a disc of up to 6 px radius.
-    unbalanced_share : float
-        Share of mosaics that are taken, clipped and interpolated, linearly or along edges, before the white
-        balance.
-    sharpening : tuple of float
-        Range of the strength of unsharp masking.
-    grain_share : float
-        Share of images with grey noise that is a few pixels wide, and of sharpened ones that are sharpened
-        along one axis only: as small sensors are read, and videos.
+    ``softness_px`` is the range of the standard deviation of the optical point spread, ``read_noise`` that of
+    the noise in the dark (full scale 1, log-uniform), ``shot_noise`` of its variance per unit signal
+    (log-uniform), ``sharpening`` of the strength of unsharp masking. Shares of images are JPEG-compressed,
+    out of focus by a disc of up to 6 px radius, taken by an unbalanced mosaic (clipped and interpolated
+    before the white balance), and grainy: grey noise a few pixels wide, and sharpened along one axis only, as
+    small sensors are read, and videos.
     """
 
     softness_px: tuple[float, float] = (0.0, 1.4)
@@ -152,22 +138,7 @@ def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
 
 
 def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOptions | None = None) -> AnyArray:
-    """Return radiance as an 8-bit photograph.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws the camera.
-    linear : ndarray of shape (H, W, 3)
-        float32 linear radiance; 1 is about white before the exposure is chosen.
-    options : SensorOptions, optional
-        Which effects may occur.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3)
-        uint8, RGB.
-    """
+    """Return linear radiance (H, W, 3), 1 about white before exposure, as an 8-bit photograph, uint8 RGB."""
     options = options or SensorOptions()
     signal = soften(rng, expose(rng, linear.astype(np.float32)), options)
     mosaic = rng.random() < 0.4

@@ -22,25 +22,13 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class ShakeOptions:
-    """What a shaken picture may be.
+    """What a shaken picture of ``size`` (width, height in pixels, multiples of 4) may be.
 
-    Attributes
-    ----------
-    size : tuple of int
-        Width and height in pixels, multiples of 4.
-    smear_px, short_px : tuple of float
-        Ranges of the smear at the middle of the picture, log-uniform.
-    short_share : float
-        Share of moving pictures whose smear is of `short_px`.
-    still_share, mover_share, upscaled_share, denoised_share, twice_share : float
-        Shares of pictures without motion, with one to four surfaces that move otherwise, scaled up after the
-        sensor, smoothed with edges kept, and compressed twice.
-    mover_area : tuple of float
-        Range of the area of one of these surfaces, of the picture's, log-uniform.
-    reduced_share : float
-        Share that is photographed larger, as the smaller octaves are.
-    oval_share : float
-        Share that is out of focus by an ellipse, as off the axis of a lens: no motion.
+    ``smear_px`` and ``short_px`` are ranges of the smear at the middle, log-uniform; a ``short_share`` of
+    moving pictures takes the second. Further shares are of pictures without motion, with one to four surfaces
+    that move otherwise (each of ``mover_area`` of the picture, log-uniform), scaled up after the sensor,
+    smoothed with edges kept, compressed twice, photographed larger as the smaller octaves are, and out of
+    focus by an ellipse, as off the axis of a lens: no motion.
     """
 
     size: tuple[int, int] = (640, 512)

@@ -58,24 +58,9 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
 
 @functools.lru_cache(maxsize=4)
 def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
-    """Return the linear-light photographs of one split.
+    """Return the linear-light photographs (H, W, 3), float32 in [0, 1], of one split, "train" or "test".
 
-    Parameters
-    ----------
-    split : {"train", "test"}
-        Training and held-out photographs are disjoint.
-    folder : Path, optional
-        A folder of further PNG or JPEG photographs.
-
-    Returns
-    -------
-    tuple of ndarray of shape (H, W, 3)
-        float32, linear light in [0, 1].
-
-    Raises
-    ------
-    ValueError
-        If the split has another name.
+    The two are disjoint; a folder adds its PNG and JPEG files. ValueError if the split has another name.
     """
     from skimage import data
 

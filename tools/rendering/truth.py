@@ -19,18 +19,11 @@ CROSS_CHECK_PX = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class GridTruth:
-    """What happened to the points seen at mid exposure at the centres of 4 x 4 pixel cells.
+    """What happened to the points seen at mid exposure at the centres of 4 x 4 pixel cells, (H/4, W/4, ...).
 
-    Attributes
-    ----------
-    displacement : ndarray of shape (H/4, W/4, 2)
-        float32, exact d = close - open in pixels.
-    middle_offset : ndarray of shape (H/4, W/4, 2)
-        float32, midpoint of the two ends minus the mid-exposure position, pixels: the smear's bend.
-    valid : ndarray of shape (H/4, W/4)
-        Both ends are inside the image and visible (cross-check map).
-    static : ndarray of shape (H/4, W/4)
-        False on moving objects.
+    ``displacement`` is d = close - open in pixels, exact; ``middle_offset`` the midpoint of both ends minus
+    the mid-exposure position: the smear's bend. ``valid``: both ends are inside the image and visible (the
+    cross-check map). ``static`` is false on moving objects.
     """
 
     displacement: AnyArray

@@ -13,10 +13,8 @@ from PIL import Image
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_BYTES = 300_000
 DPI = 110
-ATTEMPTS = ((1.0, 256), (1.0, 96), (0.82, 96), (0.68, 96), (0.55, 64), (0.41, 48))
-"""Shares of the dots an inch, and colours, that are tried until a file is small enough."""
+COLOURS = 96
 WEBP_QUALITY = 85
 
 
@@ -42,25 +40,10 @@ def save_picture(picture: NDArray[np.uint8], path: Path) -> None:
 
 
 def save(figure: Figure, path: Path, dpi: int = DPI) -> None:
-    """Write a PNG of at most MAX_BYTES, with fewer colours and then fewer dots if it must be.
-
-    ValueError if no attempt is small enough.
-    """
-    for share, colours in ATTEMPTS:
-        encoded = rendered(figure, round(share * dpi), colours)
-        if len(encoded) <= MAX_BYTES:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(encoded)
-            return
-    raise ValueError(f"{path.name} stays above {MAX_BYTES} bytes, draw less")
-
-
-def rendered(figure: Figure, dpi: int, colours: int) -> bytes:
-    """Return a figure as PNG of so many colours; the same figure gives the same bytes."""
-    raw, small = io.BytesIO(), io.BytesIO()
+    """Write a PNG of few colours, which plots need; the same figure gives the same bytes."""
+    raw = io.BytesIO()
     figure.savefig(raw, dpi=dpi, format="png", facecolor="white", metadata={"Software": None})
     with Image.open(raw) as picture:
-        flat = picture.convert("RGB")
-    flat = flat.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    flat.save(small, "PNG", optimize=True)
-    return small.getvalue()
+        flat = picture.convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    flat.save(path, "PNG", optimize=True)

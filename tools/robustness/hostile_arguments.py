@@ -20,9 +20,20 @@ MODELS = (
 )  # fmt: skip
 NUMERIC = (
     "--beta", "--max-error", "--seed", "--max-memory", "--focal", "--exposure", "--readout", "--jobs",
-    "--every", "--from", "--to", "--max-failures", "--max-smear",
+    "--every", "--from", "--to", "--max-failures", "--max-smear", "--best", "--every-best",
 )  # fmt: skip
-TEXTUAL = ("--model", "-o", "--output", "--camera", "--db", "--format", "--sequence", "--csv", "--keep")
+TEXTUAL = (
+    "--model",
+    "-o",
+    "--output",
+    "--camera",
+    "--db",
+    "--format",
+    "--csv",
+    "--keep",
+    "--extract",
+    "--masks",
+)
 
 
 def hostile_arguments(rng: Rng) -> list[str]:
@@ -35,19 +46,10 @@ def hostile_arguments(rng: Rng) -> list[str]:
             words += ["--camera", camera_text(rng)]
         else:
             words += [str(rng.choice(TEXTUAL)), TEXTS[int(rng.integers(len(TEXTS)))]]
-    flags = [
-        "--overwrite",
-        "--json",
-        "-v",
-        "-q",
-        "--link",
-        "--replace",
-        "--dry-run",
-        "--corrected",
-        "--masks=colmap",
-        "--resume",
-        "--recursive",
-    ]
+    flags = (
+        "--overwrite", "--json", "--jsonl", "-v", "-q", "--link", "--replace", "--dry-run", "--corrected",
+        "--masks=colmap", "--resume", "--recursive", "--sequence", "--no-sequence", "--blurred", "--no-mask",
+    )  # fmt: skip
     return words + [flag for flag in flags if rng.random() < 0.04]
 
 

@@ -14,33 +14,34 @@ from tools.robustness.hostile_arguments import hostile_arguments
 from tools.robustness.hostile_databases import LINKS, put_database
 from tools.robustness.hostile_files import Rng, hostile_model, hostile_photograph
 from tools.robustness.hostile_lists import hostile_list, hostile_video
+from tools.robustness.hostile_models import OF_MODELS, put_model
 from tools.robustness.hostile_results import spoiled
+from tools.robustness.politeness import EXTRACTED
 
 BATCH = 8
 GOOD, OTHER = "good.jpg", "other.jpg"
 COMMANDS = (
     ("estimate", "-o", "out"),
-    ("estimate", "--json"),
-    ("segment", "-o", "out"),
+    ("estimate", "--sequence", "--json"),
+    ("estimate", "--jsonl"),
+    ("segment", "--masks", "colmap", "-o", "out"),
     ("report", "-o", "page.html"),
     ("to-colmap", "--db", "new.db"),
     ("to-colmap", "--format", "matches", "-o", "out"),
     ("to-colmap", "--format", "hloc", "-o", "out"),
     ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
-    ("place", "-o", "out"),
-    ("to-transforms", "-o", "transforms.json"),
+    ("triage", "--csv", "table.csv", "--best", "50%", "--extract", EXTRACTED),
 )
-OF_MODELS = ("place", "to-transforms")
-"""Which take COLMAP's models, one after the other, and nothing that estimates do."""
-RESUMED = tuple(words for words in COMMANDS if words[0] not in OF_MODELS and "--json" not in words)
+RESUMED = tuple(words for words in COMMANDS if words[-1] not in ("--json", "--jsonl"))
 SHARES = {
-    "photographs": 0.4,
+    "photographs": 0.36,
     "lists": 0.06,
     "videos": 0.05,
-    "networks": 0.08,
+    "networks": 0.06,
     "full disks": 0.04,
     "standard input": 0.05,
-    "databases": 0.14,
+    "databases": 0.12,
+    "models": 0.08,
     "earlier results": 0.12,
 }
 """Of all inputs; the others are arguments."""
@@ -94,6 +95,9 @@ def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
     for number in range(shares["databases"]):
         prepare = partial(put_database, seed=(seed, 8, number))
         cases.append(Case(kind="databases", commands=LINKS, prepare=prepare))
+    for number in range(shares["models"]):
+        prepare = partial(put_model, seed=(seed, 10, number))
+        cases.append(Case(kind="models", commands=OF_MODELS, prepare=prepare))
     for number in range(shares["earlier results"]):
         prepare = partial(spoiled, seed=(seed, 9, number))
         words = ["--resume"] if number % 4 else ["--overwrite"]

@@ -4,10 +4,10 @@
 
 Each input is drawn from one seed. Photographs come in batches, with a good one among them, through every
 command; a list, stream, video, argument, network or full disk comes alone with the good one; so does a
-database, through the commands that read or link to one, and what an earlier call left and somebody changed,
-through those that go on with it. Each call is a process of its own: a fork of this one, which has libraries
-and network loaded, with --jobs 1; or, for one in 100, a fresh interpreter that starts as many processes as
-it likes.
+database, through the commands that read or link to one, a model, through those that read it, and what an
+earlier call left and somebody changed, through those that go on with it. Each call is a process of its own: a
+fork of this one, which has libraries and network loaded, with --jobs 1; or, for one in 100, a fresh
+interpreter that starts as many processes as it likes.
 
 A call is polite if it ends by itself within 20 seconds of processor time and 2 GiB with exit code 0, 1 or 2;
 prints nothing but its own lines, one for each failure; leaves nothing but whole results; does all that it
@@ -32,6 +32,7 @@ import signal
 import stat
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections import Counter
@@ -44,20 +45,24 @@ from pathlib import Path
 import numpy as np
 
 from tools.arguments import target
-from tools.robustness.hostile_cases import COMMANDS, GOOD, OF_MODELS, OTHER, RESUMED, Case, make_cases
+from tools.robustness.hostile_cases import COMMANDS, GOOD, OTHER, RESUMED, Case, make_cases
 from tools.robustness.hostile_databases import SIZE, changes, snapshot
 from tools.robustness.hostile_files import blurred
+from tools.robustness.hostile_models import OF_MODELS
 from tools.robustness.hostile_results import RAN, earlier
 from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 FRESH_EVERY = 100
+NO_FORK = threading.Lock()
+"""Held where this process may hold a lock of a library's, SQLite's for one, which a fork would wait for."""
 
 
 def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> Call:
     """Return what a call did, in a process of its own."""
     start = time.perf_counter()
-    child = os.fork()
+    with NO_FORK:
+        child = os.fork()
     if child == 0:
         _child(words, folder, case, fresh)
     code = None
@@ -97,6 +102,7 @@ def _child(words: Sequence[str], folder: Path, case: Case, fresh: bool) -> None:
         if case.largest_file is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.largest_file, case.largest_file))
         if fresh:
+            os.environ["PYTHONPATH"] = str(Path(__file__).parents[2])
             os.execv(sys.executable, [sys.executable, "-m", "blur2view", *words])
         from blur2view.__main__ import program
 
@@ -193,18 +199,22 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
-        if case.prepare is not None:
-            case.prepare(folder, words)
-        kept = snapshot(folder) if case.kind == "databases" else None
+        with NO_FORK:
+            if case.prepare is not None:
+                case.prepare(folder, words)
+            kept = snapshot(folder) if case.kind == "databases" else None
         named = case.named or ["--", *map(str, case.photographs)]
         first = named.index("--") + 1
         # no shell can pass a null character
         fresh = fresh_call(number, index) and "\0" not in "".join([*case.words, *named])
-        alone = [] if fresh or words[0] in OF_MODELS else ["--jobs", "1"]
-        every = [*words, *alone, *case.words, *named[:first], GOOD, *named[first:]]
+        alone = [] if fresh else ["--jobs", "1"]
+        more = [*alone, *case.words, *named[:first], GOOD, *named[first:]]
+        every = [*words, *([] if case.commands is OF_MODELS else more)]
         call = run_call(every, folder, case, fresh=fresh)
-        found = complaints(call, full_disk=case.largest_file is not None, prepared=case.prepare is not None)
-        found += [] if kept is None else changes(call, kept)
+        full = case.largest_file is not None
+        with NO_FORK:
+            found = complaints(call, full_disk=full, prepared=case.prepare is not None)
+            found += [] if kept is None else changes(call, kept)
         found += [f"runs what a result says, see {RAN}"] if (folder / RAN).exists() else []
         rude += [f"{complaint}: {call.words!r}" for complaint in found]
         calls.append(call)

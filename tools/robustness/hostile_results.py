@@ -30,7 +30,7 @@ TEXTS = ("[" * 200_000, '{"a":' * 5000 + "1" + "}" * 5000, "NaN", "1e999", "-Inf
 def spoil(folder: Path, rng: Rng) -> None:
     """Change one of the results in a folder: its bytes, its values, what it is."""
     results = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix != ".jpg"]
-    results = [path for path in results if not path.name.startswith(".")]
+    results = [path for path in results if not path.name.startswith(".") and path.stat().st_size]
     manifests = [path for path in results if path.suffix == ".jsonl"]
     chosen = manifests if rng.random() < 0.6 else results
     SPOILS[int(rng.integers(len(SPOILS)))](chosen[int(rng.integers(len(chosen)))], rng)

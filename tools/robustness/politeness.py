@@ -17,6 +17,7 @@ MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 STREAMS = {".stdout", ".stderr"}
+EXTRACTED = "frames"  # copies of photographs, whole or not
 AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
 # of a list
 UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call", "beside the list")
@@ -108,7 +109,9 @@ def _files(call: Call) -> Iterator[str]:
     for path in there:
         if path.name.startswith(".") or path.suffix in (".tmp", ".bak") or path.name.endswith("-journal"):
             yield f"leaves {path.relative_to(call.folder)}"
-        elif path.is_file() and not path.is_symlink() and (why := _damage(path)):
+        elif path.relative_to(call.folder).parts[0] == EXTRACTED:
+            continue
+        elif path.is_file() and not path.is_symlink() and (why := damage(path)):
             yield f"{path.relative_to(call.folder)} {why}"
     endings = ENDINGS.get(call.words[0], ())
     for stem in {
@@ -120,7 +123,7 @@ def _files(call: Call) -> Iterator[str]:
         yield f"writes {there[-1].name} in spite of wrong usage"
 
 
-def _damage(path: Path) -> str:
+def damage(path: Path) -> str:
     """Return what is wrong with a result; nothing of a file of another kind."""
     data = path.read_bytes()
     try:
@@ -152,6 +155,8 @@ def _undone(call: Call) -> Iterator[str]:
         done = len(document["estimates"])
         if len(document["failures"]) != len(call.lines):
             yield f"{len(document['failures'])} failures in JSON, {len(call.lines)} lines"
+    elif "--jsonl" in call.words:
+        done = sum("error" not in json.loads(line) for line in call.printed.splitlines())
     elif command in ENDINGS:
         done = len(list(out.rglob(f"*{ENDINGS[command][-1]}")))
     elif command == "report":

@@ -124,8 +124,9 @@ def add_estimating(parser: argparse.ArgumentParser, *, exposure: bool) -> None:
     Without ``exposure`` no rate is asked for. Defaults are those of the options' dataclasses.
     """
     from blur2view.input_files import MAX_MEMORY_GIB
+    from blur2view.robust.residuals import CUTOFF
     from blur2view.smears.selection import SelectOptions
-    from blur2view.two_view.options import CUTOFF, EstimatorOptions
+    from blur2view.two_view.options import EstimatorOptions
 
     running = parser.add_argument_group("many photographs", paragraph(MANY))
     add_options(running.add_mutually_exclusive_group(), PROCESSES)

@@ -12,7 +12,7 @@ shutter opened and when it closed. They share the photograph's camera and have a
 intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the orientation
 of EXIF is not applied. No files have these names, and mapping needs none; blur2view.mapper_options() has the
 mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
-to map.
+to map. With --link the views join a project of yours; blur2view place puts them into its model.
 """
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for

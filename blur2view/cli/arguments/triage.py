@@ -12,7 +12,7 @@ that a photograph shares with itself under fresh noise are still matched (``pyth
 tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
 others)."""
 
-ABOUT = "sort photographs by their smears: sharp, blurred but of use, unusable"
+ABOUT = "sort photographs by their smears: sharp, blurred but of use, unclear, unusable"
 DESCRIPTION = """
 Look at every photograph and say how long its smears are: a table of all, and a list, or a folder, of those to
 use for structure from motion: the sharp ones, the sharpest ones, or the sharpest of every few neighbours.

@@ -7,6 +7,7 @@ from blur2view.cli.linking.views import PhotographViews
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import manifest_beside
 from blur2view.colmap import hloc_files, text_formats
+from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import (
     holds_views_alone,
     refuse_existing,
@@ -16,8 +17,6 @@ from blur2view.colmap.database import (
 from blur2view.colmap.link import write_links
 from blur2view.exposure.views import OPEN
 from blur2view.input_files import read_regular
-
-SQLITE_FILES = ("-journal", "-wal", "-shm")  # beside a database that is written
 
 
 def manifest_path(options: ToColmapOptions) -> Path | None:
@@ -30,7 +29,7 @@ def manifest_path(options: ToColmapOptions) -> Path | None:
 def written_files(options: ToColmapOptions) -> list[Path]:
     """Return what is written, besides the manifest."""
     if options.output is None:
-        return [options.target, *(Path(f"{options.target}{end}") for end in SQLITE_FILES)]
+        return [options.target, *(Path(f"{options.target}{end}") for end in BESIDE)]
     names = hloc_files.NAMES if options.hloc else text_formats.NAMES
     return [options.output, *(options.output / name for name in names)]
 

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.camera.exif import ExifFacts, read_exif
+from blur2view.camera.exif import ExifValues, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
@@ -26,7 +25,7 @@ from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
-from blur2view.exposure.linked_views import KeypointViews, keypoint_views
+from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
@@ -57,19 +56,17 @@ class NamedPhotograph:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhotographViews:
-    """A photograph's views; linked ones are its features moved, and ``usable`` says which."""
+    """A photograph's views; linked ones are its features moved."""
 
     photograph: NamedPhotograph
     views: ExposureViews
-    usable: NDArray[np.bool_] | None = None
 
     @property
     def job(self) -> LinkJob:
         """The argument of `write_links`."""
-        if self.photograph.plan is None or self.usable is None:
+        if self.photograph.plan is None:
             raise ValueError(f"{self.photograph.name} is not linked")
-        linked = KeypointViews(views=self.views, usable=self.usable)
-        return LinkJob(plan=self.photograph.plan, linked=linked)
+        return LinkJob(plan=self.photograph.plan, views=self.views)
 
     def document(self, action: str | None = None) -> ViewsDocument:
         """Return the document of the views; by default the action is that of the plan."""
@@ -83,7 +80,7 @@ class PhotographViews:
             parallax=str(views.geometry.parallax),
             reason=views.geometry.reason,
             num_keypoints=len(views.points_open),
-            num_matches=int(self.usable.sum()) if self.usable is not None else len(matched(views)),
+            num_matches=len(matched(views)),
             num_inliers=int(views.geometry.inlier_mask.sum()) if len(matched(views)) else 0,
             translation_known=translation_known(views.geometry),
             time_known=views.time.known,
@@ -143,15 +140,14 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
             camera=camera,
         )
         if photograph.plan is None:
-            views, usable = views_of(photograph.name, result), None
+            views = views_of(photograph.name, result)
         else:
             keypoints = photograph.plan.image.keypoints
             moving = segment(result, image).labels == MotionLabel.MOVING if self.skip_movers else None
-            linked = keypoint_views(photograph.name, keypoints, result, run.options, moving)
-            views, usable = linked.views, linked.usable
+            views = keypoint_views(photograph.name, keypoints, result, run.options, moving)
         row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
         return Made(
-            kept=PhotographViews(photograph=photograph, views=views, usable=usable),
+            kept=PhotographViews(photograph=photograph, views=views),
             summary=verdict_line(photograph.name, row.meaning, result.geometry),
             row=replace(row, frame=job.frame, timestamp_s=job.timestamp_s),
             warnings=contradictions(run, camera, exif),
@@ -159,23 +155,23 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
 
     def stored(self, kept: PhotographViews) -> Any:
         """Return the views in JSON's types."""
-        return plain([kept.views, kept.usable])
+        return plain(kept.views)
 
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> PhotographViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
-        views, usable = restore(tuple[ExposureViews, NDArray[np.bool_] | None], stored)
+        views: ExposureViews = restore(ExposureViews, stored)
         photograph, plan = job.target, job.target.plan
         count = len(views.points_open if plan is None else plan.image.keypoints)
-        if views.name != photograph.name or (usable is None) != (plan is None):
+        if views.name != photograph.name or (views.usable is None) != (plan is None):
             raise ValueError(f"expected the views of {photograph.name}")
-        _check_shapes(views, views.geometry.inlier_mask if usable is None else usable, count)
-        return PhotographViews(photograph=photograph, views=views, usable=usable)
+        _check_shapes(views, count)
+        return PhotographViews(photograph=photograph, views=views)
 
 
-def _check_shapes(views: ExposureViews, usable: NDArray[np.bool_], count: int) -> None:
+def _check_shapes(views: ExposureViews, count: int) -> None:
     """Raise ValueError unless all arrays are of so many points, and the camera is one of COLMAP's."""
     geometry, camera = views.geometry, views.camera
-    of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px, usable)}
+    of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px)}
     matrices = {one.shape for one in (geometry.F, geometry.H, geometry.E) if one is not None}
     if of_points != {(count,)} or not matrices <= {(3, 3)} or geometry.backward is not None:
         raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
@@ -213,7 +209,7 @@ def _camera(
     photograph: NamedPhotograph,
     run: Run,
     size: tuple[int, int],
-    exif: ExifFacts,
+    exif: ExifValues,
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
     stated = run.intrinsics.of(photograph.path, size, exif)

@@ -197,7 +197,7 @@ function drawFan(context, view, photo) {
 function epipolesOf(photo) {
   const { F } = photo.estimate;
   return [nullVector(F), nullVector(transposed(F))]
-    .filter(([x, y, w]) => Math.abs(w) * 1e5 > Math.hypot(x, y))
+    .filter(([x, y, w]) => Math.abs(w) * 1e4 > Math.hypot(x, y))
     .map(([x, y, w]) => [x / w, y / w]);
 }
 

@@ -102,9 +102,9 @@ function showMatrix(photo) {
   showPairs(byId("epipoles"), points.map((point, k) => [`epipole ${k + 1}`, placeOf(point)]));
 }
 
-/** Where a homogeneous point lies, or its direction if it is farther than 100,000 px. */
+/** Where a homogeneous point lies, or its direction if it is farther than 10,000 px. */
 function placeOf([x, y, w]) {
-  if (Math.abs(w) * 1e5 > Math.hypot(x, y)) return `(${(x / w).toFixed(0)}, ${(y / w).toFixed(0)})`;
+  if (Math.abs(w) * 1e4 > Math.hypot(x, y)) return `(${(x / w).toFixed(0)}, ${(y / w).toFixed(0)})`;
   return `at infinity, ${orientationOf(x, y).toFixed(0)}\u00b0`;
 }
 

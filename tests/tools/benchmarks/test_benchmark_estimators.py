@@ -9,8 +9,9 @@ import pytest
 from tools.benchmarks import benchmark_estimators as benchmark
 from tools.benchmarks import estimator_methods, estimator_report
 from tools.benchmarks.estimator_cells import CELLS, HARD, Instance, Plan, synthetic_problem
-from tools.benchmarks.estimator_log import Log, Measured, Record
+from tools.benchmarks.estimator_log import Measured, Record, begun, read
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
+from tools.pages import append_line
 
 EASY = Instance(seed=0, cell="noise 0.25 px", kind="scattered")
 PERFECT = Measured(
@@ -48,11 +49,8 @@ def test_method_runs_and_is_judged(name: str) -> None:
     assert measured.ms > 0 and 0 <= measured.rho <= 1 and 0 <= measured.pose_deg <= 180
     if name == OURS or name in estimator_methods.TRUE_ORDER:
         assert measured.found and measured.rho < 0.01 and measured.pose_deg < 10
-
-
-def test_no_answer_is_the_worst() -> None:
-    measured = benchmark.measure(lambda _: None, synthetic_problem(EASY))
-    assert not measured.found and measured.rho == 1 and measured.pose_deg == 180
+    worst = benchmark.measure(lambda _: None, problem)
+    assert not worst.found and worst.rho == 1 and worst.pose_deg == 180
 
 
 def test_slow_method_runs_on_the_first_seeds_alone() -> None:
@@ -62,39 +60,30 @@ def test_slow_method_runs_on_the_first_seeds_alone() -> None:
     assert plan.photographs(3)[0].seed == 0 and plan.wants(PAPER, plan.photographs(3)[0])
 
 
-def test_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> None:
-    log, rows = Log(path=tmp_path / "a" / "log.jsonl"), [record("base", 0), record("base", 1)]
-    assert log.read() == [] and log.head() == {}
-    log.begin({"code": "one"})
+def test_a_log_keeps_what_is_finished_and_forgets_half_a_line(tmp_path: Path) -> None:
+    path, rows = tmp_path / "a" / "log.jsonl", [record("base", 0), record("base", 1)]
+    assert read(path) == ({}, []) and begun(path, {"code": "one"}) == []
     for row in rows:
-        log.append(row)
-    log.path.write_text(log.path.read_text()[:-20])
-    assert log.read() == rows[:1]
-    log.begin({"code": "one"})
-    log.append(rows[1])
-    assert log.read() == rows and log.head() == {"code": "one"}
-    with pytest.raises(ValueError, match="other code"):
-        log.begin({"code": "two"})
-
-
-def test_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ran: list[Instance] = []
-    monkeypatch.setattr(benchmark, "sweep", lambda pending, *_: ran.extend(pending))
-    log, plan = Log(path=tmp_path / "log.jsonl"), Plan(seeds=1, hard_seeds=1)
-    all_of_it = list(plan.instances())
-    log.begin({"code": benchmark.code_digest()})
-    log.append(replace(record("base", 0), instance=all_of_it[3]))
-    benchmark.run(log, plan, 1, None)
-    assert ran == [*all_of_it[:3], *all_of_it[4:]]
+        append_line(path, row.document())
+    path.write_text(path.read_text()[:-20])
+    assert begun(path, {"code": "one"}) == rows[:1]
+    append_line(path, rows[1].document())
+    assert read(path) == ({"code": "one"}, rows)
+    with pytest.raises(SystemExit, match="other code"):
+        begun(path, {"code": "two"})
 
 
 @pytest.mark.slow
-def test_sweep_logs_every_instance(tmp_path: Path) -> None:
-    log = Log(path=tmp_path / "log.jsonl")
-    log.begin({"code": "one"})
-    benchmark.sweep([EASY], log, Plan(paper_seeds=0), 1, None)
-    (only,) = log.read()
-    assert only.instance == EASY and set(only.measured) == set(METHODS) - {PAPER}
+def test_a_run_logs_every_instance_that_is_not_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Plan, "instances", lambda _: iter([EASY, replace(EASY, seed=1)]))
+    path, plan = tmp_path / "log.jsonl", Plan(paper_seeds=0)
+    begun(path, {"code": benchmark.code_digest()})
+    append_line(path, record("noise 0.25 px", 1, "scattered").document())
+    benchmark.run(path, plan, 1, None)
+    done, added = read(path)[1]
+    assert (
+        done.instance.seed == 1 and added.instance == EASY and set(added.measured) == set(METHODS) - {PAPER}
+    )
 
 
 def test_figures_are_those_of_the_answers() -> None:

@@ -27,6 +27,6 @@ def test_every_stage_runs_and_leaves_its_files(tmp_path: Path) -> None:
 
 
 def test_table_gives_ratios_memory_and_machine() -> None:
-    text = benchmark.table({"decode": 0.5}, (1.0, 345.6), 0.25, repeats=9)
+    text = benchmark.page({"decode": 0.5}, (1.0, 345.6), 0.25, repeats=9)
     assert "| decode | 0.500 | 2.00 |" in text and "346 MiB" in text
     assert "cores; medians of 9 runs; one 1280x720 photograph" in text

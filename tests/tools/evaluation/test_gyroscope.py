@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blur2view.smears.field import SmearField
-from tools.evaluation.gyroscope import figures_of, pairs_of, table
+from tools.evaluation.gyroscope import figures_of, page, pairs_of
 from tools.evaluation.smear_figures import lean_deg
 
 
@@ -37,7 +37,7 @@ def test_the_surer_half_is_judged_apart() -> None:
     figures = figures_of(*pairs_of(field, {"smear": smear}))
     assert figures.direction_deg_top50 == pytest.approx(0, abs=1e-5)
     assert figures.direction_deg == pytest.approx(45)
-    assert "| median | 20.0 |" in table({"one": figures, "other": figures})
+    assert "| median | 20.0 |" in page({"one": figures, "other": figures})[-1]
 
 
 def test_flow_counts_where_it_is_valid_and_long() -> None:

@@ -37,26 +37,16 @@ def sampson_px(F: np.ndarray | None, ends: tuple[np.ndarray, np.ndarray]) -> np.
 
 @pytest.mark.slow
 def test_same_seed_gives_same_bytes_and_another_seed_does_not() -> None:
-    options = RenderOptions(size=SIZE)
+    options = RenderOptions(size=(96, 64))
     first, again, other = render(3, options), render(3, options), render(11, options)
     for name, value in vars(first).items():
         if isinstance(value, np.ndarray):
             assert value.tobytes() == getattr(again, name).tobytes(), name
     assert first.linear.tobytes() != other.linear.tobytes()
     assert first.displacement.tobytes() != other.displacement.tobytes()
-    test = render(3, RenderOptions(size=SIZE, split="test"))
+    test = render(3, RenderOptions(size=(96, 64), split="test"))
     assert first.linear.tobytes() != test.linear.tobytes()
     assert not np.array_equal(first.K, test.K)  # another scene altogether, not only other textures
-
-
-def test_rendering_has_the_shapes_it_promises() -> None:
-    scene = straight_scene(3)
-    for picture in (scene.linear, scene.open_image, scene.close_image):
-        assert picture.shape == (128, 160, 3) and picture.dtype == np.float32 and np.isfinite(picture).all()
-    assert scene.displacement.shape == scene.middle_offset.shape == (32, 40, 2)
-    assert scene.valid.shape == scene.static.shape == (32, 40)
-    assert scene.valid.dtype == scene.static.dtype == bool
-    assert scene.straight
 
 
 @pytest.mark.slow
@@ -178,11 +168,6 @@ def test_light_is_averaged_over_time_not_over_the_path() -> None:
     np.testing.assert_allclose(shift, np.array([24.0, 10.0]) * acceleration / 12, atol=0.02)
     np.testing.assert_allclose(scene.displacement[10, 10], [24, 10], atol=1e-4)
     np.testing.assert_allclose(scene.middle_offset[10, 10], np.array([24, 10]) * acceleration / 4, atol=1e-4)
-
-
-def test_still_exposure_is_the_sharp_picture() -> None:
-    scene = dot_scene(sideways().scaled(0.0))
-    np.testing.assert_allclose(scene.linear, scene.open_image, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from tools.robustness.hostile_cases import COMMANDS, SHARES, Case, make_cases
 from tools.robustness.hostile_databases import DATABASE, changes, put_database, snapshot
 from tools.robustness.hostile_files import CONTENTS, encoded, hostile_photograph
 from tools.robustness.hostile_inputs import Tried, run_call, try_all
+from tools.robustness.hostile_models import OF_MODELS, put_model
 from tools.robustness.hostile_results import spoil
 from tools.robustness.politeness import Call, complaints
 
@@ -123,7 +124,7 @@ def test_pictures_before_any_damage_are_pictures(tmp_path: Path, kind: str) -> N
 
 
 def test_every_command_is_called() -> None:
-    assert {words[0] for words in COMMANDS} == set(commands.COMMANDS)
+    assert {words[0] for words in (*COMMANDS, *OF_MODELS)} == set(commands.COMMANDS)
 
 
 def test_every_kind_is_drawn(tmp_path: Path) -> None:
@@ -151,6 +152,17 @@ def test_equal_seeds_give_equal_databases(tmp_path: Path, number: int) -> None:
         put_database(tmp_path / folder, (), seed=(7, number))
     (files, rows), (others, other_rows) = (snapshot(tmp_path / folder) for folder in ("one", "two"))
     assert files.keys() == others.keys() and rows == other_rows
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_equal_seeds_give_equal_models(tmp_path: Path, number: int) -> None:
+    contents = []
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        put_model(tmp_path / folder, OF_MODELS[number % 3], seed=(7, number))
+        model = sorted((tmp_path / folder / "model").iterdir())
+        contents.append({path.name: path.read_bytes() for path in model if path.is_file()})
+    assert contents[0] == contents[1]
 
 
 def test_spoiled_results_are_other_ones(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from tools.training.reader import (
     Gathering,
     Reader,
     ReaderOptions,
-    bin_of,
     box_sum,
     loss_of,
     target_of,
@@ -119,12 +118,6 @@ def test_still_cells_have_no_direction_and_hidden_samples_count_less() -> None:
     target, weight = target_of(torch.zeros(16, 2), torch.zeros(16), BINS)
     torch.testing.assert_close(target, target[:1].expand(DIRECTIONS, -1))
     assert target[0].argmax() == 0 and weight == pytest.approx(HIDDEN_WEIGHT)
-
-
-def test_bins_of_lengths() -> None:
-    lengths = torch.tensor([2.0, 4.0, 32.0])
-    torch.testing.assert_close(bin_of(lengths), torch.tensor([1.0, 5.0, 17.0]))
-    assert bin_of(torch.zeros(1)) < 0
 
 
 def test_loss_is_least_at_the_target() -> None:

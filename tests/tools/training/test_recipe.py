@@ -15,6 +15,7 @@ from tools.training.recipe import Recipe, make
 def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
     """Return a recipe of a few scenes, in small files."""
     monkeypatch.setattr(recipe, "SHARD", 2)
+    monkeypatch.setattr(recipe, "LARGE", (320, 256))
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
     return Recipe(scenes=2, large_scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
 

@@ -11,7 +11,7 @@ import torch
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.training import reader_data, train_reader
 from tools.training.reader import Reader
-from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, procedural, write_shards
+from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, write_shards
 from tools.training.train_reader import (
     Pool,
     ReaderTraining,
@@ -38,10 +38,10 @@ def sources() -> Sources:
 
 @pytest.fixture(scope="module")
 def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
-    """Return a folder of two shards of four examples."""
+    """Return a folder of two shards of two examples."""
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
+        patch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
         write_shards(folder, range(2), sources)
     return folder
 
@@ -49,7 +49,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
 def test_shard_depends_on_its_number_alone(
     shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reader_data, "SHARD_PX", 4 * 640 * 512)
+    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
     assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
     for key in again:
@@ -60,8 +60,8 @@ def test_shard_depends_on_its_number_alone(
 def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> None:
     shard = load_shard(shards / "000001.npz")
     for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
-        assert shard[f"C{k}"].shape == (4, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (4, h, w, 5)
-        assert shard[f"d{k}"].shape == (4, h, w, 16, 2) and shard[f"v{k}"].shape == (4, h, w, 16)
+        assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
+        assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
     assert all(np.isfinite(array).all() for array in shard.values())
 
 
@@ -86,11 +86,6 @@ def test_photographs_are_read_by_name_and_large_ones_halved(tmp_path: Path) -> N
         assert cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((32, side, 3), shade, np.uint8))
     first, second = load_photos([tmp_path])
     assert (first.shape, second.shape) == ((16, 1600, 3), (32, 40, 3)) and first.max() == 10
-
-
-def test_procedural_textures_are_pictures() -> None:
-    for picture in procedural(np.random.default_rng(0), 2):
-        assert picture.dtype == np.uint8 and picture.ndim == 3 and picture.std() >= 0
 
 
 def test_mirrored_twice_is_the_identity(shards: Path) -> None:

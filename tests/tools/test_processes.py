@@ -5,7 +5,7 @@ import os
 import cv2
 import pytest
 
-from tools.evaluation.processes import THREAD_COUNTS, single_threaded_pool
+from tools.processes import THREAD_COUNTS, single_threaded_pool
 
 
 def threads(_: int) -> tuple[list[str | None], int]:

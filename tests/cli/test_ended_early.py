@@ -1,0 +1,154 @@
+"""Runs that are stopped, interrupted or killed: what is kept, and gone on with."""
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from blur2view import pipeline
+from blur2view.cli import commands as cli
+from blur2view.file_writing import write_together
+from blur2view.photographs.image import read_image
+from blur2view.runs import job
+from tests.support.many_photographs import contents, finish, start, write_photographs
+
+MANIFEST = "estimate.manifest.jsonl"
+
+
+def test_run_ends_after_as_many_failures_as_are_allowed_and_goes_on(
+    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = [folder / f"{n:03d}.png" for n in (1, 3)]
+    good = [path.read_bytes() for path in bad]
+    for path in bad:
+        path.write_text("bad")
+    assert run(folder, "-o", tmp_path / "out", "--max-failures", 2) == 1
+    printed = capsys.readouterr()
+    assert printed.err.splitlines()[-1] == (
+        "blur2view: stopped after 4 of 5 photographs; what is done is kept, "
+        "the same call with --resume goes on"
+    )
+    for path, content in zip(bad, good, strict=True):
+        path.write_bytes(content)
+    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
+    assert "5 photographs: 3 done, 2 done before" in capsys.readouterr().out
+
+
+def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
+    run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], read: list[str],
+) -> None:  # fmt: skip
+    room = iter(range(3))
+
+    def full(files: Any) -> None:
+        if next(room, None) is None:
+            raise OSError(28, "No space left on device")
+        write_together(files)
+
+    monkeypatch.setattr(job, "write_together", full)
+    assert run(folder, "-o", tmp_path / "out") == 1
+    error, stopped = capsys.readouterr().err.splitlines()
+    assert "No space left on device" in error
+    assert stopped.startswith("blur2view: stopped after 4 of 5 photographs")
+    monkeypatch.setattr(job, "write_together", write_together)
+    read.clear()
+    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
+    assert read == ["003.png", "004.png"]
+
+
+def test_manifest_that_was_cut_off_costs_one_line_and_one_photograph(
+    run: Any, folder: Path, tmp_path: Path, read: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(folder, "-o", tmp_path / "out") == 0
+    manifest = tmp_path / "out" / MANIFEST
+    manifest.write_bytes(manifest.read_bytes()[:-20])
+    read.clear()
+    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "its last line was cut off" in line and read == ["004.png"]
+
+
+def test_interrupt_keeps_what_is_done_and_says_how_to_go_on(
+    run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def interrupt(path: Path, **options: Any) -> Any:
+        if path.name == "003.png":
+            raise KeyboardInterrupt
+        return read_image(path, **options)
+
+    monkeypatch.setattr(pipeline, "read_image", interrupt)
+    assert run(folder, "-o", tmp_path / "out") == 130
+    assert capsys.readouterr().err == (
+        "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
+        "the same call with --resume goes on\n"
+    )
+    monkeypatch.setattr(pipeline, "read_image", read_image)
+    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
+    assert "2 done, 3 done before" in capsys.readouterr().out
+
+
+def test_report_of_an_interrupted_run_holds_what_is_done_and_is_gone_on_from(
+    folder: Path, tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, read: list[str]
+) -> None:
+    def call(*words: object) -> int:
+        words = ("report", folder, "--jobs", 1, "--model", tiny_model, "--no-timings", "--no-mask", *words)
+        return cli.main([str(word) for word in words])
+
+    assert call("-o", tmp_path / "whole.html") == 0
+
+    def interrupt(path: Path, **options: Any) -> Any:
+        if path.name == "003.png":
+            raise KeyboardInterrupt
+        return read_image(path, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline, "read_image", interrupt)
+        assert call("-o", tmp_path / "page.html") == 130
+    assert "3 photographs, " in (tmp_path / "page.html").read_text()
+    read.clear()
+    assert call("-o", tmp_path / "page.html", "--resume") == 0
+    assert read == ["003.png", "004.png"]
+    assert (tmp_path / "page.html").read_bytes() == (tmp_path / "whole.html").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
+    tmp_path: Path, tiny_model: Path, jobs: int
+) -> None:
+    write_photographs(tmp_path / "in", 60, (128, 160))
+    words = [tmp_path / "in", "--jobs", jobs, "--model", tiny_model, "--no-timings"]
+    assert finish("estimate", *words, "-o", tmp_path / "whole")[0] == 0
+    killed = start("estimate", *words, "-o", tmp_path / "out")
+    manifest = tmp_path / "out" / MANIFEST
+    while not manifest.exists() or manifest.read_bytes().count(b"\n") < 6:
+        time.sleep(0.01)
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate()
+    before = manifest.read_text().count('"outputs"')
+    (tmp_path / "out" / ".029.json.999999999.tmp").touch()  # as a process leaves it that is killed
+    code, printed, _ = finish("estimate", *words, "-o", tmp_path / "out", "--resume")
+    assert code == 0 and before < 60
+    assert f"{60 - before} done, {before} done before" in printed
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+def test_interrupt_of_processes_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
+    write_photographs(tmp_path / "in", 200, (320, 400))  # more than a busy machine does before it looks
+    words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
+    running = start("estimate", *words)
+    manifest = tmp_path / "out" / MANIFEST
+    while not manifest.exists() or manifest.read_bytes().count(b"\n") < 4:
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    _, complaints = running.communicate()
+    assert running.returncode == 130
+    (line,) = complaints.splitlines()
+    assert line.startswith("blur2view: interrupted after") and "--resume" in line
+    assert not list((tmp_path / "out").glob(".*.tmp"))
