@@ -23,7 +23,7 @@ HEADING = np.array([0.1, -0.05, 1.0])
 def smears() -> np.ndarray:
     """Return smears (H, W, 2) of a camera that goes forward and turns, past a scene of varying depth."""
     x, y = np.meshgrid((np.arange(SIZE[0]) - K[0, 2]) / 300, (np.arange(SIZE[1]) - K[1, 2]) / 300)
-    nearness = 0.15 + 0.1 * np.sin(8 * x) * np.cos(9 * y)
+    nearness = 0.2 + 0.15 * np.sin(8 * x) * np.cos(9 * y)
     u = TURN[1] - TURN[2] * y - (TURN[0] * y - TURN[1] * x) * x + nearness * (HEADING[0] - HEADING[2] * x)
     v = TURN[2] * x - TURN[0] - (TURN[0] * y - TURN[1] * x) * y + nearness * (HEADING[1] - HEADING[2] * y)
     return 300 * np.stack([u, v], axis=-1)

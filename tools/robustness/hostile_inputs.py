@@ -16,6 +16,7 @@ the user's in any. It also has to end within 180 seconds of any time: who waits 
 
 With --log every finished case is written down. A second call with the same count and seed passes over those
 that were polite and tries the rude ones again; if they are polite now, the table counts them as mended.
+Ctrl-C ends a call with the table of what is done by then.
 """
 
 from __future__ import annotations
@@ -160,16 +161,20 @@ def try_all(
             tries = pool.map(
                 partial(_through_all_commands, Path(place), before), left, [cases[n] for n in left]
             )
-            for done, tried in enumerate(tries, len(cases) - len(left) + 1):
-                before[tried.number] = tried
-                if log is not None:
-                    with log.open("a") as file:
-                        file.write(json.dumps(asdict(tried)) + "\n")
-                for complaint in tried.rude:
-                    say(f"RUDE {tried.kind} {tried.number}: {complaint}")
-                if done % 20 == 0:
-                    rude = sum(len(tried.rude) for tried in before.values())
-                    say(f"{done} of {len(cases)} cases, {rude} rude")
+            try:
+                for done, tried in enumerate(tries, len(cases) - len(left) + 1):
+                    before[tried.number] = tried
+                    if log is not None:
+                        with log.open("a") as file:
+                            file.write(json.dumps(asdict(tried)) + "\n")
+                    for complaint in tried.rude:
+                        say(f"RUDE {tried.kind} {tried.number}: {complaint}")
+                    if done % 20 == 0:
+                        rude = sum(len(tried.rude) for tried in before.values())
+                        say(f"{done} of {len(cases)} cases, {rude} rude")
+            except KeyboardInterrupt:
+                pool.shutdown(cancel_futures=True)
+                say("interrupted: the table has what was done")
     return [before[number] for number in sorted(before)]
 
 
