@@ -78,6 +78,14 @@ def test_matches_without_a_common_geometry_are_dropped() -> None:
     assert 28 <= len(kept) <= 36
 
 
+def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
+    rng = np.random.default_rng(8)
+    places = 200 * rng.random((3, 2))
+    first = places[rng.integers(0, 3, 18)] + 1e-3 * rng.normal(size=(18, 2))
+    kept, _ = verified(first, places[rng.integers(0, 3, 18)])
+    assert len(kept) == 0
+
+
 def test_a_missing_photograph_is_named(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match="gone.png"):
         PhotographMatcher([tmp_path / "gone.png", tmp_path / "b.png"])(0, 1)
