@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import half_written, is_there, unwritable, write_atomically
+from blur2view.file_writing import half_written, is_there, unwritable, write_files
 from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
@@ -281,4 +281,4 @@ def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
 def write_text(target: Path, text: str) -> None:
     """Write a table or a list, whole or not at all."""
     with writing(target.parent):
-        write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+        write_files({target: text.encode("utf-8", "surrogateescape")})

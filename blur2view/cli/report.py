@@ -16,7 +16,7 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_atomically
+from blur2view.file_writing import write_files
 from blur2view.output_files import below_shared_folder, check_file, prepared, writing
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
@@ -104,6 +104,6 @@ def _write(options: ReportOptions, entries: list[Entry]) -> None:
     """Write the page and print where it is."""
     page = report(entries, __version__)
     with writing(options.output.parent):
-        write_atomically(options.output, lambda file: file.write(page))
+        write_files({options.output: page})
     if options.verbosity > QUIET:
         print(f"wrote {printable(str(options.output))} ({len(page) / 1e6:.2f} MB)")

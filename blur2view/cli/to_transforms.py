@@ -4,7 +4,6 @@ import json
 import math
 import os
 from dataclasses import dataclass
-from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_together
+from blur2view.file_writing import write_files
 from blur2view.output_files import check_file, writing
 
 DONE = 0
@@ -57,7 +56,7 @@ def run(options: ToTransformsOptions) -> int:
         check_file(cloud, "point cloud")
         files = {cloud: point_cloud(options.model), **files}
     with writing(target.parent):
-        write_together({path: methodcaller("write", text) for path, text in files.items()})
+        write_files(files)
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
     return DONE

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterable, Mapping
-from operator import methodcaller
 from pathlib import Path
 
 import cv2
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_atomically
+from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
 from blur2view.output_files import writing
 from blur2view.photographs.image import read_content
@@ -67,7 +66,7 @@ def extract(folder: Path, files: Mapping[Path, str]) -> None:
             _refuse_changed(target, content)
             continue
         with writing(target.parent):
-            write_atomically(target, methodcaller("write", content))
+            write_files({target: content})
 
 
 def _refuse_changed(target: Path, content: bytes) -> None:

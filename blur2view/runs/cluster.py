@@ -57,7 +57,7 @@ class Cluster:
     def __call__(
         self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
     ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
-        """Yield the jobs, which must have their contents, with their outcomes, whose files are contents."""
+        """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
         pending: dict[Any, Job[Target]] = {}
         try:
             while True:

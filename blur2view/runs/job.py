@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import io
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from blur2view.errors import Blur2ViewError, RunError, within_memory
-from blur2view.file_writing import Write, unwritable, write_together
+from blur2view.file_writing import unwritable, write_files
 from blur2view.photographs.image import read_content
 from blur2view.results.table import Row
 from blur2view.runs.neighbours import Neighbour
@@ -78,7 +76,7 @@ class Made(Generic[Kept]):
         What is printed; its first line stands for the photograph where there are many.
     row : Row
         The photograph's row in a table, without its name.
-    files : mapping of Path to Write
+    files : mapping of Path to bytes
         What to write, in this order; the last marks that all are there.
     warnings : tuple of str
         Each begins with the option that it is about.
@@ -87,7 +85,7 @@ class Made(Generic[Kept]):
     kept: Kept
     summary: str
     row: Row
-    files: Mapping[Path, Write] = field(default_factory=dict)
+    files: Mapping[Path, bytes] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
 
@@ -116,13 +114,11 @@ class Outcome(Generic[Kept]):
     Parameters
     ----------
     made : Made or None
-        Without its files; None if it failed.
+        Without its files where they are written; None if it failed.
     digest : str
         As of `Job`.
     outputs : mapping of Path to str
         SHA-256 of every file.
-    contents : mapping of Path to bytes
-        The files that are still to be written.
     error : str
         Why it failed, one line.
     stop : bool
@@ -134,7 +130,6 @@ class Outcome(Generic[Kept]):
     made: Made[Kept] | None = None
     digest: str = ""
     outputs: Mapping[Path, str] = field(default_factory=dict)
-    contents: Mapping[Path, bytes] = field(default_factory=dict)
     error: str = ""
     stop: bool = False
     skipped: bool = False
@@ -148,51 +143,30 @@ def failed(error: Blur2ViewError) -> Outcome[Any]:
 def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -> Outcome[Kept]:
     """Return the outcome of one photograph, after writing its files; errors of the user's are data.
 
-    Without ``write`` the files come back as contents.
+    Without ``write`` the files come back.
     """
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
             made = work(job)
-            outcome = Outcome(made=replace(made, files={}), digest=digest)
-            if write:
-                return replace(outcome, outputs=_written(made.files))
-            return replace(outcome, contents={path: _content(one) for path, one in made.files.items()})
+            outcome = Outcome(made=made, digest=digest)
+            return written(outcome) if write else outcome
     except Blur2ViewError as error:
         return failed(error)
 
 
-def write_contents(outcome: Outcome[Kept]) -> Outcome[Kept]:
-    """Return an outcome whose contents are written; it is a failure if they cannot be."""
-    files = {path: partial(_put, content) for path, content in outcome.contents.items()}
+def written(outcome: Outcome[Kept]) -> Outcome[Kept]:
+    """Return an outcome whose files are written; it is a failure if they cannot be."""
+    if outcome.made is None or not (files := outcome.made.files):
+        return outcome
     try:
-        return replace(outcome, contents={}, outputs=_written(files))
-    except Blur2ViewError as error:
-        return failed(error)
-
-
-def _put(content: bytes, file: BinaryIO) -> int:
-    """Write bytes."""
-    return file.write(content)
-
-
-def _content(write: Write) -> bytes:
-    """Return the content of a file."""
-    stream = io.BytesIO()
-    write(stream)
-    return stream.getvalue()
-
-
-def _written(files: Mapping[Path, Write]) -> dict[Path, str]:
-    """Return the digests of files, after writing them together."""
-    try:
-        if files:
-            write_together(files)
-        return {path: file_digest(path) for path in files}
+        write_files(files)
     except OSError as error:
         refusal = unwritable(next(iter(files)).parent, error)
-        raise (RunError(str(refusal)) if error.errno in FULL else refusal) from None
+        return failed(RunError(str(refusal)) if error.errno in FULL else refusal)
+    outputs = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    return replace(outcome, made=replace(outcome.made, files={}), outputs=outputs)
 
 
 def file_digest(path: Path) -> str:

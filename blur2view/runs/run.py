@@ -11,7 +11,7 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, write_contents
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, written
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.neighbours import with_contents
 from blur2view.runs.processes import Engine
@@ -57,8 +57,7 @@ def outcomes(
     try:
         with closing(engine(work, left)) as done:
             for job, outcome in done:
-                if outcome.contents:
-                    outcome = write_contents(outcome)
+                outcome = written(outcome)
                 if manifest is not None and not outcome.stop:
                     manifest.append(job, outcome, work)
                 waiting[job.index] = replace(job, content=None, neighbours=()), outcome
