@@ -15,6 +15,7 @@ from blur2view.runs.job import Job, Made
 class EstimateWork(DocumentWork[EstimateDocument]):
     """The work on one photograph."""
 
+    kind = EstimateDocument
     full_field: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
@@ -29,11 +30,6 @@ class EstimateWork(DocumentWork[EstimateDocument]):
             files={} if files is None else result_contents(files, document, one, full_field=self.full_field),
             warnings=one.warnings,
         )
-
-    @staticmethod
-    def kind() -> type[EstimateDocument]:
-        """Return the type of the document."""
-        return EstimateDocument
 
 
 def run(options: EstimateOptions) -> int:

@@ -8,6 +8,7 @@ from argparse import Namespace
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -220,9 +221,10 @@ def _usage(parsed: Namespace) -> Iterator[None]:
 
 def _inputs(values: Mapping[str, Any]) -> Inputs:
     """Return the photographs that the words of a call name."""
-    from blur2view.photographs.inputs import Frames, list_photographs
+    from blur2view.photographs.inputs import list_photographs
+    from blur2view.photographs.video import frame_numbers
 
-    frames = Frames(every=values["every"], first=values["first"], last=values["last"])
+    frames = partial(frame_numbers, every=values["every"], first=values["first"], last=values["last"])
     stdin = None if sys.stdin is None else sys.stdin.buffer
     return list_photographs(values["images"], recursive=values["recursive"], frames=frames, stdin=stdin)
 

@@ -22,7 +22,7 @@ from blur2view.cli.run import (
     refuse_shared,
     run_over,
 )
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import OutputError
 from blur2view.file_writing import remove_left_over
 from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
@@ -63,9 +63,9 @@ def run_with_files(
     folder = options.output
     path = None if options.csv is None else manifest_beside(options.csv)
     path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
-    with prepared(*([] if folder is None else [folder])), begun(options, work, path, [folder]) as manifest:
+    with prepared(folder), begun(options, work, path, [folder]) as manifest:
         jobs = _planned(options, endings, manifest, beside)
-        paths = {path for job, error in jobs if job.target and error is None for path in job.target.paths}
+        paths = {path for job in jobs if job.target for path in job.target.paths}
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with prepared(*folders):
@@ -91,10 +91,9 @@ def _planned(
     endings: Sequence[str],
     manifest: Manifest | None,
     beside: Callable[[Path], Path] | None,
-) -> list[tuple[Job[ResultFiles | None], Blur2ViewError | None]]:
-    """Return the jobs with the files of each; with an error those that may not be written."""
+) -> list[Job[ResultFiles | None]]:
+    """Return the jobs with the files of each, or why they may not be written."""
     inputs = options.inputs
-    jobs: list[tuple[Job[ResultFiles | None], Blur2ViewError | None]] = []
     plan: Sequence[ResultFiles | OutputError | None] = [None] * len(inputs.paths)
     if options.output is not None:
         plan = plan_outputs(
@@ -106,12 +105,16 @@ def _planned(
             beside=beside,
             earlier=manifest,
         )
-    for (job, _), files in zip(jobs_of(options), plan, strict=True):
-        refused = files if isinstance(files, OutputError) else None
-        target = None if isinstance(files, OutputError) else files
-        planned = Job(index=job.index, path=job.path, target=target, neighbours=job.neighbours)
-        jobs.append((planned, refused))
-    return jobs
+    return [
+        Job(
+            index=job.index,
+            path=job.path,
+            target=None if isinstance(files, OutputError) else files,
+            refusal=files if isinstance(files, OutputError) else None,
+            neighbours=job.neighbours,
+        )
+        for job, files in zip(jobs_of(options), plan, strict=True)
+    ]
 
 
 def result_contents(

@@ -1,7 +1,5 @@
 """A command over many photographs: checked before any work, done, printed and written down."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -22,11 +20,10 @@ from blur2view.output_files import below_shared_folder, check_file, prepared, wr
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, neighbours_of
 from blur2view.runs.manifest import Manifest
-from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
-from blur2view.runs.run import Jobs, outcomes
+from blur2view.runs.run import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Taken = TypeVar("Taken")
@@ -46,18 +43,15 @@ class End(Enum):
 class Finished(Generic[Taken]):
     """What came of a run over photographs, in their order.
 
-    ``taken`` is what the command takes of each, ``rows`` are those of the table as far as the run has come,
-    ``has_table`` says whether it was not asked for, or could be written, ``skipped`` how many photographs an
-    earlier call has done. Of a broken run files of all photographs stay as an earlier call left them, but for
-    the table.
+    Of a broken run files of all photographs stay as an earlier call left them, but for the table.
     """
 
-    taken: list[Taken] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
+    taken: list[Taken] = field(default_factory=list)  # what the command takes of each
+    rows: list[Row] = field(default_factory=list)  # of the table, as far as the run has come
     failures: list[FailureDocument] = field(default_factory=list)
     end: End = End.WHOLE
-    has_table: bool = True
-    skipped: int = 0
+    has_table: bool = True  # it was not asked for, or could be written
+    skipped: int = 0  # photographs that an earlier call has done
     seconds: float = 0.0
 
     @property
@@ -77,11 +71,10 @@ def begun(
     ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
     the call writes.
     """
-    folders = [] if options.csv is None else [options.csv.parent]
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
-    with prepared(*folders):
+    with prepared(options.csv and options.csv.parent):
         alone = len(options.inputs.paths) == 1 and not options.resume
         if path is None or alone or not path.parent.is_dir():
             yield None
@@ -96,7 +89,7 @@ def begun(
 def run_over(
     options: PhotographOptions,
     work: Work[Target, Kept],
-    jobs: Jobs[Target],
+    jobs: Sequence[Job[Target]],
     manifest: Manifest | None,
     *,
     take: Callable[[Job[Target], Outcome[Kept]], Taken],
@@ -107,32 +100,22 @@ def run_over(
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
-    as on a full disk, or as many failed as --max-failures allows.
-
-    Parameters
-    ----------
-    options : PhotographOptions
-    work : Work
-    jobs : sequence of (Job, Blur2ViewError or None)
-        With an error those that cannot be begun.
-    manifest : Manifest or None
-    take : callable
-        What is kept of every photograph.
-    names : dict of Path to str, optional
-        What the table calls them, by default what COLMAP does.
-    classify : callable
-        Adds to a row what the photograph is of use for.
-    line : callable, optional
-        What is printed of a photograph and its row: by default the summary of the work, and a closing line.
+    as on a full disk, or as many failed as --max-failures allows. ``take`` returns what is kept of every
+    photograph, ``names`` are those of the table, by default COLMAP's, ``classify`` adds to a row what the
+    photograph is of use for, ``line`` returns what is printed of it: by default the summary of the work, and
+    a closing line.
     """
-    jobs = list(jobs)
+    refused = options.inputs.refused
+    jobs = [
+        replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
+    ]
     names = names or colmap_names(options.inputs)
     engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
     run: Finished[Taken] = Finished()
     skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
-        with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
+        with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
@@ -174,13 +157,6 @@ def _engine(options: PhotographOptions, count: int) -> Engine:
 
         return Cluster(options.dask)
     return processes(max(min(options.jobs or usable_cores(), count), 1))
-
-
-def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
-    """Yield the jobs, with an error those whose input cannot be used."""
-    for job, error in jobs:
-        refused = options.inputs.refused.get(job.path)
-        yield job, error if refused is None else ImageError(refused)
 
 
 def _print_outcome(
@@ -242,11 +218,11 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
     return None if outcome.made is None else outcome.made.kept
 
 
-def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
+def jobs_of(options: PhotographOptions) -> list[Job[None]]:
     """Return the jobs of a command that writes no files of single photographs."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
     return [
-        (Job(index=index, path=path, target=None, neighbours=neighbours), None)
+        Job(index=index, path=path, target=None, neighbours=neighbours)
         for index, (path, neighbours) in enumerate(beside.items())
     ]
 

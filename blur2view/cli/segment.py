@@ -21,6 +21,7 @@ from blur2view.segmentation.mask import segment
 class SegmentWork(DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
+    kind = MaskDocument
     export: MaskExport | None
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
@@ -37,11 +38,6 @@ class SegmentWork(DocumentWork[MaskDocument]):
             files={} if files is None else mask_contents(files, document, one.image, mask, self.export),
             warnings=one.warnings,
         )
-
-    @staticmethod
-    def kind() -> type[MaskDocument]:
-        """Return the type of the document."""
-        return MaskDocument
 
 
 def run(options: SegmentCommandOptions) -> int:

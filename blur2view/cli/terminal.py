@@ -24,15 +24,7 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
 
 
 class Progress:
-    """A bar on stderr with rate and time left, where a person watches and there is more than one step.
-
-    Parameters
-    ----------
-    total : int
-        Steps.
-    unit : str
-        What a step is.
-    """
+    """A bar on stderr with rate and time left, where a person watches and there is more than one step."""
 
     def __init__(self, total: int, unit: str) -> None:
         self._bar: Any = None

@@ -29,9 +29,8 @@ def run(options: ToColmapOptions) -> int:
     shared = ViewsWork.shared(options)
     work = ViewsWork(**shared, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
-    folders = [] if options.dry_run or options.output is None else [options.output]
     path, files = manifest_path(options), written_files(options)
-    with prepared(*folders), begun(options, work, path, files) as manifest:
+    with prepared(None if options.dry_run else options.output), begun(options, work, path, files) as manifest:
         replaces = refuse_others(options)
         before = written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})

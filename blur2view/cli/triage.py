@@ -44,10 +44,10 @@ def run(options: TriageOptions) -> int:
     first = options.csv or keep or options.extract
     path = None if first is None else manifest_beside(first)
     refuse_shared(options, keep, [path], "--keep")
-    folders = [one for one in (keep and keep.parent, options.extract and options.extract.parent) if one]
     names = colmap_names(options.inputs)
     files = extracted_names(names)
     classifier = Classifier(options)
+    folders = keep and keep.parent, options.extract and options.extract.parent
     with prepared(*folders), begun(options, work, path, [keep]) as manifest:
         _check_list(options, names.values(), manifest)
         choice = _choice(options, files, manifest)

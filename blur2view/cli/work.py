@@ -3,14 +3,11 @@
 The network is loaded once in each process and run in one thread, so that bytes are equal.
 """
 
-from __future__ import annotations
-
-from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from blur2view import __version__
 from blur2view.arrays import Array
@@ -26,7 +23,7 @@ from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
-from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restored_file
 from blur2view.results.table import Row
@@ -39,63 +36,34 @@ Written = TypeVar("Written", bound=Document)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandNetwork:
-    """The file of the network, as it goes to the processes that run it.
-
-    Parameters
-    ----------
-    model : str or None
-        That of --model.
-    digest : str
-        SHA-256 of its file.
-    """
+    """The network, as it goes to the processes that run it: what --model names and the file's SHA-256."""
 
     model: str | None
     digest: str
 
     @classmethod
-    def of(cls, model: str | None) -> CommandNetwork:
-        """Return those of --model, which is loaded to see that it can be; its tiles are shown to a person.
-
-        Raises
-        ------
-        ModelError
-            If it cannot.
-        """
+    def of(cls, model: str | None) -> Self:
+        """Return that of --model, loaded to see that it can be; its tiles are shown to a person."""
         path = model_path(model)
-        digest = file_digest(path) if path.is_file() else ""
-        network = _smears(model, digest)  # which says what is wrong, if anything is
-        network.on_tile = TileProgress()
-        network.tiles_at_once = usable_cores()  # here alone: other processes have a core each
-        return cls(model=model, digest=digest)
+        network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
+        loaded = network.loaded  # which says what is wrong, if anything is
+        loaded.on_tile = TileProgress()
+        loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        return network
 
     @property
     def loaded(self) -> SmearNetwork:
-        """Return the smear network of this process.
-
-        Raises
-        ------
-        RunError
-            If another file has its name where this is run.
-        """
-        return _smears(self.model, self.digest)
+        """Return the smear network of this process; RunError if another file has its name there."""
+        return _loaded(self)
 
 
 @lru_cache(maxsize=1)
-def _smears(model: str | None, digest: str) -> SmearNetwork:
-    """Return the smear network of a file with this digest."""
-    network = SmearNetwork(model, threads=1)
-    if file_digest(network.path) != digest:  # as a machine of a cluster may have
-        raise RunError(f"{network.path}: is another network on a worker; install the same blur2view there")
-    return network
-
-
-class Shared(TypedDict):
-    """What every work is made with."""
-
-    run: Run
-    network: CommandNetwork
-    timings: bool
-    verbosity: int
+def _loaded(network: CommandNetwork) -> SmearNetwork:
+    """Return the smear network, loaded once."""
+    loaded = SmearNetwork(network.model, threads=1)
+    if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
+        raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
+    return loaded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +76,7 @@ class EstimatingWork(Work[Target, Kept]):
     verbosity: int
 
     @staticmethod
-    def shared(options: PhotographOptions) -> Shared:
+    def shared(options: PhotographOptions) -> dict[str, Any]:
         """Return what the options of any command say of its work, after loading the network."""
         return {
             "run": options.run,
@@ -117,9 +85,14 @@ class EstimatingWork(Work[Target, Kept]):
             "verbosity": options.verbosity,
         }
 
-    def estimated(self, job: Job[Target]) -> FileEstimate:
+    def estimated(
+        self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None
+    ) -> FileEstimate:
         """Return the estimate of a photograph, in the order in time that its neighbours decide."""
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+        network = self.network.loaded
+        one = estimate_file(
+            job.path, network, self.run, job.content, as_stored=as_stored, camera_of=camera_of
+        )
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
         if not job.neighbours:
             return one
@@ -142,22 +115,18 @@ class EstimatingWork(Work[Target, Kept]):
 class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
     """Work whose document is written beside other files, and kept where it is printed."""
 
+    kind: ClassVar[Any]  # type of the document
     json: bool
-
-    @staticmethod
-    @abstractmethod
-    def kind() -> type[Written]:
-        """Return the type of the document."""
 
     def restored(self, job: Job[ResultFiles | None], stored: Any) -> Written | None:
         """Return the document that an earlier call has written."""
         if not self.json or job.target is None:
             return None
-        return restored_file(self.kind(), job.target.document)
+        document: Written = restored_file(self.kind, job.target.document)
+        return document
 
 
-Content = tuple[Path, bytes]
-"""A photograph's file."""
+Content = tuple[Path, bytes]  # of a photograph
 
 
 @lru_cache(maxsize=2)

@@ -4,8 +4,6 @@ A feature detected in the photograph itself lies in the middle of its smear. The
 constant velocity, as one screw motion: the pose of half the exposure, applied twice, is that of the whole.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,15 +4,13 @@ So a track that holds the feature holds both ends of its smear, and the virtual 
 through the photograph's own matches.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.exposure.end_order import MotionOrder, motion_order
+from blur2view.exposure.end_order import MotionOrder, motion_order, open_and_close
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
@@ -53,8 +51,7 @@ def keypoint_views(
     sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)), estimate.matches.shared)
     order = motion_order(geometry, estimate.matches, estimate.camera, grid.size)
     swapped = order.swapped(ends, sampson)
-    index = np.arange(len(ends))
-    first, last = ends[index, swapped.astype(int)], ends[index, 1 - swapped.astype(int)]
+    first, last = open_and_close(ends, swapped)
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
     usable = inside & certain & (geometry.F is not None or geometry.H is not None)
     if excluded is not None:

@@ -1,7 +1,5 @@
 """Matched pixels of neighbouring photographs, by OpenCV's SIFT."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The frames of a video as a series: every estimate in the direction of time that its neighbours show."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 

@@ -12,8 +12,6 @@ are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rota
 with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,8 +24,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews
+from blur2view.exposure.views import ExposureViews, other_translation, share_in_front
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.two_view_geometry import TimeDirection
 
@@ -47,22 +44,11 @@ MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NeighbourMotion:
-    """How the picture moves about the time of a photograph, as one neighbour shows it.
+    """How the picture moves about the time of a photograph, as one neighbour shows it."""
 
-    Parameters
-    ----------
-    points : ndarray of shape (M, 2)
-        Pixels of the photograph.
-    velocity : ndarray of shape (M, 2)
-        Of what is seen there, pixels per frame, forwards in time.
-    rotation : ndarray of shape (3,) or None
-        Rotation vector of the camera per frame, as in ``cam2_from_cam1``; None if its intrinsics or enough
-        matches are not known.
-    """
-
-    points: Array
-    velocity: Array
-    rotation: Array | None = None
+    points: Array  # (M, 2) pixels of the photograph
+    velocity: Array  # (M, 2) of what is seen there, pixels per frame, forwards in time
+    rotation: Array | None = None  # (3,) per frame, as in cam2_from_cam1; None without intrinsics or matches
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
@@ -165,8 +151,7 @@ def directed(
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
     Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
-    neighbours the views are returned as they are. Candidates are by default both signs of time and of the
-    translation.
+    neighbours the views stay as they are. Candidates are by default both signs of time and translation.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
@@ -192,16 +177,8 @@ def with_time_direction(
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
-    Parameters
-    ----------
-    sequence : sequence of ExposureViews
-        In any order.
-    runs : sequence of sequences of int
-        Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run
-        keeps its arbitrary direction. Indices beyond the sequence are photographs without views, sharp ones
-        perhaps, that vote and are not voted on.
-    matched : callable
-        Returns matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
+    ``runs`` are those of `consecutive_runs`; a photograph in none keeps its arbitrary direction. Indices
+    beyond the sequence are photographs without views, sharp ones perhaps, that vote and are not voted on.
     """
     decided = list(sequence)
     for run in runs:

@@ -8,8 +8,6 @@ correlated and large relative to their length; a trajectory's errors are its cur
 poses, both measured from itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,29 +28,12 @@ ROUGHNESS = 2 / 3  # a difference from the mean of two neighbours has 3/2 of one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedFrame:
-    """A frame's smears at features of known depth, and the trajectory's velocity there.
+    """A frame's smears at features of known depth, and the trajectory's velocity there, in checked shapes."""
 
-    Parameters
-    ----------
-    rays : ndarray of shape (N, 2)
-        Coordinates x/z, y/z of the features at mid exposure.
-    displacement : ndarray of shape (N, 2)
-        Their smears, open to close, in the same coordinates.
-    inverse_depth : ndarray of shape (N,)
-        One over the features' z.
-    velocity : ndarray of shape (6,) or None
-        Rotation vector and translation per frame, as in ``cam_later_from_cam_earlier``; None without
-        neighbours.
-
-    Raises
-    ------
-    ValueError
-        If the shapes are not as above.
-    """
-
-    rays: Array
-    displacement: Array
-    inverse_depth: Array
+    rays: Array  # (N, 2): x/z, y/z of the features at mid exposure
+    displacement: Array  # (N, 2): their smears, open to close, in the same coordinates
+    inverse_depth: Array  # (N,): one over the features' z
+    # (6,): rotation vector and translation per frame, of cam_later_from_cam_earlier; None without neighbours
     velocity: Array | None
 
     def __post_init__(self) -> None:

@@ -1,8 +1,7 @@
 """One photograph as two virtual images: the scene as seen at shutter-open and at shutter-close."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -10,9 +9,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.end_order import motion_order
+from blur2view.exposure.end_order import motion_order, open_and_close
+from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
+from blur2view.smears.matches import SmearMatches
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
 
@@ -73,14 +74,13 @@ class ExposureViews:
     def names(self) -> tuple[str, str]:
         """Return the names of both images: the photograph's with "#open" and "#close" appended.
 
-        No file has these names, as no pixels exist that show these views. They sort beside their photograph
-        and yield its name when cut at the last "#". COLMAP's text formats take a "#" for a comment only
-        where a line begins with it, and an image's name begins with the photograph's. A photograph that
-        itself ends in "#open" would collide; writers refuse an image of such a name that they did not write.
+        No file has these names. They sort beside their photograph and yield its name when cut at the last
+        "#", which COLMAP's text formats take for a comment only where a line begins with it. A photograph
+        that itself ends in "#open" would collide; writers refuse an image of such a name that is not theirs.
         """
         return self.name + OPEN, self.name + CLOSE
 
-    def corrected(self) -> ExposureViews:
+    def corrected(self) -> Self:
         """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
 
         Then the estimated pose is a minimum of every bundle adjustment, of zero residual; unweighted, that
@@ -103,7 +103,7 @@ class ExposureViews:
         ends[:, kept] = given + np.where(finite, moved, 0.0)
         return replace(self, points_open=ends[0], points_close=ends[1])
 
-    def reversed(self) -> ExposureViews:
+    def reversed(self) -> Self:
         """Return the views under time reversal: ends exchanged, F and E transposed, the pose inverted."""
         return replace(
             self,
@@ -140,15 +140,59 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
 
 def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) -> ExposureViews:
     """Return both virtual images of an estimate whose ends[:, 1] are open where ``swapped`` (N,)."""
-    ends = estimate.matches.ends
-    index = np.arange(len(ends))
+    points_open, points_close = open_and_close(estimate.matches.ends, swapped)
     return ExposureViews(
         name=name,
         size=estimate.grid.size,
-        points_open=ends[index, swapped.astype(int)],
-        points_close=ends[index, 1 - swapped.astype(int)],
+        points_open=points_open,
+        points_close=points_close,
         sigma_px=estimate.matches.sigma_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
         time=estimate.time,
+    )
+
+
+def share_in_front(views: ExposureViews) -> float:
+    """Return the share of the inliers in front of both cameras (cheirality); 0 without a translation."""
+    geometry, camera, pose = views.geometry, views.camera, views.geometry.cam2_from_cam1
+    if pose is None or not pose.translation.any() or camera is None or not geometry.inlier_mask.any():
+        return 0.0
+    rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
+    return float(before_both(pose, *rays).mean())
+
+
+def other_translation(views: ExposureViews) -> ExposureViews | None:
+    """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
+
+    None without F, and where the pose is a rotation alone. Both have the same F and E, which fix the
+    translation but for its sign.
+    """
+    geometry = views.geometry
+    if geometry.F is None:
+        return None
+    ends = np.stack([views.points_open, views.points_close], axis=1)
+    matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
+    order = motion_order(geometry, matches, views.camera, views.size)
+    if order.pose is None or not order.pose.translation.any():
+        return None
+    pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
+    swapped = replace(order, pose=pose).swapped(ends, matches.sampson_px)
+    known, covariance = geometry.cam2_from_cam1, geometry.covariance
+    if known is not None and known.translation.any():
+        known = pose
+    if covariance is not None:
+        covariance = replace(covariance, tangents=-covariance.tangents)
+    points_open, points_close = open_and_close(ends, swapped)
+    return replace(
+        views,
+        points_open=points_open,
+        points_close=points_close,
+        geometry=replace(
+            geometry,
+            E=None if geometry.E is None else -geometry.E,
+            cam2_from_cam1=known,
+            covariance=covariance,
+            swapped=geometry.swapped ^ swapped,
+        ),
     )

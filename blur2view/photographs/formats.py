@@ -1,7 +1,5 @@
 """Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path

@@ -17,14 +17,7 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import MAX_PIXELS, read_regular
 from blur2view.photographs.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
-from blur2view.photographs.video import (
-    beside_frame,
-    frame_numbers,
-    frame_of,
-    frame_path,
-    is_video,
-    read_frame,
-)
+from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 # Four cells of the network's grid: anything smaller shows no smear.
 MIN_SIDE_PX = 16
@@ -39,9 +32,7 @@ NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy o
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-logging.getLogger("PIL").addHandler(
-    logging.NullHandler()
-)  # which prints what it logs unless somebody listens
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
 def read_image(
@@ -92,14 +83,12 @@ def read_image(
 def read_content(path: Path, *, beside: bool = False) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    ``beside`` if it is read only to be compared with another one.
-
-    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
+    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
+    frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
-        pixels = (beside_frame if beside else read_frame)(*frame)
-        return bytes(cv2.imencode(".bmp", pixels)[1])
+        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
     if is_video(path):
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")

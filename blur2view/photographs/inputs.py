@@ -1,7 +1,5 @@
 """What a user names, as photographs in order: files, folders, lists of names, videos."""
 
-from __future__ import annotations
-
 import codecs
 import os
 import re
@@ -22,54 +20,15 @@ MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hou
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frames:
-    """Which frames of a video are taken.
-
-    Parameters
-    ----------
-    every : int
-        Of how many one.
-    first, last : int or float
-        An integer is a frame's number, a float a time in seconds; the last is included.
-
-    Raises
-    ------
-    ValueError
-        Unless ``every >= 1`` and none is negative.
-    """
-
-    every: int = 1
-    first: int | float = 0
-    last: int | float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.every < 1 or self.first < 0 or (self.last is not None and self.last < 0):
-            raise ValueError(f"expected every >= 1 and no negative frame, got {self}")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """The photographs of a call.
+    """The photographs of a call."""
 
-    Parameters
-    ----------
-    paths : list of Path
-        In order, each once; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among
-        them.
-    refused : dict of Path to str
-        Why these cannot be used.
-    names : dict of Path to Path
-        What the results of a photograph are called, where its place in a folder or video says so: subfolder
-        and stem.
-    lists : list of Path
-        The files that named some.
-    """
-
+    # in order, each once; VIDEO/000120 is a frame; folders and videos that cannot be used are among them
     paths: list[Path] = field(default_factory=list)
+    # what results are called where a place in a folder or video says so: subfolder and stem
     names: dict[Path, Path] = field(default_factory=dict)
-    refused: dict[Path, str] = field(default_factory=dict)
-    lists: list[Path] = field(default_factory=list)
+    refused: dict[Path, str] = field(default_factory=dict)  # why these cannot be used
+    lists: list[Path] = field(default_factory=list)  # the files that named some
 
     @property
     def one_video(self) -> bool:
@@ -91,22 +50,23 @@ def list_photographs(
     words: Sequence[str],
     *,
     recursive: bool = False,
-    frames: Frames | None = None,
+    frames: Callable[[Path], range] = frame_numbers,
     stdin: BinaryIO | None = None,
 ) -> Inputs:
     """Return the photographs that words name.
 
+    Words are files; folders, which stand for the photographs in them by their suffixes, without results of
+    blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+    Blank lines of a list are passed over, and those that begin with # and name no file. What a list names and
+    is not there is looked for in the list's folder.
+
     Parameters
     ----------
     words : sequence of str
-        Files; folders, which stand for the photographs in them by their suffixes, without results of
-        blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-        Blank lines of a list are passed over, and those that begin with # and name no file. What a list names
-        and is not there is looked for in the list's folder.
     recursive : bool
         Whether folders stand for all below them, too.
-    frames : Frames, optional
-        Of videos; all by default.
+    frames : callable
+        Returns the numbers of the frames that are taken of a video; ImageError if it cannot be used.
     stdin : binary file, optional
 
     Raises
@@ -119,7 +79,7 @@ def list_photographs(
         path = Path(word)
         try:
             if is_video(path):
-                _add_frames(found, path, frames or Frames())
+                _add_frames(found, path, frames)
             elif path.is_dir():
                 _add_folder(found, path, recursive)
             else:
@@ -186,10 +146,10 @@ def _is_comment(line: str) -> bool:
 _NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
-def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
+def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
     """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
     try:
-        numbers = frame_numbers(video, every=frames.every, first=frames.first, last=frames.last)
+        numbers = frames(video)
     except ImageError as error:
         found.paths.append(video)
         found.refused[video] = str(error)
@@ -201,13 +161,7 @@ def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder, in the order of their names; without any it stays as it is.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read; nothing is added then.
-    """
+    """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read."""
     entries = folder.rglob("*") if recursive else folder.iterdir()
     photographs = [
         path

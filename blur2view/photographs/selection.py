@@ -1,7 +1,5 @@
 """Which photographs of many to keep by their blur: the sharpest of all, or of neighbours of one view."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from itertools import groupby
 

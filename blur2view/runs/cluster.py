@@ -1,7 +1,5 @@
 """Jobs done by a Dask cluster: photographs are sent to its workers, files come back to be written here."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import warnings
@@ -21,17 +19,8 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 class Cluster:
     """A Dask cluster that is asked to do jobs; an `Engine`.
 
-    A worker that is lost costs the time of its photographs: Dask gives them to others.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://HOST:8786``.
-
-    Raises
-    ------
-    RunError
-        If Dask is not installed, nobody answers or there is no worker.
+    A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
+    not installed, no scheduler answers at the address (``tcp://HOST:8786``) or there is no worker.
     """
 
     def __init__(self, address: str) -> None:

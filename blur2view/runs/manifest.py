@@ -5,18 +5,16 @@ manifest is opened again. A line of ``"options"`` says what results depend on, t
 each, done or failed, or of a file of all photographs. One call at a time has a manifest.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.file_writing import unwritable
@@ -35,20 +33,11 @@ NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems tha
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What results depend on beside their photograph.
-
-    Parameters
-    ----------
-    command : str
-    version : str
-        Of blur2view.
-    options : mapping
-        Of JSON's types, digests of networks and other files among them.
-    """
+    """What results depend on beside their photograph."""
 
     command: str
-    version: str
-    options: Mapping[str, Any]
+    version: str  # of blur2view
+    options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
 
     @property
     def line(self) -> dict[str, Any]:
@@ -66,22 +55,9 @@ class Settings:
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
-    A photograph is known by its path from the manifest's folder, from wherever it is named. To be closed;
-    an empty one is then removed.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    settings : Settings
-        Of this call.
-    resume : bool
-        Whether what earlier calls did with photographs is looked up.
-
-    Raises
-    ------
-    OutputError
-        If there is a file of another kind, one that cannot be read or written, or one of a call that runs.
+    A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
+    what earlier calls did with it is looked up. To be closed; an empty one is then removed. OutputError if
+    there is a file of another kind, one that cannot be read or written, or one of a call that runs.
     """
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
@@ -135,7 +111,7 @@ class Manifest:
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
         """Return the other photograph of which one of these files is a result, from the manifest's folder.
 
-        The same photograph by another name, as after the manifest's folder was moved, is no other.
+        The same one by another name, as after the manifest's folder was moved, is no other.
         """
         for output in outputs:
             owner, digest = self._owners.get(self._name(output), ("", ""))
@@ -212,9 +188,9 @@ class Manifest:
             if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
                 raise _foreign(self.path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
             file.seek(0)
-            for line in _whole_lines(file):
+            for line in file:
                 try:
-                    self._look_up(parse_json(line))
+                    self._look_up(parse_json(line if line.endswith(b"\n") else b""))  # else it was cut off
                 except DAMAGE:
                     self._damaged = True
 
@@ -275,12 +251,6 @@ def _open_alone(path: Path) -> int:
 def _foreign(path: Path, more: str = "") -> OutputError:
     """Return the line about a file that is not ours."""
     return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
-
-
-def _whole_lines(file: BinaryIO) -> Iterator[bytes]:
-    """Yield the lines of a file; a last one without an end is empty."""
-    for line in file:
-        yield line if line.endswith(b"\n") else b""
 
 
 def _drop_cut_line(file: int) -> None:

@@ -1,7 +1,5 @@
 """Jobs done in this process or in several, each of which runs the network in one thread."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -31,14 +31,7 @@ MESSAGES = {
 class CommandParser(argparse.ArgumentParser):
     """A parser whose options are described when it is used, so that other commands start faster.
 
-    Its ``--help`` has the options of `BRIEF` alone, in a few words each, ``--help-all`` everything.
-
-    Parameters
-    ----------
-    describe : callable, optional
-        Adds the options.
-    **settings
-        Those of `argparse.ArgumentParser`.
+    ``describe`` adds them. ``--help`` has those of `BRIEF` alone, in a few words each, ``--help-all`` all.
     """
 
     def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:

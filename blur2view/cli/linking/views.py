@@ -1,17 +1,14 @@
 """The photographs of ``blur2view to-colmap``: their names, their plans if they are linked, their views."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.camera.exif import ExifValues, read_exif
+from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
@@ -29,11 +26,9 @@ from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.photographs.image import read_image
-from blur2view.pipeline import Run, contradictions, estimate
+from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
-from blur2view.results.table import Row
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
@@ -126,31 +121,24 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
         """Return the views of one photograph."""
-        photograph, run = job.target, self.run
+        photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        image = read_image(job.path, as_stored=True, max_memory_gib=run.max_memory_gib, content=job.content)
-        exif = read_exif(job.path, job.content)
-        camera = _camera(self.database, photograph, run, (image.shape[1], image.shape[0]), exif)
-        result = estimate(
-            image,
-            network=self.network.loaded,
-            select=run.select,
-            options=run.options,
-            rng=np.random.default_rng(run.seed),
-            camera=camera,
-        )
-        if photograph.plan is None:
-            views = views_of(photograph.name, result)
+        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.database, plan, self.run))
+        if plan is None:
+            views = views_of(photograph.name, one.estimate)
         else:
-            keypoints = photograph.plan.image.keypoints
-            moving = segment(result, image).labels == MotionLabel.MOVING if self.skip_movers else None
-            views = keypoint_views(photograph.name, keypoints, result, run.options, moving)
-        row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
+            moving = None
+            if self.skip_movers:
+                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+            views = keypoint_views(
+                photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
+            )
+        row = self.row(one)
         return Made(
             kept=PhotographViews(photograph=photograph, views=views),
-            summary=verdict_line(photograph.name, row.meaning, result.geometry),
-            row=replace(row, frame=job.frame, timestamp_s=job.timestamp_s),
-            warnings=contradictions(run, camera, exif),
+            summary=verdict_line(photograph.name, row.meaning, one.estimate.geometry),
+            row=row,
+            warnings=one.warnings,
         )
 
     def stored(self, kept: PhotographViews) -> Any:
@@ -189,7 +177,7 @@ def make_views(
 ) -> Finished[PhotographViews | None]:
     """Return the views of the photographs, None for those that fail."""
     jobs = [
-        (Job(index=index, path=one.path, target=one, source=_source(one)), None)
+        Job(index=index, path=one.path, target=one, source=_source(one))
         for index, one in enumerate(photographs)
     ]
     if not jobs:
@@ -206,24 +194,24 @@ def _source(photograph: NamedPhotograph) -> str:
 
 def _camera(
     database: Path | None,
-    photograph: NamedPhotograph,
+    plan: LinkStep | None,
     run: Run,
+    path: Path,
     size: tuple[int, int],
     exif: ExifValues,
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(photograph.path, size, exif)
-    if photograph.plan is None or database is None:
+    stated = run.intrinsics.of(path, size, exif)
+    if plan is None or database is None:
         return stated
-    image = photograph.plan.image
-    own = camera_of_database(database, image.camera_id)
+    own = camera_of_database(database, plan.image.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
-            f"{photograph.path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
+            f"{path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
             "; give the photograph that the features are from"
         )
     asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if image.prior_focal and not asked else stated
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.image.prior_focal and not asked else stated
 
 
 def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[PhotographViews]:
