@@ -149,7 +149,10 @@ def plan_outputs(
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    if any(map(_is_too_long, paths)):
+    # file systems take no longer part of a path, or of it half written
+    if any(
+        len(part.encode(errors="replace")) > MAX_NAME for path in paths for part in half_written(path).parts
+    ):
         return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
@@ -158,11 +161,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
-
-
-def _is_too_long(path: Path) -> bool:
-    """Return whether file systems take no name as long as a part of a path, or of it half written."""
-    return any(len(part.encode(errors="replace")) > MAX_NAME for part in half_written(path).parts)
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:

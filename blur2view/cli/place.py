@@ -15,7 +15,6 @@ from blur2view.file_writing import write_files
 from blur2view.output_files import writing
 from blur2view.photographs.inputs import list_photographs
 
-DONE = 0
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 
 
@@ -46,7 +45,7 @@ def run(options: PlaceOptions) -> int:
     _write(options, placement)
     if options.verbosity > QUIET:
         print(summary(options, model, placement, len(names)))
-    return DONE
+    return 0
 
 
 def frame_names(folder: Path) -> list[str]:

@@ -74,10 +74,12 @@ def run(options: ReportOptions) -> int:
 
     def entry_of(job: Job[None], outcome: Outcome[Entry]) -> Entry | None:
         """Return the entry of a photograph; a folder that cannot be used has none."""
+        name = shown[job.path]
         if outcome.made is not None:
-            return outcome.made.kept.renamed(shown[job.path])
-        is_folder = options.inputs.is_folder(job.path)
-        return None if is_folder else _failed(job.path, shown[job.path], outcome.error)
+            return outcome.made.kept.renamed(name)
+        if options.inputs.is_folder(job.path):
+            return None
+        return Entry.failed(name, FOLDERS.sub("", outcome.error.replace(str(job.path), name)))
 
     check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
@@ -93,11 +95,6 @@ def run(options: ReportOptions) -> int:
 def shown_names(images: Sequence[Path]) -> list[str]:
     """Return names without the folders that all photographs share: a report is made to be sent."""
     return [path.name if ".." in path.parts else str(path) for path in below_shared_folder(images)]
-
-
-def _failed(path: Path, name: str, error: str) -> Entry:
-    """Return the entry of a photograph that could not be estimated, its line without folders."""
-    return Entry.failed(name, FOLDERS.sub("", error.replace(str(path), name)))
 
 
 def _write(options: ReportOptions, entries: list[Entry]) -> None:

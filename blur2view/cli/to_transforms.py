@@ -15,7 +15,6 @@ from blur2view.errors import OutputError
 from blur2view.file_writing import write_files
 from blur2view.output_files import check_file, writing
 
-DONE = 0
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 
 
@@ -28,7 +27,6 @@ class ToTransformsOptions:
     exposure: float
     output: Path
     dialect: str
-    overwrite: bool
     verbosity: int
 
     def __post_init__(self) -> None:
@@ -59,7 +57,7 @@ def run(options: ToTransformsOptions) -> int:
         write_files(files)
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
-    return DONE
+    return 0
 
 
 def _check_photographs(target: Path, content: dict[str, Any]) -> None:

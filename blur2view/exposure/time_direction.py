@@ -136,13 +136,6 @@ def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion])
     return float(own @ seen) / lengths if lengths > 0 else 0.0
 
 
-def confidence_of(agreement: float) -> float:
-    """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
-    from scipy.special import ndtr
-
-    return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
-
-
 def directed(
     views: ExposureViews,
     motions: Sequence[NeighbourMotion],
@@ -165,7 +158,11 @@ def directed(
         return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
-    confidence = confidence_of(max(agreement_of(best, motions), 0.0))
+    from scipy.special import ndtr
+
+    # P(right) - P(wrong), by the mean cosine of so many independent smears
+    agreement = max(agreement_of(best, motions), 0.0)
+    confidence = float(2 * ndtr(agreement * np.sqrt(INDEPENDENT_SMEARS)) - 1)
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 

@@ -127,10 +127,8 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     Raises
     ------
     ValueError
-        If the estimate has a rolling shutter: its F is not that of the ends as recorded. Ends corrected for
-        it are no views of one time either: points of other rows stay where a camera at another time saw
-        them, by up to the readout over the exposure time times a smear, and moving them along their smears
-        to one time takes the direction of time, which is mostly unknown.
+        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and ends corrected
+        for it are no views of one time: points of other rows stay where a camera at another time saw them.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")

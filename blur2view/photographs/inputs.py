@@ -131,16 +131,11 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     if "\0" in text:
         names = [name for name in lines if name.strip()]
     else:
-        lines = [line for line in lines if line.strip() and not _is_comment(line)]
+        lines = [one for one in lines if one.strip() and (one.lstrip()[0] != COMMENT or os.path.lexists(one))]
         names = [line if os.path.lexists(line) else line.strip() for line in lines]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
-
-
-def _is_comment(line: str) -> bool:
-    """Return whether a line of a list begins with #, and is no name of a file that does."""
-    return line.lstrip().startswith(COMMENT) and not os.path.lexists(line)
 
 
 _NAME_LIST = "name a file that holds one name on each line, or pipe them to -"

@@ -27,16 +27,9 @@ def sharpest_of_each(
 ) -> set[int]:
     """Return the indices of the sharpest of every ``size`` photographs, and of each view among them.
 
-    Parameters
-    ----------
-    lengths : sequence of float or None
-        Of their smears, pixels; None without texture.
-    series : sequence
-        Of which video or folder each one is; none of another is counted with it.
-    size : int
-    view : callable
-        Returns the thumbnail of one by its index, in order, None if there is none: what shows another view
-        than all that are kept of its group is kept, too.
+    ``lengths`` are those of their smears, pixels, None without texture. ``series`` is the video or folder of
+    each one; none of another is counted with it. ``view`` returns the thumbnail of one by its index, in
+    order, None if there is none: what shows another view than all that are kept of its group is kept, too.
     """
     kept: set[int] = set()
     for group in _groups(series, size):

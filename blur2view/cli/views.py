@@ -11,7 +11,7 @@ from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
+from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
@@ -31,7 +31,6 @@ from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
 from blur2view.runs.job import Job, Made
-from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
@@ -47,6 +46,11 @@ class NamedPhotograph:
     def kept(self) -> bool:
         """Whether its views are in the project already and stay as they are."""
         return self.plan is not None and self.plan.step is Step.KEEP
+
+    @property
+    def source(self) -> str:
+        """What views depend on besides the picture: their name, and the features that are moved."""
+        return self.name + ("" if self.plan is None else f" {digest(self.plan.image).hex()}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,29 +171,6 @@ def _check_shapes(views: ExposureViews, count: int) -> None:
         raise ValueError("expected a camera of the photograph's size")
     if camera is not None and camera.params:
         colmap_camera(camera.model, *views.size, camera.params)
-
-
-def make_views(
-    options: ToColmapOptions,
-    work: ViewsWork,
-    photographs: Sequence[NamedPhotograph],
-    manifest: Manifest | None,
-) -> Finished[PhotographViews | None]:
-    """Return the views of the photographs, None for those that fail."""
-    jobs = [
-        Job(index=index, path=one.path, target=one, source=_source(one))
-        for index, one in enumerate(photographs)
-    ]
-    if not jobs:
-        return Finished()
-    names = colmap_names(options.inputs) | {one.path: one.name for one in photographs}
-    return run_over(options, work, jobs, manifest, take=kept_of, names=names)
-
-
-def _source(photograph: NamedPhotograph) -> str:
-    """Return what views depend on besides the picture: their name, and the features that are moved."""
-    plan = photograph.plan
-    return photograph.name + ("" if plan is None else f" {digest(plan.image).hex()}")
 
 
 def _camera(
