@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -200,20 +199,11 @@ class ToColmapOptions(PhotographOptions):
 def read_options(parsed: Namespace, kind: type[Options]) -> Options:
     """Return what argparse gave as options of a kind; a wrong value is a usage error."""
     values = dict(vars(parsed))
-    if issubclass(kind, PhotographOptions):
-        with _usage(parsed):
-            values["run"] = _run(values)
-        values["inputs"] = _inputs(values)
-    known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    with _usage(parsed):
-        return kind(**{name: value for name, value in values.items() if name in known})
-
-
-@contextmanager
-def _usage(parsed: Namespace) -> Iterator[None]:
-    """End the program with the usage of the command where a value is wrong."""
     try:
-        yield
+        if issubclass(kind, PhotographOptions):
+            values |= {"run": _run(values), "inputs": _inputs(values)}
+        known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+        return kind(**{name: value for name, value in values.items() if name in known})
     except (ValueError, CameraError) as error:
         parsed.usage_error(str(error))
         raise

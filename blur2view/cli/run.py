@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
@@ -16,7 +16,7 @@ from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.file_writing import is_there
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import below_shared_folder, check_file, prepared, write_text
+from blur2view.output_files import ResultFiles, below_shared_folder, check_file, prepared, write_text
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
@@ -218,12 +218,19 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
     return None if outcome.made is None else outcome.made.kept
 
 
-def jobs_of(options: PhotographOptions) -> list[Job[None]]:
-    """Return the jobs of a command that writes no files of single photographs."""
-    beside = neighbours_of(options.inputs.paths, options.sequence)
+def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job[Any]]:
+    """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
+    neighbours = neighbours_of(options.inputs.paths, options.sequence)
+    targets: Sequence[ResultFiles | OutputError | None] = plan or [None] * len(neighbours)
     return [
-        Job(index=index, path=path, target=None, neighbours=neighbours)
-        for index, (path, neighbours) in enumerate(beside.items())
+        Job(
+            index=index,
+            path=path,
+            target=None if isinstance(target, OutputError) else target,
+            refusal=target if isinstance(target, OutputError) else None,
+            neighbours=neighbours[path],
+        )
+        for index, (path, target) in enumerate(zip(neighbours, targets, strict=True))
     ]
 
 

@@ -23,7 +23,7 @@ from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import keypoint_views
-from blur2view.exposure.neighbours import PhotographMatcher
+from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.pipeline import Run
@@ -207,6 +207,6 @@ def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[Pho
     if options.link:
         matcher = DatabaseMatcher(options.target, names)
     else:
-        matcher = PhotographMatcher([one.photograph.path for one in made])
+        matcher = photograph_matcher([one.photograph.path for one in made])
     views = with_time_direction([one.views for one in made], runs, matcher)
     return [replace(one, views=directed) for one, directed in zip(made, views, strict=True)]

@@ -55,24 +55,12 @@ def list_photographs(
 ) -> Inputs:
     """Return the photographs that words name.
 
-    Words are files; folders, which stand for the photographs in them by their suffixes, without results of
-    blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below) by
+    their suffixes, without results of blur2view; videos, of which ``frames`` returns the numbers of the
+    frames that are taken; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
     Blank lines of a list are passed over, and those that begin with # and name no file. What a list names and
-    is not there is looked for in the list's folder.
-
-    Parameters
-    ----------
-    words : sequence of str
-    recursive : bool
-        Whether folders stand for all below them, too.
-    frames : callable
-        Returns the numbers of the frames that are taken of a video; ImageError if it cannot be used.
-    stdin : binary file, optional
-
-    Raises
-    ------
-    ImageError
-        If a list cannot be read, names nothing, or is larger than one of photographs can be.
+    is not there is looked for in the list's folder. ImageError if a list cannot be read, names nothing, or is
+    larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):

@@ -40,12 +40,6 @@ class Settings:
     options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
 
     @property
-    def line(self) -> dict[str, Any]:
-        """Return the line of a manifest."""
-        about = {"command": self.command, "options": dict(self.options)}
-        return {SIGN: self.version, "format": FORMAT, "settings": self.digest, **about}
-
-    @property
     def digest(self) -> str:
         """Return a name of these settings, which every line repeats."""
         text = json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True)
@@ -212,7 +206,10 @@ class Manifest:
 
     def _write(self, line: dict[str, Any]) -> None:
         """Append a line and wait until the disk has it."""
-        lines = [line] if self._begun else [self.settings.line, line]
+        settings = self.settings
+        about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
+        head = {SIGN: settings.version, "format": FORMAT, **about}
+        lines = [line] if self._begun else [head, line]
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
         try:
             if not self._begun:
