@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.exposure.end_order import MotionOrder, motion_order, open_and_close
+from blur2view.exposure.end_order import motion_order, open_and_close
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
@@ -57,7 +57,10 @@ def keypoint_views(
     if excluded is not None:
         columns, rows = np.rint(points).astype(int).T
         usable &= ~excluded[rows, columns]
-    fits = usable & _fits(order, ends, sampson, options)
+    fits = usable  # without F all are taken to follow H
+    if geometry.F is not None:
+        errors = serrmin(geometry.F, order.camera.undistorted(ends))
+        fits = usable & (errors < options.tolerance_px(sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     return replace(
         views_of(name, estimate),
@@ -67,12 +70,3 @@ def keypoint_views(
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
         usable=usable,
     )
-
-
-def _fits(order: MotionOrder, ends: Array, sigma_px: Array, options: EstimatorOptions) -> NDArray[np.bool_]:
-    """Return which smears are within the estimator's tolerance of F; without F all are taken to follow H."""
-    F = order.geometry.F
-    if F is None:
-        return np.ones(len(ends), bool)
-    tolerance_px = options.tolerance_px(sigma_px)
-    return np.asarray(serrmin(F, order.camera.undistorted(ends)) < tolerance_px**2)

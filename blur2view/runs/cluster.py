@@ -53,7 +53,10 @@ class Cluster:
                 with self._in_touch():
                     slots = AHEAD * max(sum(self._client.nthreads().values()), 1)
                 while len(pending) < slots and (job := next(jobs, None)) is not None:
-                    pending[self._submitted(work, job)] = job
+                    with self._in_touch(), warnings.catch_warnings():
+                        warnings.simplefilter("ignore")  # of large arguments; scattered they could be lost
+                        future = self._client.submit(perform, work, job, write=False, pure=False)
+                    pending[future] = job
                 if not pending:
                     return
                 with self._in_touch():
@@ -65,12 +68,6 @@ class Cluster:
                 self._client.cancel(list(pending))
             with suppress(Exception, asyncio.CancelledError):
                 self._client.close()
-
-    def _submitted(self, work: Work[Target, Kept], job: Job[Target]) -> Any:
-        """Return the future of a job."""
-        with self._in_touch(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Dask warns of large arguments; scattered they could be lost
-            return self._client.submit(perform, work, job, write=False, pure=False)
 
     def _outcome(self, job: Job[Target], future: Any) -> Outcome[Kept]:
         """Return the outcome of a job that is done."""

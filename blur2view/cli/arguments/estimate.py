@@ -54,17 +54,16 @@ FULL_FIELD = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     results = OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM
     help_text.add_options(output, results + shared.SEQUENCE + shared.TIMINGS + shared.TABLE)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = help_text.epilog(
-        help_text.table("configurations, in COLMAP's names", CONFIGURATIONS),
-        help_text.table("files of -o", FILES + help_text.MANIFEST),
-        help_text.table("JSON document of --json", help_text.keys(EstimatesDocument)),
-        help_text.table("JSON document of a photograph", help_text.keys(EstimateDocument)),
-        examples=EXAMPLES,
-    )
+    tables = {
+        "configurations, in COLMAP's names": CONFIGURATIONS,
+        "files of -o": FILES + help_text.MANIFEST,
+        "JSON document of --json": EstimatesDocument,
+        "JSON document of a photograph": EstimateDocument,
+    }
+    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

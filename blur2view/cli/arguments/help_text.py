@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from inspect import cleandoc
 from typing import Any
 
-from blur2view.cli.arguments.parser import EXAMPLES, output_path
+from blur2view.cli.arguments.parser import EXAMPLES, CommandParser, output_path
 from blur2view.cli.arguments.values import frame_or_seconds, pixels, positive, seconds
 
 NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
@@ -68,9 +68,11 @@ def entries(text: str) -> list[tuple[str, str]]:
     return [(name, explanation) for name, _, explanation in (line.partition(": ") for line in whole)]
 
 
-def table(title: str, rows: str | Iterable[tuple[str, str]]) -> str:
-    """Return a titled list of names and their explanations, or of `entries`."""
+def table(title: str, rows: str | type | Iterable[tuple[str, str]]) -> str:
+    """Return a titled list of names and their explanations, those of `entries` or `keys` among them."""
     lines = [f"{title}:"]
+    if isinstance(rows, type):
+        rows = keys(rows)
     for name, text in entries(rows) if isinstance(rows, str) else rows:
         first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
         start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
@@ -93,7 +95,8 @@ def keys(document: type) -> list[tuple[str, str]]:
     return rows
 
 
-def epilog(*tables: str, examples: Sequence[str]) -> str:
-    """Return what stands below the options: tables, exit codes, and examples at the end."""
-    shown = "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])
-    return "\n\n".join([*tables, table("exit codes", EXIT_CODES), shown])
+def explain(parser: CommandParser, description: str, tables: dict[str, Any], examples: Sequence[str]) -> None:
+    """Add what stands above the options, and below them: tables by their titles, exit codes, examples."""
+    parser.description = paragraph(description)
+    below = [table(title, rows) for title, rows in (tables | {"exit codes": EXIT_CODES}).items()]
+    parser.epilog = "\n\n".join([*below, "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])])

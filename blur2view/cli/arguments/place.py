@@ -34,9 +34,8 @@ OUTPUT = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view place``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     help_text.add_options(parser.add_argument_group("input"), INPUT, fraction={"type": float})
     output = parser.add_argument_group("output")
     help_text.add_options(output, OUTPUT, output={"required": True})
     shared.add_verbosity(output)
-    parser.epilog = help_text.epilog(help_text.table("what is written", WRITTEN), examples=EXAMPLES)
+    help_text.explain(parser, DESCRIPTION, {"what is written": WRITTEN}, EXAMPLES)

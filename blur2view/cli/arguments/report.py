@@ -42,7 +42,6 @@ OUTPUT = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     help_text.add_options(
@@ -53,8 +52,5 @@ def describe(parser: CommandParser) -> None:
     )
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = help_text.epilog(
-        help_text.table("on the page", CONTROLS),
-        help_text.table("terms of the page", TERMS),
-        examples=EXAMPLES,
-    )
+    tables = {"on the page": CONTROLS, "terms of the page": TERMS}
+    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

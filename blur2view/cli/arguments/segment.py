@@ -42,7 +42,6 @@ OUTPUT = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view segment``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     help_text.add_options(
@@ -53,10 +52,10 @@ def describe(parser: CommandParser) -> None:
     )
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=False)
-    parser.epilog = help_text.epilog(
-        help_text.table("files of -o", FILES + help_text.MANIFEST),
-        help_text.table("JSON document of --json", help_text.keys(MasksDocument)),
-        help_text.table("JSON document of a photograph", help_text.keys(MaskDocument)),
-        help_text.table("not here", REFUSED.items()),
-        examples=EXAMPLES,
-    )
+    tables = {
+        "files of -o": FILES + help_text.MANIFEST,
+        "JSON document of --json": MasksDocument,
+        "JSON document of a photograph": MaskDocument,
+        "not here": REFUSED.items(),
+    }
+    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

@@ -74,7 +74,6 @@ VIEWS = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output, views = parser.add_argument_group("output"), parser.add_argument_group("views")
     formats = {"choices": FORMATS, "default": DATABASE}
@@ -82,10 +81,10 @@ def describe(parser: CommandParser) -> None:
     shared.add_verbosity(output)
     help_text.add_options(views, VIEWS)
     shared.add_estimating(parser, exposure=False)
-    parser.epilog = help_text.epilog(
-        help_text.table("what is written", WRITTEN),
-        help_text.table("JSON document of --json", help_text.keys(ToColmapDocument)),
-        help_text.table("JSON object of a photograph", help_text.keys(ViewsDocument)),
-        help_text.table("not here", REFUSED.items()),
-        examples=EXAMPLES,
-    )
+    tables = {
+        "what is written": WRITTEN,
+        "JSON document of --json": ToColmapDocument,
+        "JSON object of a photograph": ViewsDocument,
+        "not here": REFUSED.items(),
+    }
+    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

@@ -48,7 +48,6 @@ OUTPUT = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-transforms``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     help_text.add_options(
         parser.add_argument_group("input"), INPUT, images={"dest": "photographs"}, exposure={"default": 1.0}
     )
@@ -61,4 +60,4 @@ def describe(parser: CommandParser) -> None:
         overwrite={"action": "store_true", "help": SUPPRESS},
     )
     shared.add_verbosity(output)
-    parser.epilog = help_text.epilog(help_text.table("what is written", KEYS), examples=EXAMPLES)
+    help_text.explain(parser, DESCRIPTION, {"what is written": KEYS}, EXAMPLES)

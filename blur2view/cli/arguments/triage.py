@@ -71,7 +71,6 @@ FRAMES = """
 
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view triage``."""
-    parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     limit = {"type": amount, "default": MAX_SMEAR}
@@ -81,9 +80,5 @@ def describe(parser: CommandParser) -> None:
     help_text.add_options(output, FRAMES + shared.TIMINGS, sequence=in_order)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
-    parser.epilog = help_text.epilog(
-        help_text.table("uses", USES),
-        help_text.table("columns of --csv", help_text.keys(Row)),
-        help_text.table("the list", LIST),
-        examples=EXAMPLES,
-    )
+    tables = {"uses": USES, "columns of --csv": Row, "the list": LIST}
+    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)
