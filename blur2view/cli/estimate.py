@@ -16,6 +16,7 @@ class EstimateWork(DocumentWork[EstimateDocument]):
     """The work on one photograph."""
 
     full_field: bool
+    kind = EstimateDocument
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -30,16 +31,10 @@ class EstimateWork(DocumentWork[EstimateDocument]):
             warnings=one.warnings,
         )
 
-    @staticmethod
-    def kind() -> type[EstimateDocument]:
-        """Return the type of the document."""
-        return EstimateDocument
-
 
 def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
-    shared = EstimateWork.shared(options)
-    work = EstimateWork(**shared, full_field=options.full_field, json=options.json or options.jsonl)
+    work = EstimateWork.of(options, full_field=options.full_field, json=options.json or options.jsonl)
     return run_with_files(
         options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
     )

@@ -22,7 +22,7 @@ from blur2view.cli.run import (
     refuse_shared,
     run_over,
 )
-from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.errors import OutputError
 from blur2view.file_writing import Write, remove_left_over
 from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
@@ -32,7 +32,6 @@ from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Job, Outcome, Target, Work
-from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY, MaskFormat
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
@@ -64,7 +63,18 @@ def run_with_files(
     path = None if options.csv is None else manifest_beside(options.csv)
     path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
     with prepared(*([] if folder is None else [folder])), begun(options, work, path, [folder]) as manifest:
-        jobs = _planned(options, endings, manifest, beside)
+        plan: list[ResultFiles | OutputError] = []
+        if folder is not None:
+            plan = plan_outputs(
+                options.inputs.paths,
+                folder,
+                endings,
+                overwrite=options.overwrite,
+                names=options.inputs.names,
+                beside=beside,
+                earlier=manifest,
+            )
+        jobs = jobs_of(options, plan)
         paths = {path for job, error in jobs if job.target and error is None for path in job.target.paths}
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
@@ -84,34 +94,6 @@ def printed(job: Job[Target], outcome: Outcome[Taken | None]) -> None:
     document = FailureDocument(image=str(job.path), error=outcome.error) if made is None else made.kept
     if isinstance(document, Document):
         print(document.to_json(indent=None), flush=True)
-
-
-def _planned(
-    options: FolderOptions,
-    endings: Sequence[str],
-    manifest: Manifest | None,
-    beside: Callable[[Path], Path] | None,
-) -> list[tuple[Job[ResultFiles | None], Blur2ViewError | None]]:
-    """Return the jobs with the files of each; with an error those that may not be written."""
-    inputs = options.inputs
-    jobs: list[tuple[Job[ResultFiles | None], Blur2ViewError | None]] = []
-    plan: Sequence[ResultFiles | OutputError | None] = [None] * len(inputs.paths)
-    if options.output is not None:
-        plan = plan_outputs(
-            inputs.paths,
-            options.output,
-            endings,
-            overwrite=options.overwrite,
-            names=inputs.names,
-            beside=beside,
-            earlier=manifest,
-        )
-    for (job, _), files in zip(jobs_of(options), plan, strict=True):
-        refused = files if isinstance(files, OutputError) else None
-        target = None if isinstance(files, OutputError) else files
-        planned = Job(index=job.index, path=job.path, target=target, neighbours=job.neighbours)
-        jobs.append((planned, refused))
-    return jobs
 
 
 def result_contents(

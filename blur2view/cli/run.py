@@ -18,7 +18,7 @@ from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.file_writing import is_there
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import below_shared_folder, check_file, prepared, write_text
+from blur2view.output_files import ResultFiles, below_shared_folder, check_file, prepared, write_text
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
@@ -34,30 +34,24 @@ Paths = Iterable[Path | None]
 
 
 class End(Enum):
-    """How a run ended: after all photographs, by too many failures, by Ctrl-C, or as none can be done."""
+    """How a run ended."""
 
     WHOLE = auto()
-    STOPPED = auto()
-    INTERRUPTED = auto()
-    BROKEN = auto()
+    STOPPED = auto()  # by too many failures
+    INTERRUPTED = auto()  # by Ctrl-C
+    BROKEN = auto()  # as no photograph can be done any more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finished(Generic[Taken]):
-    """What came of a run over photographs, in their order.
+    """What came of a run over photographs, in their order, as far as it has come."""
 
-    ``taken`` is what the command takes of each, ``rows`` are those of the table as far as the run has come,
-    ``has_table`` says whether it was not asked for, or could be written, ``skipped`` how many photographs an
-    earlier call has done. Of a broken run files of all photographs stay as an earlier call left them, but for
-    the table.
-    """
-
-    taken: list[Taken] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
+    taken: list[Taken] = field(default_factory=list)  # what the command takes of each
+    rows: list[Row] = field(default_factory=list)  # of the table
     failures: list[FailureDocument] = field(default_factory=list)
     end: End = End.WHOLE
-    has_table: bool = True
-    skipped: int = 0
+    has_table: bool = True  # it could be written, or was not asked for
+    skipped: int = 0  # done by an earlier call
     seconds: float = 0.0
 
     @property
@@ -77,10 +71,11 @@ def begun(
     ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
     the call writes.
     """
-    folders = [] if options.csv is None else [options.csv.parent]
+    folders = []
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
+        folders.append(options.csv.parent)
     with prepared(*folders):
         alone = len(options.inputs.paths) == 1 and not options.resume
         if path is None or alone or not path.parent.is_dir():
@@ -109,34 +104,23 @@ def run_over(
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
     as on a full disk, or as many failed as --max-failures allows.
 
-    Parameters
-    ----------
-    options : PhotographOptions
-    work : Work
-    jobs : sequence of (Job, Blur2ViewError or None)
-        With an error those that cannot be begun.
-    manifest : Manifest or None
-    take : callable
-        What is kept of every photograph.
-    names : dict of Path to str, optional
-        What the table calls them, by default what COLMAP does.
-    classify : callable
-        Adds to a row what the photograph is of use for.
-    line : callable, optional
-        What is printed of a photograph and its row: by default the summary of the work, and a closing line.
+    ``jobs`` have an error if they cannot be begun; ``take`` returns what is kept of every photograph;
+    ``names`` are those of the table, by default as COLMAP names them; ``classify`` adds to a row what the
+    photograph is of use for; ``line`` is what is printed of a photograph and its row, by default the summary
+    of the work, and a closing line.
     """
-    jobs = list(jobs)
+    refused = options.inputs.refused
+    jobs = [(job, ImageError(refused[job.path]) if job.path in refused else error) for job, error in jobs]
     names = names or colmap_names(options.inputs)
-    engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
+    engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
     run: Finished[Taken] = Finished()
     skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
-    sends = options.dask is not None
     try:
-        with closing(outcomes(work, _refused(options, jobs), engine, manifest, sends=sends)) as done:
+        bar.show(0, len(jobs))
+        with closing(outcomes(work, jobs, engine, manifest, sends=options.dask is not None)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
-                bar.step()
                 if not outcome.skipped or options.verbosity > SHORT:
                     text = None if line is None or outcome.made is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
@@ -148,6 +132,7 @@ def run_over(
                     run.rows.append(row)
                 skipped += outcome.skipped
                 run.taken.append(take(job, outcome))
+                bar.show(len(run.taken), len(jobs))
                 if outcome.stop or len(run.failures) == options.max_failures:
                     end = End.STOPPED
                     break
@@ -174,13 +159,6 @@ def _engine(options: PhotographOptions, count: int) -> Engine:
 
         return Cluster(options.dask)
     return processes(max(min(options.jobs or usable_cores(), count), 1))
-
-
-def _refused(options: PhotographOptions, jobs: Jobs[Target]) -> Jobs[Target]:
-    """Yield the jobs, with an error those whose input cannot be used."""
-    for job, error in jobs:
-        refused = options.inputs.refused.get(job.path)
-        yield job, error if refused is None else ImageError(refused)
 
 
 def _print_outcome(
@@ -242,13 +220,16 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
     return None if outcome.made is None else outcome.made.kept
 
 
-def jobs_of(options: PhotographOptions) -> list[tuple[Job[None], Blur2ViewError | None]]:
-    """Return the jobs of a command that writes no files of single photographs."""
+def jobs_of(
+    options: PhotographOptions, plan: Sequence[ResultFiles | OutputError | None] = ()
+) -> list[tuple[Job[ResultFiles | None], OutputError | None]]:
+    """Return the jobs of all photographs, with their files by plan if each has some, or why it must not."""
     beside = neighbours_of(options.inputs.paths, options.sequence)
-    return [
-        (Job(index=index, path=path, target=None, neighbours=neighbours), None)
-        for index, (path, neighbours) in enumerate(beside.items())
-    ]
+    jobs: list[tuple[Job[ResultFiles | None], OutputError | None]] = []
+    for (path, neighbours), one in zip(beside.items(), plan or [None] * len(beside), strict=True):
+        files, error = (None, one) if isinstance(one, OutputError) else (one, None)
+        jobs.append((Job(index=len(jobs), path=path, target=files, neighbours=neighbours), error))
+    return jobs
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:
@@ -261,10 +242,7 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
     roots |= {path.parent for path in there if path not in below}
     if len(roots) == 1:
         (root,) = roots
-        return {
-            path: path.relative_to(root).as_posix() if path.is_relative_to(root) else name
-            for path, name in names.items()
-        }
+        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
     return names
 
 

@@ -22,6 +22,7 @@ class SegmentWork(DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
     export: MaskExport | None
+    kind = MaskDocument
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -38,11 +39,6 @@ class SegmentWork(DocumentWork[MaskDocument]):
             warnings=one.warnings,
         )
 
-    @staticmethod
-    def kind() -> type[MaskDocument]:
-        """Return the type of the document."""
-        return MaskDocument
-
 
 def run(options: SegmentCommandOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
@@ -50,7 +46,7 @@ def run(options: SegmentCommandOptions) -> int:
     if options.masks is not None:
         ignored = options.unobservable == "ignore"
         export = MaskExport(program=MaskFormat(options.masks), ignore_unobservable=ignored)
-    work = SegmentWork(**SegmentWork.shared(options), export=export, json=options.json or options.jsonl)
+    work = SegmentWork.of(options, export=export, json=options.json or options.jsonl)
     return run_with_files(
         options,
         MASK,

@@ -26,8 +26,7 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    shared = ViewsWork.shared(options)
-    work = ViewsWork(**shared, database=options.db, link=options.link, skip_movers=options.skip_movers)
+    work = ViewsWork.of(options, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
     folders = [] if options.dry_run or options.output is None else [options.output]
     path, files = manifest_path(options), written_files(options)

@@ -15,7 +15,7 @@ from blur2view.cli.terminal import QUIET, complain
 from blur2view.cli.uses import Classifier, closing_line
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import check_file, prepared, write_text
+from blur2view.output_files import ResultFiles, check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
@@ -25,22 +25,22 @@ from blur2view.runs.manifest import Manifest
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageWork(EstimatingWork[None, None]):
+class TriageWork(EstimatingWork[ResultFiles | None, None]):
     """The work on one photograph, of which nothing is kept but its row."""
 
-    def __call__(self, job: Job[None]) -> Made[None]:
+    def __call__(self, job: Job[ResultFiles | None]) -> Made[None]:
         """Return the row of one photograph."""
         one = self.estimated(job)
         row = self.row(one)
         return Made(kept=None, summary=row.meaning, row=row, warnings=one.warnings)
 
-    def restored(self, job: Job[None], stored: Any) -> None:
+    def restored(self, job: Job[ResultFiles | None], stored: Any) -> None:
         """Return nothing."""
 
 
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    work, keep = TriageWork(**TriageWork.shared(options)), options.keep
+    work, keep = TriageWork.of(options), options.keep
     first = options.csv or keep or options.extract
     path = None if first is None else manifest_beside(first)
     refuse_shared(options, keep, [path], "--keep")

@@ -5,18 +5,17 @@ The network is loaded once in each process and run in one thread, so that bytes 
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
-from blur2view.cli.terminal import TileProgress
+from blur2view.cli.terminal import TILE, Progress
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.neighbours import Features, features_of, match_features
@@ -39,63 +38,33 @@ Written = TypeVar("Written", bound=Document)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandNetwork:
-    """The file of the network, as it goes to the processes that run it.
-
-    Parameters
-    ----------
-    model : str or None
-        That of --model.
-    digest : str
-        SHA-256 of its file.
-    """
+    """The file of the network, as it goes to the processes that run it: that of --model, and its SHA-256."""
 
     model: str | None
     digest: str
 
     @classmethod
     def of(cls, model: str | None) -> CommandNetwork:
-        """Return those of --model, which is loaded to see that it can be; its tiles are shown to a person.
-
-        Raises
-        ------
-        ModelError
-            If it cannot.
-        """
+        """Return that of --model, whose tiles are shown to a person; ModelError if it cannot be loaded."""
         path = model_path(model)
-        digest = file_digest(path) if path.is_file() else ""
-        network = _smears(model, digest)  # which says what is wrong, if anything is
-        network.on_tile = TileProgress()
-        network.tiles_at_once = usable_cores()  # here alone: other processes have a core each
-        return cls(model=model, digest=digest)
+        network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
+        network.loaded.on_tile = Progress(TILE).show
+        network.loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        return network
 
     @property
     def loaded(self) -> SmearNetwork:
-        """Return the smear network of this process.
-
-        Raises
-        ------
-        RunError
-            If another file has its name where this is run.
-        """
-        return _smears(self.model, self.digest)
+        """Return the smear network of this process; RunError if its file is another one there."""
+        return _loaded(self)
 
 
 @lru_cache(maxsize=1)
-def _smears(model: str | None, digest: str) -> SmearNetwork:
+def _loaded(file: CommandNetwork) -> SmearNetwork:
     """Return the smear network of a file with this digest."""
-    network = SmearNetwork(model, threads=1)
-    if file_digest(network.path) != digest:  # as a machine of a cluster may have
+    network = SmearNetwork(file.model, threads=1)
+    if file_digest(network.path) != file.digest:  # as a machine of a cluster may have
         raise RunError(f"{network.path}: is another network on a worker; install the same blur2view there")
     return network
-
-
-class Shared(TypedDict):
-    """What every work is made with."""
-
-    run: Run
-    network: CommandNetwork
-    timings: bool
-    verbosity: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,15 +76,11 @@ class EstimatingWork(Work[Target, Kept]):
     timings: bool
     verbosity: int
 
-    @staticmethod
-    def shared(options: PhotographOptions) -> Shared:
-        """Return what the options of any command say of its work, after loading the network."""
-        return {
-            "run": options.run,
-            "network": CommandNetwork.of(options.model),
-            "timings": options.timings,
-            "verbosity": options.verbosity,
-        }
+    @classmethod
+    def of(cls, options: PhotographOptions, **own: Any) -> Self:
+        """Return the work that the options of a command ask for, after loading the network."""
+        network, level = CommandNetwork.of(options.model), options.verbosity
+        return cls(run=options.run, network=network, timings=options.timings, verbosity=level, **own)
 
     def estimated(self, job: Job[Target]) -> FileEstimate:
         """Return the estimate of a photograph, in the order in time that its neighbours decide."""
@@ -140,20 +105,17 @@ class EstimatingWork(Work[Target, Kept]):
 
 @dataclass(frozen=True, kw_only=True)
 class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
-    """Work whose document is written beside other files, and kept where it is printed."""
+    """Work whose document, of one kind, is written beside other files, and kept where it is printed."""
 
     json: bool
-
-    @staticmethod
-    @abstractmethod
-    def kind() -> type[Written]:
-        """Return the type of the document."""
+    kind: ClassVar[type[Any]]
 
     def restored(self, job: Job[ResultFiles | None], stored: Any) -> Written | None:
         """Return the document that an earlier call has written."""
         if not self.json or job.target is None:
             return None
-        return restored_file(self.kind(), job.target.document)
+        document: Written = restored_file(self.kind, job.target.document)
+        return document
 
 
 Content = tuple[Path, bytes]

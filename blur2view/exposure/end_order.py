@@ -1,11 +1,9 @@
 """Which end of a smear is the open one, under an estimated motion.
 
-A rotation alone orders all: where RedKitchen's pose has no translation it gives 0.9998 of the smears of 30
-frames the right order among each other, the F beside it 0.977. F alone leaves the order of most smears
-ambiguous where the camera hardly rotates (of all, if it only translates). Cheirality decides it, for which a
-roughly right focal length is enough:
-on 8 scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from
-0.58 to 0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
+A rotation alone orders all smears. F alone leaves the order of most ambiguous where the camera hardly rotates
+(of all, if it only translates). Cheirality decides it, for which a roughly right focal length is enough: on 8
+scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from 0.58 to
+0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
 (tests/exposure/test_end_order.py).
 """
 
@@ -30,20 +28,11 @@ GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses; cheirality needs n
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionOrder:
-    """A motion, by which any smear of its photograph can be ordered.
-
-    Parameters
-    ----------
-    geometry : TwoViewGeometry
-    camera : Camera
-        Known, approximate (EXIF) or guessed.
-    pose : RigidTransform or None
-        Of that camera; None leaves the order to F or H alone.
-    """
+    """A motion, by which any smear of its photograph can be ordered."""
 
     geometry: TwoViewGeometry
-    camera: Camera
-    pose: RigidTransform | None
+    camera: Camera  # known, approximate (EXIF) or guessed
+    pose: RigidTransform | None  # of that camera; None leaves the order to F or H alone
 
     def swapped(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
         """Return which smears (N,) have ends[:, 1] as their open end; none where neither F nor H is known.

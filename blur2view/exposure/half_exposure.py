@@ -21,8 +21,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
     """Return the geometry from the middle of the exposure (1) to its close (2), of that from open to close.
 
-    That from the middle to the open end is the same of ``geometry.reversed()``. With a camera F is exactly
-    that of the halved pose. ``size`` is width and height of the photograph, pixels.
+    With a camera F is exactly that of the halved pose. ``size`` is (width, height) of the photograph, pixels.
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)

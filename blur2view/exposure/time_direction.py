@@ -1,15 +1,14 @@
 """Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
-One photograph leaves it ambiguous. Its neighbours in a video decide it: what moves right from the last frame
-to this one, and on to the next, moved right during this exposure too. Every match with a neighbour compares
-its displacement with the smear at its place; the displacements to both sides together are the velocity at
-mid exposure, so that the longer one counts for more.
+What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
+Every match with a neighbour compares its displacement with the smear at its place; the displacements to both
+sides together are the velocity at mid exposure, so that the longer one counts for more.
 
 The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
-cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
-reversed relative to the translation, and no time reversal is right. So all four combinations of both signs
-are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
-with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
+cheirality, which needs the sign of the translation; where noise has decided that sign, no time reversal is
+right. So all four combinations of both signs are candidates. On 66 frames of RedKitchen with their intrinsics
+the pose's rotation then agreed in sign with the recorder's in 64 of 64 frames, with the time reversal alone
+in 45.
 """
 
 from __future__ import annotations
@@ -49,20 +48,13 @@ MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 class NeighbourMotion:
     """How the picture moves about the time of a photograph, as one neighbour shows it.
 
-    Parameters
-    ----------
-    points : ndarray of shape (M, 2)
-        Pixels of the photograph.
-    velocity : ndarray of shape (M, 2)
-        Of what is seen there, pixels per frame, forwards in time.
-    rotation : ndarray of shape (3,) or None
-        Rotation vector of the camera per frame, as in ``cam2_from_cam1``; None if its intrinsics or enough
-        matches are not known.
+    ``rotation`` is the camera's rotation vector per frame, as in ``cam2_from_cam1``; None if its intrinsics
+    or enough matches are not known.
     """
 
-    points: Array
-    velocity: Array
-    rotation: Array | None = None
+    points: Array  # (M, 2), pixels of the photograph
+    velocity: Array  # (M, 2), of what is seen there, pixels per frame, forwards in time
+    rotation: Array | None = None  # (3,)
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
@@ -113,12 +105,11 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     """Return the mean cosine with one neighbour's motion, and that motion's median length in pixels."""
     smear, near = smears_at(views, motion.points)
     velocity = motion.velocity[near]
-    length = np.linalg.norm(velocity, axis=1)
-    moved = (length > 0) & (np.linalg.norm(smear, axis=1) > 0)
+    moved = velocity.any(axis=1) & smear.any(axis=1)
     if moved.sum() < MIN_MATCHES:
         return 0.0, 0.0
-    smear, velocity, length = smear[moved], velocity[moved], length[moved]
-    smeared = np.linalg.norm(smear, axis=1)
+    smear, velocity = smear[moved], velocity[moved]
+    length, smeared = np.linalg.norm(velocity, axis=1), np.linalg.norm(smear, axis=1)
     if np.median(length / smeared) > MAX_EXPOSURES_APART:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)
@@ -186,22 +177,12 @@ def directed(
 
 
 def with_time_direction(
-    sequence: Sequence[ExposureViews],
-    runs: Sequence[Sequence[int]],
-    matched: Matched,
+    sequence: Sequence[ExposureViews], runs: Sequence[Sequence[int]], matched: Matched
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
-    Parameters
-    ----------
-    sequence : sequence of ExposureViews
-        In any order.
-    runs : sequence of sequences of int
-        Indices of consecutive photographs, in order of time; see `consecutive_runs`. A photograph in no run
-        keeps its arbitrary direction. Indices beyond the sequence are photographs without views, sharp ones
-        perhaps, that vote and are not voted on.
-    matched : callable
-        Returns matched pixels (M, 2) of two photographs by their indices; see `neighbours`.
+    ``runs`` are those of `consecutive_runs`. A photograph in none keeps its arbitrary direction. Indices
+    beyond the sequence are photographs without views, sharp ones perhaps, that vote and are not voted on.
     """
     decided = list(sequence)
     for run in runs:
@@ -223,8 +204,7 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
     With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
     names differ by one in the last number of the file's own name and in nothing else ("left/frame_0041.jpg",
-    "left/frame_0042.jpg"; folders of cameras may be numbered, too). Photographs without a neighbour are in
-    none.
+    "left/frame_0042.jpg"). Photographs without a neighbour are in none.
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []

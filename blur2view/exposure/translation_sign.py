@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from blur2view.exposure.end_order import MotionOrder, motion_order
-from blur2view.exposure.views import ExposureViews
+from blur2view.exposure.views import ExposureViews, in_order
 from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.smears.matches import SmearMatches
 
@@ -37,6 +37,7 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
     swapped = MotionOrder(geometry=geometry, camera=order.camera, pose=pose).swapped(ends, matches.sampson_px)
+    points_open, points_close = in_order(ends, swapped)
     known, covariance = geometry.cam2_from_cam1, geometry.covariance
     if known is not None and known.translation.any():
         known = pose
@@ -44,8 +45,8 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
         covariance = replace(covariance, tangents=-covariance.tangents)
     return replace(
         views,
-        points_open=np.where(swapped[:, None], ends[:, 1], ends[:, 0]),
-        points_close=np.where(swapped[:, None], ends[:, 0], ends[:, 1]),
+        points_open=points_open,
+        points_close=points_close,
         geometry=replace(
             geometry,
             E=None if geometry.E is None else -geometry.E,

@@ -73,24 +73,19 @@ class ExposureViews:
     def names(self) -> tuple[str, str]:
         """Return the names of both images: the photograph's with "#open" and "#close" appended.
 
-        No file has these names, as no pixels exist that show these views. They sort beside their photograph
-        and yield its name when cut at the last "#". COLMAP's text formats take a "#" for a comment only
-        where a line begins with it, and an image's name begins with the photograph's. A photograph that
-        itself ends in "#open" would collide; writers refuse an image of such a name that they did not write.
+        No file has these names. They sort beside their photograph and yield its name when cut at the last
+        "#", which COLMAP's text formats take for a comment only where a line begins with it. A photograph
+        that itself ends in "#open" would collide; writers refuse an image of such a name.
         """
         return self.name + OPEN, self.name + CLOSE
 
     def corrected(self) -> ExposureViews:
         """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
 
-        Then the estimated pose is a minimum of every bundle adjustment, of zero residual; unweighted, that
-        would drift along the directions that correlated errors leave poorly determined. COLMAP's own
-        covariance is then meaningless; use that of the geometry. Views without F stay as they are. To first
-        order if the camera is distorted.
-
-        References
-        ----------
-        Hartley and Sturm, Triangulation, CVIU 68(2), 1997.
+        Then the estimated pose is a minimum of every bundle adjustment, which unweighted would drift along
+        what correlated errors leave poorly determined; COLMAP's own covariance is meaningless. Views without
+        F stay as they are. To first order if the camera is distorted. Hartley and Sturm, Triangulation,
+        CVIU 68(2), 1997.
         """
         F, kept = self.geometry.F, self.geometry.inlier_mask
         if F is None or not kept.any():
@@ -127,10 +122,8 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     Raises
     ------
     ValueError
-        If the estimate has a rolling shutter: its F is not that of the ends as recorded. Ends corrected for
-        it are no views of one time either: points of other rows stay where a camera at another time saw
-        them, by up to the readout over the exposure time times a smear, and moving them along their smears
-        to one time takes the direction of time, which is mostly unknown.
+        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and ends corrected
+        for it are no views of one time, as each row is seen at another.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
@@ -138,15 +131,20 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     return views_in_order(name, estimate, order.swapped(estimate.matches.ends, estimate.matches.sampson_px))
 
 
+def in_order(ends: Array, swapped: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the open and the close ends (N, 2) of smears (N, 2, 2), whose close end is first if swapped."""
+    ordered = np.where(swapped[:, None, None], ends[:, ::-1], ends)
+    return ordered[:, 0], ordered[:, 1]
+
+
 def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) -> ExposureViews:
     """Return both virtual images of an estimate whose ends[:, 1] are open where ``swapped`` (N,)."""
-    ends = estimate.matches.ends
-    index = np.arange(len(ends))
+    first, last = in_order(estimate.matches.ends, swapped)
     return ExposureViews(
         name=name,
         size=estimate.grid.size,
-        points_open=ends[index, swapped.astype(int)],
-        points_close=ends[index, 1 - swapped.astype(int)],
+        points_open=first,
+        points_close=last,
         sigma_px=estimate.matches.sigma_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,

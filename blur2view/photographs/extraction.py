@@ -22,8 +22,7 @@ FRAME_DIGITS = 5  # as ns-process-data names frames
 def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
     """Return the file of each photograph below the folder, given what it is called elsewhere.
 
-    A frame of a video is ``frame_00120.png`` by its number there, below the video's name if there are
-    several.
+    A frame of a video is ``frame_00120.png`` by its number, below the video's name if there are several.
     """
     frames = {path: frame for path in names if (frame := frame_of(path)) is not None}
     several = len({video for video, _ in frames.values()}) > 1
@@ -35,13 +34,7 @@ def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
 
 
 def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] = ()) -> None:
-    """Refuse a folder that holds a file which is none of these, as a program would read it with them.
-
-    Raises
-    ------
-    OutputError
-        If it does, or cannot be read.
-    """
+    """Raise OutputError of a folder with a file that is none of these: a program would read it with them."""
     ours = {os.path.realpath(folder / file) for file in files} | set(map(os.path.realpath, besides))
     for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
         if not path.is_dir() and os.path.realpath(path) not in ours:
@@ -51,30 +44,24 @@ def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] 
 
 
 def extract(folder: Path, files: Mapping[Path, str]) -> None:
-    """Write photographs as they are, and frames of videos as PNG; a file of another content is not replaced.
+    """Write photographs as they are, and frames of videos as PNG.
 
-    Raises
-    ------
-    OutputError
-        If there is one, or a file cannot be written.
-    ImageError
-        If a photograph cannot be read.
+    OutputError if there is a file of another content, or one cannot be written; ImageError if a photograph
+    cannot be read.
     """
     for path, name in files.items():
         target, frame = folder / name, frame_of(path)
         content = read_content(path) if frame is None else bytes(cv2.imencode(".png", read_frame(*frame))[1])
-        if os.path.lexists(target):
-            _refuse_changed(target, content)
-            continue
-        with writing(target.parent):
-            write_atomically(target, methodcaller("write", content))
+        if not os.path.lexists(target):
+            with writing(target.parent):
+                write_atomically(target, methodcaller("write", content))
+        elif not _holds(target, content):
+            raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")
 
 
-def _refuse_changed(target: Path, content: bytes) -> None:
-    """Refuse to replace a file unless it has this content already."""
+def _holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has this content."""
     try:
-        same = read_regular(target) == content
+        return read_regular(path) == content
     except (OSError, ValueError):
-        same = False
-    if not same:
-        raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")
+        return False

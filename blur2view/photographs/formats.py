@@ -48,8 +48,8 @@ def develop(
 ) -> NDArray[np.uint16]:
     """Return a RAW photograph (H, W, 3), uint16: sRGB with the camera's white balance, not brightened.
 
-    ``encoded`` is the file; ``as_stored`` leaves the picture as it lies; ``check_size`` raises for sizes that
-    cannot be used. ImageError if rawpy is not installed or LibRaw cannot develop the file.
+    ``check_size`` raises for sizes that cannot be used. ImageError if rawpy is not installed or LibRaw cannot
+    develop the file.
     """
     try:
         import rawpy

@@ -39,9 +39,7 @@ NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy o
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-logging.getLogger("PIL").addHandler(
-    logging.NullHandler()
-)  # which prints what it logs unless somebody listens
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints what nobody listens to
 
 
 def read_image(
@@ -53,10 +51,10 @@ def read_image(
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
-    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
-    CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
+    Whatever Pillow decodes, of 8 or 16 bits; grey, colour, palette or CMYK; RAW by rawpy and HEIC by
+    pillow-heif, if these are installed. Alpha is composited over mid-grey, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
-    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
+    are refused.
 
     Parameters
     ----------
@@ -92,9 +90,8 @@ def read_image(
 def read_content(path: Path, *, beside: bool = False) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    ``beside`` if it is read only to be compared with another one.
-
-    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
+    ``beside`` if it is read only to be compared with another one. ImageError if it cannot be read, EndOfVideo
+    if the video announces more frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
@@ -176,17 +173,14 @@ def _may_be_list(path: Path, content: bytes) -> bool:
 
 def _pictures(photo: Image.Image) -> int:
     """Return how many frames of an animation, or pages of full size, a file holds."""
-    if photo.format not in MANY_PICTURES:
-        return 1
-    count: int = getattr(photo, "n_frames", 1)
+    count: int = getattr(photo, "n_frames", 1) if photo.format in MANY_PICTURES else 1
     if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
         pages = []
         for page in range(count):
             photo.seek(page)
             pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
         photo.seek(0)
-        # a smaller copy or a mask has a type
-        return sum(kind == pages[0] for kind in pages)
+        return sum(kind == pages[0] for kind in pages)  # a smaller copy or a mask has a type
     return count
 
 
@@ -237,11 +231,8 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
 
 def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
     """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.ascontiguousarray(pixels, dtype=np.float32)
+    values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
     values /= white
-    if values.ndim == 2:
-        values = values[..., None]
     if values.shape[2] in (2, 4):
-        alpha = values[..., -1:]
-        values = BACKDROP + (values[..., :-1] - BACKDROP) * alpha
+        values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
     return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

@@ -23,19 +23,10 @@ MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hou
 
 @dataclass(frozen=True, kw_only=True)
 class Frames:
-    """Which frames of a video are taken.
+    """Which frames of a video are taken: one of ``every``, from the first to the last, which is included.
 
-    Parameters
-    ----------
-    every : int
-        Of how many one.
-    first, last : int or float
-        An integer is a frame's number, a float a time in seconds; the last is included.
-
-    Raises
-    ------
-    ValueError
-        Unless ``every >= 1`` and none is negative.
+    An integer is a frame's number, a float a time in seconds. ValueError unless ``every >= 1`` and none is
+    negative.
     """
 
     every: int = 1
@@ -50,26 +41,16 @@ class Frames:
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """The photographs of a call.
+    """The photographs of a call, in order, each once; ``VIDEO/000120`` is a frame.
 
-    Parameters
-    ----------
-    paths : list of Path
-        In order, each once; ``VIDEO/000120`` is a frame. Folders and videos that cannot be used are among
-        them.
-    refused : dict of Path to str
-        Why these cannot be used.
-    names : dict of Path to Path
-        What the results of a photograph are called, where its place in a folder or video says so: subfolder
-        and stem.
-    lists : list of Path
-        The files that named some.
+    Folders and videos that cannot be used are among them, with the reason in ``refused``. ``names`` are those
+    of results, subfolder and stem, where a photograph's place in a folder or video says so.
     """
 
     paths: list[Path] = field(default_factory=list)
     names: dict[Path, Path] = field(default_factory=dict)
     refused: dict[Path, str] = field(default_factory=dict)
-    lists: list[Path] = field(default_factory=list)
+    lists: list[Path] = field(default_factory=list)  # the files that named some
 
     @property
     def one_video(self) -> bool:
@@ -96,23 +77,10 @@ def list_photographs(
 ) -> Inputs:
     """Return the photographs that words name.
 
-    Parameters
-    ----------
-    words : sequence of str
-        Files; folders, which stand for the photographs in them by their suffixes, without results of
-        blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-        Blank lines of a list are passed over, and those that begin with # and name no file. What a list names
-        and is not there is looked for in the list's folder.
-    recursive : bool
-        Whether folders stand for all below them, too.
-    frames : Frames, optional
-        Of videos; all by default.
-    stdin : binary file, optional
-
-    Raises
-    ------
-    ImageError
-        If a list cannot be read, names nothing, or is larger than one of photographs can be.
+    Words are files; folders, which stand for the photographs in them by their suffixes (``recursive``: below
+    them), without results of blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the
+    same from standard input. What a list names and is not there is looked for in the list's folder.
+    ImageError if a list cannot be read, names nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
@@ -168,19 +136,17 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(
             f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
         )
-    if "\0" in text:
-        names = [name for name in lines if name.strip()]
-    else:
-        lines = [line for line in lines if line.strip() and not _is_comment(line)]
-        names = [line if os.path.lexists(line) else line.strip() for line in lines]
+    names = [name for name in (lines if "\0" in text else map(_name, lines)) if name.strip()]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
 
 
-def _is_comment(line: str) -> bool:
-    """Return whether a line of a list begins with #, and is no name of a file that does."""
-    return line.lstrip().startswith(COMMENT) and not os.path.lexists(line)
+def _name(line: str) -> str:
+    """Return the name that a line of a list holds, without the spaces about it; empty of a comment."""
+    if os.path.lexists(line):
+        return line
+    return "" if line.lstrip().startswith(COMMENT) else line.strip()
 
 
 _NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
@@ -203,17 +169,13 @@ def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
     """Add the photographs of a folder, in the order of their names; without any it stays as it is.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read; nothing is added then.
+    Pictures that blur2view drew are none. OSError if it cannot be read; nothing is added then.
     """
-    entries = folder.rglob("*") if recursive else folder.iterdir()
-    photographs = [
-        path
-        for path in sorted(entries, key=_in_order)
-        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
-    ]
+    photographs = []
+    for path in sorted(folder.rglob("*") if recursive else folder.iterdir(), key=_in_order):
+        suffix = path.suffix.lower()
+        if suffix in PHOTOGRAPH_SUFFIXES and path.is_file() and not (suffix == ".png" and is_ours(path)):
+            photographs.append(path)
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         found.refuse(folder, f"holds no photograph; {more}")
@@ -228,8 +190,3 @@ def _in_order(path: Path) -> list[tuple[str, int, str]]:
     """Return what sorts names as a person does: frame_2 before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", str(path))
     return [(text, int(number or 0), number) for text, number in parts]
-
-
-def _is_result(path: Path) -> bool:
-    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
-    return path.suffix.lower() == ".png" and is_ours(path)

@@ -57,11 +57,7 @@ def rows_towards(video: Path) -> tuple[int, int]:
 def frame_numbers(
     video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> range:
-    """Return the numbers of frames, one of ``every``, from the first to the last, which is included.
-
-    An integer names a frame by number, a float by seconds. ImageError if the video cannot be opened or has no
-    such frames.
-    """
+    """Return the numbers of frames, as of `inputs.Frames`; ImageError if there are none such."""
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     capture.release()

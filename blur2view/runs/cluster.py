@@ -19,19 +19,10 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 
 
 class Cluster:
-    """A Dask cluster that is asked to do jobs; an `Engine`.
+    """A Dask cluster by its scheduler's address, such as ``tcp://HOST:8786``; an `Engine`.
 
-    A worker that is lost costs the time of its photographs: Dask gives them to others.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://HOST:8786``.
-
-    Raises
-    ------
-    RunError
-        If Dask is not installed, nobody answers or there is no worker.
+    A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
+    not installed, nobody answers or there is no worker.
     """
 
     def __init__(self, address: str) -> None:

@@ -8,9 +8,9 @@ import io
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from operator import methodcaller
 from pathlib import Path
-from typing import Any, BinaryIO, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from blur2view.errors import Blur2ViewError, RunError, within_memory
 from blur2view.file_writing import Write, unwritable, write_together
@@ -26,39 +26,17 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job(Generic[Target]):
-    """One photograph, as it goes to the process that works on it.
+    """One photograph, as it goes to the process that works on it."""
 
-    Parameters
-    ----------
-    index : int
-        Its place in the call.
-    path : Path
-        As the user named it; ``VIDEO/000120`` is a frame.
-    target : Target
-        What the work needs besides: where its files go, or its name in a database.
-    content : bytes or None
-        The file, where it has been read already.
-    digest : str
-        SHA-256 of the photograph's file; empty where the content is still to be read.
-    source : str
-        What its result depends on besides it and its neighbours, such as its features in a database.
-    frame : int or None
-        Its number in its video.
-    timestamp_s : float or None
-        Its time in its video, seconds.
-    neighbours : tuple of Neighbour
-        Photographs that decide its order in time.
-    """
-
-    index: int
-    path: Path
-    target: Target
-    content: bytes | None = None
-    digest: str = ""
-    source: str = ""
-    frame: int | None = None
-    timestamp_s: float | None = None
-    neighbours: tuple[Neighbour, ...] = ()
+    index: int  # its place in the call
+    path: Path  # as the user named it; VIDEO/000120 is a frame
+    target: Target  # what the work needs besides: where its files go, or its name in a database
+    content: bytes | None = None  # of its file, where it has been read already
+    digest: str = ""  # SHA-256 of its file; empty where the content is still to be read
+    source: str = ""  # what its result depends on besides it and its neighbours, such as its features
+    frame: int | None = None  # its number in its video
+    timestamp_s: float | None = None  # its time there
+    neighbours: tuple[Neighbour, ...] = ()  # photographs that decide its order in time
 
     @property
     def encoded(self) -> bytes:
@@ -68,27 +46,13 @@ class Job(Generic[Target]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Made(Generic[Kept]):
-    """What the work on one photograph gives.
+    """What the work on one photograph gives."""
 
-    Parameters
-    ----------
-    kept : Kept
-        What the command needs in the end.
-    summary : str
-        What is printed; its first line stands for the photograph where there are many.
-    row : Row
-        The photograph's row in a table, without its name.
-    files : mapping of Path to Write
-        What to write, in this order; the last marks that all are there.
-    warnings : tuple of str
-        Each begins with the option that it is about.
-    """
-
-    kept: Kept
-    summary: str
-    row: Row
-    files: Mapping[Path, Write] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    kept: Kept  # what the command needs in the end
+    summary: str  # what is printed; its first line stands for the photograph where there are many
+    row: Row  # of a table, without the photograph's name
+    files: Mapping[Path, Write] = field(default_factory=dict)  # the last marks that all are there
+    warnings: tuple[str, ...] = ()  # each begins with the option that it is about
 
 
 class Work(ABC, Generic[Target, Kept]):
@@ -111,33 +75,15 @@ class Work(ABC, Generic[Target, Kept]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome(Generic[Kept]):
-    """What comes back of one photograph.
+    """What comes back of one photograph."""
 
-    Parameters
-    ----------
-    made : Made or None
-        Without its files; None if it failed.
-    digest : str
-        As of `Job`.
-    outputs : mapping of Path to str
-        SHA-256 of every file.
-    contents : mapping of Path to bytes
-        The files that are still to be written.
-    error : str
-        Why it failed, one line.
-    stop : bool
-        Whether the others would fail likewise.
-    skipped : bool
-        Whether an earlier call did it.
-    """
-
-    made: Made[Kept] | None = None
-    digest: str = ""
-    outputs: Mapping[Path, str] = field(default_factory=dict)
-    contents: Mapping[Path, bytes] = field(default_factory=dict)
-    error: str = ""
-    stop: bool = False
-    skipped: bool = False
+    made: Made[Kept] | None = None  # without its files; None if it failed
+    digest: str = ""  # as of `Job`
+    outputs: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of every file
+    contents: Mapping[Path, bytes] = field(default_factory=dict)  # of files that are still to be written
+    error: str = ""  # why it failed, one line
+    stop: bool = False  # whether the others would fail likewise
+    skipped: bool = False  # whether an earlier call did it
 
 
 def failed(error: Blur2ViewError) -> Outcome[Any]:
@@ -165,16 +111,11 @@ def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -
 
 def write_contents(outcome: Outcome[Kept]) -> Outcome[Kept]:
     """Return an outcome whose contents are written; it is a failure if they cannot be."""
-    files = {path: partial(_put, content) for path, content in outcome.contents.items()}
+    files = {path: methodcaller("write", content) for path, content in outcome.contents.items()}
     try:
         return replace(outcome, contents={}, outputs=_written(files))
     except Blur2ViewError as error:
         return failed(error)
-
-
-def _put(content: bytes, file: BinaryIO) -> int:
-    """Write bytes."""
-    return file.write(content)
 
 
 def _content(write: Write) -> bytes:

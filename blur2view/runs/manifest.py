@@ -1,8 +1,8 @@
 """The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
 
-A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
-manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
-each, done or failed, or of a file of all photographs. One call at a time has a manifest.
+A line is forced to the disk; one that was cut off is dropped when the manifest is opened again. A line of
+``"options"`` says what results depend on, the others are of a photograph each, done or failed, or of a file
+of all photographs. One call at a time has a manifest.
 """
 
 from __future__ import annotations
@@ -35,26 +35,17 @@ NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems tha
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What results depend on beside their photograph.
-
-    Parameters
-    ----------
-    command : str
-    version : str
-        Of blur2view.
-    options : mapping
-        Of JSON's types, digests of networks and other files among them.
-    """
+    """What results depend on beside their photograph."""
 
     command: str
-    version: str
-    options: Mapping[str, Any]
+    version: str  # of blur2view
+    options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
 
     @property
     def line(self) -> dict[str, Any]:
         """Return the line of a manifest."""
-        about = {"command": self.command, "options": dict(self.options)}
-        return {SIGN: self.version, "format": FORMAT, "settings": self.digest, **about}
+        head = {SIGN: self.version, "format": FORMAT, "settings": self.digest}
+        return head | {"command": self.command, "options": dict(self.options)}
 
     @property
     def digest(self) -> str:
@@ -66,31 +57,18 @@ class Settings:
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
-    A photograph is known by its path from the manifest's folder, from wherever it is named. To be closed;
-    an empty one is then removed.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    settings : Settings
-        Of this call.
-    resume : bool
-        Whether what earlier calls did with photographs is looked up.
-
-    Raises
-    ------
-    OutputError
-        If there is a file of another kind, one that cannot be read or written, or one of a call that runs.
+    A photograph is known by its path from the manifest's folder, from wherever it is named. With ``resume``
+    it is looked up what earlier calls with these settings did. OutputError if there is a file of another
+    kind, one that cannot be read or written, or one of a call that runs.
     """
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
         self.path, self.settings, self._resume = path, settings, resume
-        self._done: dict[str, dict[str, Any]] = {}
-        self._owners: dict[str, tuple[str, str]] = {}
-        self._targets: dict[str, str] = {}
+        self._done: dict[str, dict[str, Any]] = {}  # lines by photograph
+        self._owners: dict[str, tuple[str, str]] = {}  # photograph and its digest by result
+        self._targets: dict[str, str] = {}  # digests by file of all photographs
         self._versions: set[tuple[Any, Any]] = set()
-        self._digests: dict[Path, str] = {}
+        self._digests: dict[Path, str] = {}  # of neighbours, each read once
         self._begun = self._damaged = False
         self._new = not os.path.lexists(path)
         self._file = _open_alone(path)
@@ -139,40 +117,28 @@ class Manifest:
         """
         for output in outputs:
             owner, digest = self._owners.get(self._name(output), ("", ""))
-            if owner in ("", self._name(path)) or not os.path.lexists(output):
-                continue
-            if not _is_whole(path, digest):
+            if owner not in ("", self._name(path)) and os.path.lexists(output) and _digest(path) != digest:
                 return owner
         return None
 
     def _source(self, job: Job[Any]) -> str:
         """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
-        return job.source + " ".join(f"{one.steps:+d}{self._digest(one.path)}" for one in job.neighbours)
-
-    def _digest(self, path: Path) -> str:
-        """Return the SHA-256 of a file, read once; empty of a frame, and of what cannot be read."""
-        if path not in self._digests:
-            try:
-                self._digests[path] = "" if frame_of(path) else file_digest(path)
-            except (OSError, ValueError):
-                self._digests[path] = ""
-        return self._digests[path]
+        for path in {one.path for one in job.neighbours} - self._digests.keys():
+            self._digests[path] = "" if frame_of(path) else _digest(path) or ""
+        return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
 
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
     def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
-        """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
-
-        A line may hold anything: it is not found unless it gives values of the right types.
-        """
+        """Return what an earlier call made of a photograph, if a line says so and its files are whole."""
         line = self._done.pop(self._name(job.path), None)  # which may be large
         if line is None or (line.get("sha256"), line.get("source")) != (job.digest, self._source(job)):
             return None
         outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
         expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
-        if set(expected) != outputs.keys() or not all(map(_is_whole, outputs, outputs.values())):
+        if set(expected) != outputs.keys() or any(_digest(one) != digest for one, digest in outputs.items()):
             return None  # its results have other names since then, or another content
         try:
             kept = work.restored(job, line.get("kept"))
@@ -182,7 +148,7 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _is_whole(target, self.digest_of(target))
+        return _digest(target) == self.digest_of(target)
 
     def digest_of(self, target: Path) -> str:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
@@ -292,9 +258,9 @@ def _drop_cut_line(file: int) -> None:
         os.ftruncate(file, end)
 
 
-def _is_whole(path: Path, digest: str) -> bool:
-    """Return whether a file has this content."""
+def _digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None of what cannot be read."""
     try:
-        return file_digest(path) == digest
+        return file_digest(path)
     except (OSError, ValueError):  # of a name with a null character
-        return False
+        return None

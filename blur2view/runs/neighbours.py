@@ -14,21 +14,11 @@ from blur2view.photographs.video import frame_of, frame_path
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neighbour:
-    """A photograph before or after another one in time.
-
-    Parameters
-    ----------
-    path : Path
-        As of a job.
-    steps : int
-        From the other one to it: -1 or 1.
-    content : bytes or None
-        The file, where it has been read already.
-    """
+    """A photograph before or after another one in time."""
 
     path: Path
-    steps: int
-    content: bytes | None = None
+    steps: int  # from the other one to it: -1 or 1
+    content: bytes | None = None  # of its file, where it has been read already
 
     @property
     def encoded(self) -> bytes:

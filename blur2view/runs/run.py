@@ -32,24 +32,9 @@ def outcomes(
 ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
     """Yield every job with its outcome in their order; the manifest has it as soon as it is done.
 
-    Parameters
-    ----------
-    work : Work
-        On one photograph.
-    jobs : iterable
-    engine : Engine
-        Where it is done.
-    manifest : Manifest, optional
-        Where it is written down, and what is done already.
-    sends : bool
-        Whether photographs are read here and sent, as to other machines.
-
-    Raises
-    ------
-    OutputError, RunError
-        If the manifest cannot be written, or no photograph can be done any more.
-    KeyboardInterrupt
-        After the outcomes that are there.
+    With ``sends`` photographs are read here and sent, as to other machines. OutputError or RunError if the
+    manifest cannot be written, or no photograph can be done any more; KeyboardInterrupt comes after the
+    outcomes that are there.
     """
     waiting: Waiting[Target, Kept] = {}
     turn = 0
@@ -120,13 +105,10 @@ def _found(work: Work[Target, Kept], job: Job[Target], manifest: Manifest | None
     return None if made is None else Outcome(made=made, skipped=True)
 
 
+_video_digest = cache(file_digest)
+
+
 def _digest(path: Path) -> str:
-    """Return the SHA-256 of a photograph's file, of a frame that of its video."""
+    """Return the SHA-256 of a photograph's file, of a frame that of its video, which is computed once."""
     frame = frame_of(path)
     return file_digest(path) if frame is None else _video_digest(frame[0])
-
-
-@cache
-def _video_digest(video: Path) -> str:
-    """Return the SHA-256 of a video, computed once."""
-    return file_digest(video)
