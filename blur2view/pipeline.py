@@ -1,6 +1,7 @@
 """The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -28,13 +29,7 @@ from blur2view.two_view.options import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """The options of a call, the same for every photograph.
-
-    Raises
-    ------
-    ValueError
-        If the memory that an estimate may take is not positive.
-    """
+    """The options of a call, the same for every photograph; ValueError if the memory is not positive."""
 
     select: SelectOptions
     options: EstimatorOptions
@@ -74,7 +69,6 @@ class Estimate:
     model_id : str
         Name of the network's weights.
     timings : Timings
-        Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
     shutter : RollingShutter or None
@@ -96,12 +90,7 @@ class Estimate:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
         Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians.
-
-        Raises
-        ------
-        ValueError
-            If the exposure time is not positive and finite.
+        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
         """
         if not 0 < exposure_s < np.inf:
             raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")
@@ -190,39 +179,17 @@ def _refuse_other_than_camera(camera: object) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileEstimate:
-    """The estimate of one photograph's file.
+    """The estimate of one photograph's file."""
 
-    Parameters
-    ----------
-    path : Path
-        As the user named it.
-    image : ndarray of shape (H, W, 3), float32
-        The photograph, upright.
-    estimate : Estimate
-        The smears and the geometry.
-    run : Run
-        The options.
-    read_s : float
-        Seconds spent on decoding.
-    exposure_s : float or None
-        Exposure time in seconds, of the options or else of EXIF.
-    frame : int or None
-        Its number in a video.
-    timestamp_s : float or None
-        Its time in the video, seconds.
-    warnings : tuple of str
-        Options that EXIF contradicts.
-    """
-
-    path: Path
-    image: NDArray[np.float32]
+    path: Path  # as the user named it
+    image: NDArray[np.float32]  # (H, W, 3)
     estimate: Estimate
     run: Run
-    read_s: float
-    exposure_s: float | None = None
-    frame: int | None = None
-    timestamp_s: float | None = None
-    warnings: tuple[str, ...] = ()
+    read_s: float  # seconds spent on decoding
+    exposure_s: float | None = None  # of the options or else of EXIF
+    frame: int | None = None  # its number in a video
+    timestamp_s: float | None = None  # its time there
+    warnings: tuple[str, ...] = ()  # a line for each option that EXIF contradicts
 
     @property
     def timings_s(self) -> dict[str, float]:
@@ -236,22 +203,27 @@ class FileEstimate:
         return sum(self.timings_s.values())
 
 
-def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | None = None) -> FileEstimate:
+def estimate_file(
+    path: Path,
+    network: SmearNetwork,
+    run: Run,
+    content: bytes | None = None,
+    *,
+    as_stored: bool = False,
+    camera_of: Callable[[Path, tuple[int, int], ExifValues], Camera | None] | None = None,
+) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already.
-
-    Raises
-    ------
-    ImageError, CameraError, ModelError
-        If the file cannot be read, its camera or shutter cannot be determined or the network cannot be run.
+    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
+    ``camera_of`` as of `Intrinsics`, by default that of the options. ImageError, CameraError or ModelError if
+    the file cannot be read, its camera or shutter cannot be determined or the network cannot be run.
     """
     start = time.perf_counter()
-    image = read_image(path, max_memory_gib=run.max_memory_gib, content=content)
+    image = read_image(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
     exif = read_exif(path, content)
-    camera = run.intrinsics.of(path, (image.shape[1], image.shape[0]), exif)
+    camera = (camera_of or run.intrinsics.of)(path, (image.shape[1], image.shape[0]), exif)
     result = estimate(
         image,
         network=network,
@@ -268,11 +240,11 @@ def estimate_file(path: Path, network: SmearNetwork, run: Run, content: bytes | 
         run=run,
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,
-        warnings=contradictions(run, camera, exif),
+        warnings=_contradictions(run, camera, exif),
     )
 
 
-def contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[str, ...]:
+def _contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[str, ...]:
     """Return a line for each option that EXIF contradicts; the option is believed all the same."""
     option = run.intrinsics.stated
     focal_px = None if camera is None or option is None else camera.focal_px

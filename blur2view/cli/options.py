@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -25,14 +24,11 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share: the options of ``--help-all`` by their names.
-
-    ``inputs`` are the photographs, ``run`` is how each is estimated.
-    """
+    """What the commands over photographs share: the options of ``--help-all`` by their names."""
 
     command: str
     inputs: Inputs
-    run: Run
+    run: Run  # how each photograph is estimated
     model: str | None
     csv: Path | None
     resume: bool
@@ -174,7 +170,7 @@ class ToColmapOptions(PhotographOptions):
 
     @property
     def prints(self) -> bool:
-        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
+        """Whether a line is printed for each photograph: not while they are gone through."""
         return False
 
     @property
@@ -185,10 +181,7 @@ class ToColmapOptions(PhotographOptions):
     @property
     def target(self) -> Path:
         """The database or the folder that is written."""
-        target = self.output if self.db is None else self.db
-        if target is None:
-            raise ValueError("there is neither --db nor -o")
-        return target
+        return Path(self.output or self.db or "")  # one of both is there
 
     @property
     def hloc(self) -> bool:
@@ -199,20 +192,11 @@ class ToColmapOptions(PhotographOptions):
 def read_options(parsed: Namespace, kind: type[Options]) -> Options:
     """Return what argparse gave as options of a kind; a wrong value is a usage error."""
     values = dict(vars(parsed))
-    if issubclass(kind, PhotographOptions):
-        with _usage(parsed):
-            values["run"] = _run(values)
-        values["inputs"] = _inputs(values)
     known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    with _usage(parsed):
-        return kind(**{name: value for name, value in values.items() if name in known})
-
-
-@contextmanager
-def _usage(parsed: Namespace) -> Iterator[None]:
-    """End the program with the usage of the command where a value is wrong."""
     try:
-        yield
+        if issubclass(kind, PhotographOptions):
+            values |= {"run": _run(values), "inputs": _inputs(values)}
+        return kind(**{name: value for name, value in values.items() if name in known})
     except (ValueError, CameraError) as error:
         parsed.usage_error(str(error))
         raise

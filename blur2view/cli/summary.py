@@ -28,18 +28,7 @@ def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
 def estimate_summary(
     document: EstimateDocument, estimate: Estimate, files: ResultFiles | None, verbosity: int = SHORT
 ) -> str:
-    """Return two lines about one photograph, or everything.
-
-    Parameters
-    ----------
-    document : EstimateDocument
-    estimate : Estimate
-        Of the same photograph.
-    files : ResultFiles, optional
-        Where the results were written, if they were.
-    verbosity : int
-        `terminal.SHORT` or `terminal.VERBOSE`.
-    """
+    """Return two lines about one photograph, or everything, with the files that were written."""
     title = verdict_line(document.image, document.meaning, estimate.geometry)
     details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
     return _with_files([title, *details], files)
@@ -130,9 +119,8 @@ def _seconds(timings_s: dict[str, float] | None) -> list[str]:
 
 def _rotation(document: EstimateDocument) -> str:
     """Return the angle of the rotation, with its standard deviation."""
-    deviation = ""
-    if document.pose_covariance is not None:
-        deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}"
+    known = document.pose_covariance is not None
+    deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}" if known else ""
     return f"rotation {document.rotation_deg:.3f}{deviation} degrees"
 
 

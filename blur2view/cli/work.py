@@ -82,9 +82,12 @@ class EstimatingWork(Work[Target, Kept]):
         network, level = CommandNetwork.of(options.model), options.verbosity
         return cls(run=options.run, network=network, timings=options.timings, verbosity=level, **own)
 
-    def estimated(self, job: Job[Target]) -> FileEstimate:
-        """Return the estimate of a photograph, in the order in time that its neighbours decide."""
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content)
+    def estimated(self, job: Job[Target], **how: Any) -> FileEstimate:
+        """Return the estimate of a photograph, in the order in time that its neighbours decide.
+
+        ``how`` are keyword arguments of `estimate_file`.
+        """
+        one = estimate_file(job.path, self.network.loaded, self.run, job.content, **how)
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
         if not job.neighbours:
             return one

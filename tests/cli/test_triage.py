@@ -10,8 +10,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.options import TriageOptions, read_options
-from blur2view.cli.triage import list_text
-from blur2view.cli.uses import Classifier, use_of
+from blur2view.cli.triage import Classifier, list_text, use_of
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
 from tests.support.colour_code import colour_code, forward_motion, write_picture

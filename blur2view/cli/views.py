@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.camera.exif import ExifValues, read_exif
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
+from blur2view.camera.exif import ExifValues
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
 from blur2view.cli.summary import verdict_line
@@ -21,7 +20,7 @@ from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
-from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
+from blur2view.colmap.link import LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
@@ -29,11 +28,8 @@ from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import PhotographMatcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.photographs.image import read_image
-from blur2view.pipeline import Run, contradictions, estimate
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
-from blur2view.results.table import Row
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
@@ -42,11 +38,11 @@ from blur2view.segmentation.mask import MotionLabel, segment
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedPhotograph:
-    """One photograph of a call: its path, its name in the database, and its plan if it is linked."""
+    """One photograph of a call."""
 
     path: Path
-    name: str
-    plan: LinkStep | None = None
+    name: str  # in the database
+    plan: LinkStep | None = None  # if it is linked
 
     @property
     def kept(self) -> bool:
@@ -60,13 +56,6 @@ class PhotographViews:
 
     photograph: NamedPhotograph
     views: ExposureViews
-
-    @property
-    def job(self) -> LinkJob:
-        """The argument of `write_links`."""
-        if self.photograph.plan is None:
-            raise ValueError(f"{self.photograph.name} is not linked")
-        return LinkJob(plan=self.photograph.plan, views=self.views)
 
     def document(self, action: str | None = None) -> ViewsDocument:
         """Return the document of the views; by default the action is that of the plan."""
@@ -118,7 +107,7 @@ def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
-    """The work on one photograph, whose field, which is large, is not kept."""
+    """The work on one photograph; only its views are kept."""
 
     database: Path | None
     link: bool
@@ -126,32 +115,37 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
         """Return the views of one photograph."""
-        photograph, run = job.target, self.run
-        # COLMAP does not turn pictures upright
-        image = read_image(job.path, as_stored=True, max_memory_gib=run.max_memory_gib, content=job.content)
-        exif = read_exif(job.path, job.content)
-        camera = _camera(self.database, photograph, run, (image.shape[1], image.shape[0]), exif)
-        result = estimate(
-            image,
-            network=self.network.loaded,
-            select=run.select,
-            options=run.options,
-            rng=np.random.default_rng(run.seed),
-            camera=camera,
-        )
+        photograph = job.target
+        one = self.estimated(job, as_stored=True, camera_of=partial(self._camera, photograph.plan))
+        result, row = one.estimate, self.row(one)  # as stored: COLMAP does not turn pictures upright
         if photograph.plan is None:
             views = views_of(photograph.name, result)
         else:
             keypoints = photograph.plan.image.keypoints
-            moving = segment(result, image).labels == MotionLabel.MOVING if self.skip_movers else None
-            views = keypoint_views(photograph.name, keypoints, result, run.options, moving)
-        row = Row.of(result, exif.exposure_s, sum(asdict(result.timings).values()))
+            moving = segment(result, one.image).labels == MotionLabel.MOVING if self.skip_movers else None
+            views = keypoint_views(photograph.name, keypoints, result, self.run.options, moving)
         return Made(
             kept=PhotographViews(photograph=photograph, views=views),
             summary=verdict_line(photograph.name, row.meaning, result.geometry),
-            row=replace(row, frame=job.frame, timestamp_s=job.timestamp_s),
-            warnings=contradictions(run, camera, exif),
+            row=row,
+            warnings=one.warnings,
         )
+
+    def _camera(
+        self, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
+    ) -> Camera | None:
+        """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
+        stated = self.run.intrinsics.of(path, size, exif)
+        if plan is None or self.database is None:
+            return stated
+        own = camera_of_database(self.database, plan.image.camera_id)
+        if (own.width, own.height) != size:
+            raise CameraError(
+                f"{path}: is of {size[0]}x{size[1]} pixels, in {self.database} of {own.width}x{own.height}"
+                "; give the photograph that the features are from"
+            )
+        hint = plan.image.prior_focal and self.run.intrinsics == Intrinsics()
+        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
 
     def stored(self, kept: PhotographViews) -> Any:
         """Return the views in JSON's types."""
@@ -160,12 +154,11 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> PhotographViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
         views: ExposureViews = restore(ExposureViews, stored)
-        photograph, plan = job.target, job.target.plan
-        count = len(views.points_open if plan is None else plan.image.keypoints)
-        if views.name != photograph.name or (views.usable is None) != (plan is None):
-            raise ValueError(f"expected the views of {photograph.name}")
-        _check_shapes(views, count)
-        return PhotographViews(photograph=photograph, views=views)
+        plan = job.target.plan
+        if views.name != job.target.name or (views.usable is None) != (plan is None):
+            raise ValueError(f"expected the views of {job.target.name}")
+        _check_shapes(views, len(views.points_open if plan is None else plan.image.keypoints))
+        return PhotographViews(photograph=job.target, views=views)
 
 
 def _check_shapes(views: ExposureViews, count: int) -> None:
@@ -188,42 +181,14 @@ def make_views(
     manifest: Manifest | None,
 ) -> Finished[PhotographViews | None]:
     """Return the views of the photographs, None for those that fail."""
-    jobs = [
-        (Job(index=index, path=one.path, target=one, source=_source(one)), None)
-        for index, one in enumerate(photographs)
-    ]
+    jobs: list[tuple[Job[NamedPhotograph], None]] = []
+    for one in photographs:  # views depend on their name, too, and on the features that are moved
+        source = one.name + ("" if one.plan is None else f" {digest(one.plan.image).hex()}")
+        jobs.append((Job(index=len(jobs), path=one.path, target=one, source=source), None))
     if not jobs:
         return Finished()
     names = colmap_names(options.inputs) | {one.path: one.name for one in photographs}
     return run_over(options, work, jobs, manifest, take=kept_of, names=names)
-
-
-def _source(photograph: NamedPhotograph) -> str:
-    """Return what views depend on besides the picture: their name, and the features that are moved."""
-    plan = photograph.plan
-    return photograph.name + ("" if plan is None else f" {digest(plan.image).hex()}")
-
-
-def _camera(
-    database: Path | None,
-    photograph: NamedPhotograph,
-    run: Run,
-    size: tuple[int, int],
-    exif: ExifValues,
-) -> Camera | None:
-    """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(photograph.path, size, exif)
-    if photograph.plan is None or database is None:
-        return stated
-    image = photograph.plan.image
-    own = camera_of_database(database, image.camera_id)
-    if (own.width, own.height) != size:
-        raise CameraError(
-            f"{photograph.path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
-            "; give the photograph that the features are from"
-        )
-    asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if image.prior_focal and not asked else stated
 
 
 def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[PhotographViews]:
@@ -231,13 +196,11 @@ def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[Pho
     if options.in_order is False:
         return made
     names = [one.photograph.name for one in made]
-    if options.link and made and not options.in_order:  # photographs that are not linked have a vote too
-        names += sorted(set(database_names(options.target)) - set(names))
-    runs = consecutive_runs(names, in_order=bool(options.in_order))
-    matcher: Callable[[int, int], Any]
+    matcher: Callable[[int, int], Any] = PhotographMatcher([one.photograph.path for one in made])
     if options.link:
+        if made and not options.in_order:  # photographs that are not linked have a vote too
+            names += sorted(set(database_names(options.target)) - set(names))
         matcher = DatabaseMatcher(options.target, names)
-    else:
-        matcher = PhotographMatcher([one.photograph.path for one in made])
+    runs = consecutive_runs(names, in_order=bool(options.in_order))
     views = with_time_direction([one.views for one in made], runs, matcher)
     return [replace(one, views=directed) for one, directed in zip(made, views, strict=True)]
