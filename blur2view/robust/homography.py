@@ -10,24 +10,15 @@ normalised as `problem.build_problem` does: for a known camera, those of K = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import CameraPrior, no_prior
-from blur2view.robust.residuals import (
-    NEGLIGIBLE,
-    OrderedResiduals,
-    RefineOptions,
-    WeightedEnds,
-    robust_cost,
-    robust_weight,
-)
+from blur2view.robust.residuals import OrderedResiduals, WeightedEnds
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
@@ -156,93 +147,16 @@ def transfer_residuals(A: Array, matches: WeightedEnds) -> Array:
     Sampson distance.
     """
     first, second, _ = matches.orders
-    residual = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, second)[0] - _carry(IDENTITY + 0.5 * A, first)[0])
+    residual = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, second) - _carry(IDENTITY + 0.5 * A, first))
     return np.swapaxes(residual.reshape(2, 2, -1), 0, 1)
 
 
 def transfer_orders(A: Array, matches: WeightedEnds) -> OrderedResiduals:
     """Return the lengths of the residuals from a homography in standard deviations, in both orders."""
-    return lengths_in_sigma(transfer_residuals(A, matches), matches.sigma)
+    return OrderedResiduals(both=np.linalg.norm(transfer_residuals(A, matches), axis=1) / matches.sigma)
 
 
-def lengths_in_sigma(residuals: Array, sigma: Array) -> OrderedResiduals:
-    """Return the lengths of residuals (2, 2, N) in both orders, in standard deviations (N,)."""
-    return OrderedResiduals(both=np.sqrt((residuals**2).sum(axis=1)) / sigma)
-
-
-def _carry(M: Array, x: Array) -> tuple[Array, Array]:
-    """Return pi(M x) of shape (2, N) and 1 / (M x)_3 of shape (N,)."""
-    carried: Array = M @ x
-    inverse: Array = 1 / np.where(np.abs(carried[2]) < TINY, TINY, carried[2])
-    return carried[:2] * inverse, inverse
-
-
-def residual_jacobian(A: Array, tangent: Array, x: Array, y: Array) -> Array:
-    """Return the derivative (k, 2, N) of the residual of x, y (3, N) along tangents (k, 3, 3)."""
-    total = np.zeros((len(tangent), 2, x.shape[1]))
-    for M, point in ((IDENTITY - 0.5 * A, y), (IDENTITY + 0.5 * A, x)):
-        at, inverse = _carry(M, point)
-        moved = tangent @ point  # (k, 3, N)
-        total -= (moved[:, :2] - at * moved[:, 2:]) * inverse
-    scaled: Array = 0.5**1.5 * total
-    return scaled
-
-
-def refine_homography(start: Family, matches: WeightedEnds, options: RefineOptions) -> tuple[Family, float]:
-    """Return the homography of least data_weight * sum rho(squared residual) + |prior|^2, and that cost."""
-    best = _WeightedHomography(family=start, matches=matches, options=options)
-    for step in levenberg_marquardt(best, options.max_iterations):
-        best = step.point
-        if step.decrease <= options.tolerance * step.cost:
-            break
-    return best.family, best.cost
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _WeightedHomography(Generic[Family]):
-    """A homography among its smears (`levenberg_marquardt.Reweighted`): its weights are always its own."""
-
-    family: Family
-    matches: WeightedEnds
-    options: RefineOptions
-
-    @cached_property
-    def residuals(self) -> Array:
-        """Residuals (2, 2, N), see `transfer_residuals`."""
-        return transfer_residuals(self.family.generator(), self.matches)
-
-    @cached_property
-    def ordered(self) -> OrderedResiduals:
-        """Their lengths in standard deviations."""
-        return lengths_in_sigma(self.residuals, self.matches.sigma)
-
-    @cached_property
-    def cost(self) -> float:
-        """Robust cost of data and prior."""
-        prior, _ = self.family.prior()
-        data = robust_cost(self.ordered.squared).sum()
-        return float(self.options.data_weight * data + prior @ prior)
-
-    def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,) of data, in both orders by their probability, and prior."""
-        A, tangent = self.family.generator(), self.family.tangent()
-        weight = robust_weight(self.ordered.squared) / self.matches.sigma**2
-        share = self.ordered.forward_share
-        shares = np.concatenate([share, 1 - share])  # (2 N,)
-        counted = np.flatnonzero(shares > NEGLIGIBLE)  # of most smears one order cannot be
-        first, second = (x.take(counted, axis=1) for x in self.matches.orders[:2])
-        both = self.options.data_weight * (np.concatenate([weight, weight]) * shares).take(counted)
-        return normal_equations(
-            residual_jacobian(A, tangent, first, second).reshape(len(tangent), -1),  # component, order, smear
-            np.swapaxes(self.residuals, 0, 1).reshape(2, -1).take(counted, axis=1).ravel(),
-            np.concatenate([both, both]),
-            *self.family.prior(),
-        )
-
-    def moved(self, delta: Array) -> _WeightedHomography[Family]:
-        """Return the homography moved by delta (k,)."""
-        return replace(self, family=self.family.step(delta))
-
-    def reweighted(self) -> _WeightedHomography[Family]:
-        """Return itself."""
-        return self
+def _carry(M: Array, x: Array) -> Array:
+    """Return pi(M x) of shape (2, N)."""
+    x_, y_, third = M @ x
+    return np.stack([x_, y_]) / np.where(np.abs(third) < TINY, TINY, third)

@@ -116,14 +116,6 @@ class OrderedResiduals:
         share: Array = 0.5 * (1 + np.tanh(0.5 * (ahead - behind)))
         return share
 
-    @cached_property
-    def squared(self) -> Array:
-        """Twice the negative log-likelihood (N,), without the Gaussian's constant; not negative."""
-        if self.decided:
-            return self.least**2
-        soft: Array = np.maximum(-2 * np.logaddexp(*self.log_likelihoods), 0.0)
-        return soft
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeightedEnds:
@@ -189,13 +181,7 @@ class WeightedEnds:
         return float(np.exp(-0.5 * CUTOFF**2)) if self.chance is None else self.chance
 
 
-def robust_cost(squared: Array) -> Array:
-    """Return Geman-McClure c / (1 + c / CUTOFF^2) of squared residuals: c when small, CUTOFF^2 at most."""
-    bounded: Array = squared / (1 + squared / CUTOFF**2)
-    return bounded
-
-
 def robust_weight(squared: Array) -> Array:
-    """Return the derivative (1 + c / CUTOFF^2)^-2 of `robust_cost`, the weight in least squares."""
+    """Return Geman and McClure's weights (1 + c / CUTOFF^2)^-2 of squared residuals c."""
     weight: Array = 1 / (1 + squared / CUTOFF**2) ** 2
     return weight

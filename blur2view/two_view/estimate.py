@@ -16,10 +16,9 @@ from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
-from blur2view.two_view.model_selection import Fit, measured_sigma_px
+from blur2view.two_view.model_selection import Fit, measured_sigma_px, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import in_order_of_rotation, with_pose
-from blur2view.two_view.search import search_and_fit
 from blur2view.two_view.structure import assess, models_of
 from blur2view.two_view.verdict import Structure, Verdict
 

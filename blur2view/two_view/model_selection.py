@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
-from blur2view.robust.problem import SmearProblem
-from blur2view.robust.ransac import RansacResult
+from blur2view.robust.problem import SmearProblem, build_problem
+from blur2view.robust.ransac import RansacResult, ransac
 from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
+from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import INDEPENDENT
+from blur2view.two_view.options import EstimatorOptions
 
 STEPS = 12  # Levenberg-Marquardt steps; fits start near their end
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
@@ -51,6 +54,27 @@ class Fit:
     model: MotionModel
     point: Manifold
     score: float
+
+
+def search_and_fit(
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+    camera: Camera | None = None,
+) -> tuple[SmearProblem, list[Fit], int]:
+    """Return the problem with rescaled sigmas, every model fitted after a robust search, samples drawn.
+
+    With a camera the ends are its undistorted pixels.
+    """
+    estimator = build_estimator(matches, camera)
+    searched = ransac(estimator, options.search(), rng)
+    return *fit_families(estimator, searched, rng), searched.iterations
+
+
+def build_estimator(matches: SmearMatches, camera: Camera | None = None) -> SmearEstimator:
+    """Return the robust search's problem: normalised smears and standard deviations."""
+    problem = build_problem(matches.ends, matches.sampson_px, matches.image_size, camera, matches.shared)
+    return SmearEstimator(problem=problem)
 
 
 def fit_families(

@@ -7,7 +7,7 @@ import numpy as np
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.search import build_estimator
+from blur2view.two_view.model_selection import build_estimator
 from tests.support.scenes import IMAGE_SIZE, make_scene
 
 

@@ -13,8 +13,6 @@ from blur2view.robust.homography import (
     RotationH,
     cayley,
     pixel_homography,
-    refine_homography,
-    residual_jacobian,
     transfer_residuals,
     velocity_basis,
 )
@@ -27,7 +25,7 @@ from blur2view.robust.homography_search import (
 )
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.problem import assumed_camera
-from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
+from blur2view.robust.residuals import CUTOFF, WeightedEnds
 from tests.support.scenes import IMAGE_SIZE, rotation
 
 SOFT = CameraPrior(rotation=(0.1, 0.1, 0.3))
@@ -108,18 +106,6 @@ def test_tangents_and_prior_match_differences(family: Homographies) -> None:
         assert np.allclose(family.prior()[1][:, i], numeric_prior, atol=1e-6)
 
 
-def test_residual_jacobian_matches_differences() -> None:
-    scene, rng = plane(2), np.random.default_rng(2)
-    A = scene.A + 0.01 * rng.normal(size=(3, 3))
-    tangent, step = rng.normal(size=(4, 3, 3)), 1e-6
-    x, y = (points[:, : len(scene.matches.sigma)] for points in scene.matches.orders[:2])
-    analytic = residual_jacobian(A, tangent, x, y)
-    for i, direction in enumerate(tangent):
-        ahead = transfer_residuals(A + step * direction, scene.matches)[0]
-        behind = transfer_residuals(A - step * direction, scene.matches)[0]
-        assert np.allclose(analytic[i], (ahead - behind) / (2 * step), atol=1e-8)
-
-
 def test_true_homography_leaves_no_residual_in_the_true_order() -> None:
     scene = plane(3)
     residual = np.abs(transfer_residuals(scene.A, scene.matches)).max(axis=1)  # (order, smear)
@@ -150,28 +136,11 @@ def test_velocity_is_the_displacement_to_second_order() -> None:
     assert np.abs(velocity_basis(middle) @ scene.A.ravel()[:8] - d).max() < 2e-6
 
 
-def test_refinement_recovers_an_exact_homography() -> None:
+def test_search_recovers_an_exact_homography() -> None:
     for seed in range(5):
         scene = plane(seed)
-        start = PlaneH(entries=scene.A.ravel()[:8] + 1e-3 * np.random.default_rng(seed).normal(size=8))
-        found, cost = refine_homography(start, scene.matches, RefineOptions(tolerance=0.0))
-        assert up_to_time(found.generator(), scene.A) < 1e-9
-        assert cost < 2 * np.log(2) * 200 + 1e-6  # what deciding 200 orders costs
-
-
-def test_refinement_of_a_rotation_finds_turn_and_focal_length() -> None:
-    K, turn = np.diag([1.25, 1.25, 1.0]), np.array([0.02, -0.03, 0.05])
-    points = np.random.default_rng(0).uniform([-0.4, -0.3], [0.4, 0.3], (300, 2))
-    moved = homogeneous(points) @ (K @ rotation(turn) @ np.linalg.inv(K)).T
-    ends = np.stack([points, moved[:, :2] / moved[:, 2:]], axis=1)
-    matches = WeightedEnds(ends=ends, sigma=np.full(300, 1e-4))
-    options = RefineOptions(max_iterations=50, tolerance=0.0)
-    start = RotationH.from_generator(cross_matrix(np.array([0.025, -0.037, 0.05])), SOFT)
-    found, _ = refine_homography(start, matches, options)
-    assert np.isclose(np.exp(found.log_focal), 1.25, rtol=0.01)
-    assert np.allclose(np.abs(found.rotation), np.abs(turn), rtol=0.01)
-    held, _ = refine_homography(RotationH.from_generator(start.generator(), KNOWN), matches, options)
-    assert abs(held.log_focal) < 1e-9 and np.abs(held.principal).max() < 1e-9
+        found = find_plane(scene.matches, False, np.random.default_rng(0))
+        assert found is not None and up_to_time(found.generator(), scene.A) < 1e-7
 
 
 @pytest.mark.parametrize("size", [4, 2])

@@ -51,6 +51,18 @@ def test_a_pure_rotation_is_found_without_orders_though_a_fifth_are_outliers() -
         assert (backward == scene.swapped[~scene.outlier]).mean() > 0.99
 
 
+def test_a_rotation_finds_turn_and_focal_length() -> None:
+    scene = turning(0)
+    shorter = scene.K * np.array([[0.8, 1, 1], [1, 0.8, 1], [1, 1, 1]])
+    problem = problem_of(replace(scene, K=shorter))
+    free = RotationH(
+        rotation=rotation_vector(scene.R), principal=np.zeros(2), spread=CameraPrior(rotation=(0.1, 0.1, 0.3))
+    )
+    found = fit_flow(free, FlowData.of(problem, errors_px(scene, 0.01, 0.01))).family
+    assert np.isclose(np.exp(found.log_focal), 1.25, rtol=0.02)
+    assert np.allclose(np.abs(found.rotation), np.abs(rotation_vector(scene.R)), atol=1e-3)
+
+
 def test_its_jacobian_is_the_derivative_of_its_residuals() -> None:
     scene = disturb(turning(1, count=40), np.random.default_rng(1), noise_px=0.5)
     data = FlowData.of(problem_of(scene, SLOWLY), errors_px(scene, 1.0, 0.5))

@@ -11,7 +11,7 @@ from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.model_selection import Fit
+from blur2view.two_view.model_selection import Fit, search_and_fit
 from blur2view.two_view.multiple_motions import (
     LEAST_BALANCE,
     LEAST_GAIN,
@@ -22,7 +22,6 @@ from blur2view.two_view.multiple_motions import (
     leaves_structure,
 )
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.search import search_and_fit
 from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 

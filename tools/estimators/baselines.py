@@ -14,8 +14,7 @@ from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import MIN_MATCHES
-from blur2view.two_view.model_selection import fit_translation
-from blur2view.two_view.search import build_estimator
+from blur2view.two_view.model_selection import build_estimator, fit_translation
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
 
