@@ -34,8 +34,7 @@ class EstimateWork(DocumentWork[EstimateDocument]):
 
 def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
-    shared = EstimateWork.shared(options)
-    work = EstimateWork(**shared, full_field=options.full_field, json=options.json or options.jsonl)
+    work = EstimateWork.of(options, full_field=options.full_field, json=options.json or options.jsonl)
     return run_with_files(
         options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
     )

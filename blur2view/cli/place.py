@@ -102,7 +102,6 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, fram
     )
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
     if options.verbosity > SHORT:
-        lines += [
-            f"  {printable(name)} left out: too few of its points have smears" for name in placement.left
-        ]
+        for name in placement.left:
+            lines.append(f"  {printable(name)} left out: too few of its points have smears")
     return "\n".join(lines)

@@ -68,7 +68,7 @@ def run(options: ReportOptions) -> int:
     A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
     leaves a page of what is done.
     """
-    work = ReportWork(**ReportWork.shared(options), mask=options.mask)
+    work = ReportWork.of(options, mask=options.mask)
     images, page = options.inputs.paths, options.output
     shown = dict(zip(images, shown_names(images), strict=True))
 

@@ -110,16 +110,16 @@ def run_over(
         replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
     ]
     names = names or colmap_names(options.inputs)
-    engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
+    engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
     run: Finished[Taken] = Finished()
     skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
+        bar.show(0, len(jobs))
         with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
-                bar.step()
                 if not outcome.skipped or options.verbosity > SHORT:
                     text = None if line is None or outcome.made is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
@@ -131,6 +131,7 @@ def run_over(
                     run.rows.append(row)
                 skipped += outcome.skipped
                 run.taken.append(take(job, outcome))
+                bar.show(len(run.taken), len(jobs))
                 if outcome.stop or len(run.failures) == options.max_failures:
                     end = End.STOPPED
                     break

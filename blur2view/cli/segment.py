@@ -46,7 +46,7 @@ def run(options: SegmentCommandOptions) -> int:
     if options.masks is not None:
         ignored = options.unobservable == "ignore"
         export = MaskExport(program=MaskFormat(options.masks), ignore_unobservable=ignored)
-    work = SegmentWork(**SegmentWork.shared(options), export=export, json=options.json or options.jsonl)
+    work = SegmentWork.of(options, export=export, json=options.json or options.jsonl)
     return run_with_files(
         options,
         MASK,

@@ -26,17 +26,20 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
 class Progress:
     """A bar on stderr with rate and time left, where a person watches and there is more than one step."""
 
-    def __init__(self, total: int, unit: str) -> None:
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
         self._bar: Any = None
-        if total > 1 and sys.stderr.isatty():
+
+    def show(self, done: int, total: int) -> None:
+        """Show that so many steps are done; after the last one the bar ends."""
+        if self._bar is None and total > 1 and sys.stderr.isatty():
             from tqdm import tqdm  # 0.07 s, so only where it is seen
 
-            self._bar = tqdm(total=total, unit=unit, leave=unit == PHOTOGRAPH)
-
-    def step(self) -> None:
-        """Count one step."""
+            self._bar = tqdm(total=total, unit=self._unit, leave=self._unit == PHOTOGRAPH)
         if self._bar is not None:
-            self._bar.update()
+            self._bar.update(done - self._bar.n)
+            if done == total:
+                self.close()
 
     def say(self, text: str, file: TextIO | None = None) -> None:
         """Print a line and keep the bar whole."""
@@ -49,22 +52,7 @@ class Progress:
         """End the bar."""
         if self._bar is not None:
             self._bar.close()
-
-
-class TileProgress:
-    """A bar for the tiles of a large photograph, called after each of them."""
-
-    def __init__(self) -> None:
-        self._bar: Progress | None = None
-
-    def __call__(self, done: int, count: int) -> None:
-        """Show that so many tiles are done."""
-        if done == 1:
-            self._bar = Progress(count, TILE)
-        if self._bar is not None:
-            self._bar.step()
-            if done == count:
-                self._bar.close()
+            self._bar = None
 
 
 def plural(count: int, noun: str) -> str:

@@ -33,8 +33,7 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    shared = ViewsWork.shared(options)
-    work = ViewsWork(**shared, database=options.db, link=options.link, skip_movers=options.skip_movers)
+    work = ViewsWork.of(options, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
     named = options.target if options.output is None else options.output / options.command
     path, files = None if options.dry_run else manifest_beside(named), _written_files(options)

@@ -54,7 +54,7 @@ class TriageWork(EstimatingWork[None, None]):
 
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    work, keep = TriageWork(**TriageWork.shared(options)), options.keep
+    work, keep = TriageWork.of(options), options.keep
     first = options.csv or keep or options.extract
     path = None if first is None else manifest_beside(first)
     refuse_shared(options, keep, [path], "--keep")

@@ -13,7 +13,7 @@ from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
-from blur2view.cli.terminal import TileProgress
+from blur2view.cli.terminal import TILE, Progress
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.neighbours import Features, features_of, match_features
@@ -46,9 +46,8 @@ class CommandNetwork:
         """Return that of --model, loaded to see that it can be; its tiles are shown to a person."""
         path = model_path(model)
         network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
-        loaded = network.loaded  # which says what is wrong, if anything is
-        loaded.on_tile = TileProgress()
-        loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        network.loaded.on_tile = Progress(TILE).show  # or it says what is wrong
+        network.loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
         return network
 
     @property
@@ -75,15 +74,11 @@ class EstimatingWork(Work[Target, Kept]):
     timings: bool
     verbosity: int
 
-    @staticmethod
-    def shared(options: PhotographOptions) -> dict[str, Any]:
-        """Return what the options of any command say of its work, after loading the network."""
-        return {
-            "run": options.run,
-            "network": CommandNetwork.of(options.model),
-            "timings": options.timings,
-            "verbosity": options.verbosity,
-        }
+    @classmethod
+    def of(cls, options: PhotographOptions, **own: Any) -> Self:
+        """Return the work that the options of a command ask for, after loading the network."""
+        network, level = CommandNetwork.of(options.model), options.verbosity
+        return cls(run=options.run, network=network, timings=options.timings, verbosity=level, **own)
 
     def estimated(
         self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None

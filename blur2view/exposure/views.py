@@ -83,14 +83,10 @@ class ExposureViews:
     def corrected(self) -> Self:
         """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
 
-        Then the estimated pose is a minimum of every bundle adjustment, of zero residual; unweighted, that
-        would drift along the directions that correlated errors leave poorly determined. COLMAP's own
-        covariance is then meaningless; use that of the geometry. Views without F stay as they are. To first
-        order if the camera is distorted.
-
-        References
-        ----------
-        Hartley and Sturm, Triangulation, CVIU 68(2), 1997.
+        Then the estimated pose is a minimum of every bundle adjustment, which unweighted would drift along
+        what correlated errors leave poorly determined; COLMAP's own covariance is meaningless, use that of
+        the geometry. Views without F stay as they are. To first order if the camera is distorted. Hartley and
+        Sturm, Triangulation, CVIU 68(2), 1997.
         """
         F, kept = self.geometry.F, self.geometry.inlier_mask
         if F is None or not kept.any():

@@ -109,24 +109,15 @@ class Manifest:
         """
         for output in outputs:
             owner, digest = self._owners.get(self._name(output), ("", ""))
-            if owner in ("", self._name(path)) or not os.path.lexists(output):
-                continue
-            if not _is_whole(path, digest):
+            if owner not in ("", self._name(path)) and os.path.lexists(output) and _digest(path) != digest:
                 return owner
         return None
 
     def _source(self, job: Job[Any]) -> str:
         """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
-        return job.source + " ".join(f"{one.steps:+d}{self._digest(one.path)}" for one in job.neighbours)
-
-    def _digest(self, path: Path) -> str:
-        """Return the SHA-256 of a file, read once; empty of a frame, and of what cannot be read."""
-        if path not in self._digests:
-            try:
-                self._digests[path] = "" if frame_of(path) else file_digest(path)
-            except (OSError, ValueError):
-                self._digests[path] = ""
-        return self._digests[path]
+        for path in {one.path for one in job.neighbours} - self._digests.keys():
+            self._digests[path] = "" if frame_of(path) else _digest(path) or ""
+        return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
 
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
@@ -142,7 +133,7 @@ class Manifest:
             return None
         outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
         expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
-        if set(expected) != outputs.keys() or not all(map(_is_whole, outputs, outputs.values())):
+        if set(expected) != outputs.keys() or any(_digest(one) != digest for one, digest in outputs.items()):
             return None  # its results have other names since then, or another content
         try:
             kept = work.restored(job, line.get("kept"))
@@ -152,7 +143,7 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _is_whole(target, self.digest_of(target))
+        return _digest(target) == self.digest_of(target)
 
     def digest_of(self, target: Path) -> str:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
@@ -259,9 +250,9 @@ def _drop_cut_line(file: int) -> None:
         os.ftruncate(file, end)
 
 
-def _is_whole(path: Path, digest: str) -> bool:
-    """Return whether a file has this content."""
+def _digest(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None of what cannot be read."""
     try:
-        return file_digest(path) == digest
+        return file_digest(path)
     except (OSError, ValueError):  # of a name with a null character
-        return False
+        return None

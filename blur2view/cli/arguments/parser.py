@@ -37,7 +37,7 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         self._describe = describe
-        self.brief = describe is not None
+        self._brief = describe is not None
 
     def described(self) -> "CommandParser":
         """Return the parser with its options."""
@@ -55,7 +55,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
-        if not self.brief:
+        if not self._brief:
             return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(None, [action for action in self._actions if not action.option_strings], [])
@@ -83,9 +83,7 @@ class HelpAll(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         """Print everything and end the program."""
-        if isinstance(parser, CommandParser):
-            parser.brief = False
-        parser.print_help()
+        print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
 
 
@@ -100,21 +98,13 @@ class Completion(argparse.Action):
 
         if values not in shtab.SUPPORTED_SHELLS:
             parser.error(f"{option} knows {', '.join(shtab.SUPPORTED_SHELLS)}, not {values}")
-        for action in parser._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for command in action.choices.values():
-                    complete_files(command)
+        (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
+        for command in commands.choices.values():
+            for action in command.described()._actions:
+                if not action.option_strings or action.type is output_path:
+                    action.complete = shtab.FILE
         print(shtab.complete(parser, values))
         parser.exit()
-
-
-def complete_files(command: CommandParser) -> None:
-    """Let the positional words and the paths of a command be completed as files."""
-    import shtab
-
-    for action in command.described()._actions:
-        if not action.option_strings or action.type is output_path:
-            action.complete = shtab.FILE  # type: ignore[attr-defined]
 
 
 def output_path(text: str) -> Path:
