@@ -18,18 +18,15 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``image = read_image("a.jpg")``, ``result = estimate(image)``: smears, matches and ``result.geometry``, with
-  F or None, the configuration, its reason and ``parallax``; with
-  ``camera=Camera.from_focal(focal, (width, height))`` E and the pose.
-- ``Camera.from_opencv(K, dist, (width, height))``: intrinsics as OpenCV calibrates them.
-- ``result.angular_velocity(exposure_s)``: mean and covariance, with a camera; None without a pose.
+- ``result = estimate(read_image("a.jpg"))``: smears, matches and ``result.geometry``, with F or None, the
+  configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))``, or
+  ``Camera.from_opencv(K, dist, (width, height))``, E and the pose.
+- ``result.angular_velocity(exposure_s)``: mean and covariance; None without a pose.
 - ``for result in estimate_frames(frames, camera=camera)``: the frames of a video, each in the right direction
-  of time. Photographs that are no video: a loop over ``estimate(image, network=network)`` with one
-  ``network = SmearNetwork()``, which threads may share.
-- ``result.geometry.to_pycolmap()``: the same as a pycolmap.TwoViewGeometry.
-- ``segment(result, image)``: what of this image moves by itself, as `blur2view segment` has it.
+  of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
+- ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
+  ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
 - ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.
-- ``write_database(Path("new.db"), [views_of("a.jpg", result)])``: what `blur2view to-colmap` writes.
 - ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
 
 The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,

@@ -114,10 +114,7 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
 
 
 def check_option(options: argparse.Namespace, word: str, *, known: bool) -> None:
-    """End the program where a word is no option of the command, with what may be meant.
-
-    ``known`` says that argparse took it, as it takes -output for -o utput.
-    """
+    """End the program where a word is no option of the command; argparse takes -output for -o utput."""
     error, command = options.usage_error, options.command
     names = option_names(command)
     if f"-{word}" in names:

@@ -72,7 +72,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     if document.cam2_from_cam1 is not None:
         parts.append(_rotation(document) + _missing_translation(document))
         if document.rate_unit == PER_SECOND:
-            parts.append(rate(document) + _backward(document))
+            parts.append(rate(document))
     elif geometry.F is not None and geometry.H is None:
         epipole = f"moved to or from {_point(epipoles(geometry.F)[0])}, the epipole"
         parts.append(epipole if document.readout_s else f"{epipole}, unless the shutter rolls")
@@ -136,25 +136,18 @@ def _angle_sigma(document: EstimateDocument) -> float:
 
 
 def rate(document: EstimateDocument) -> str:
-    """Return the angular velocity with its standard deviation, or that there may be none."""
+    """Return the angular velocity, also that of the other order in time if a rolling shutter has another."""
     known = float(np.linalg.norm(_vector(document)))
-    if document.pose_covariance is None or not document.exposure_s:
-        return f"{known:.3g} rad/s"
-    sigma = _angle_sigma(document) / document.exposure_s
-    return f"{known:.3g} +/- {sigma:.2g} rad/s{' (may be none)' if known < sigma else ''}"
+    sigma = _angle_sigma(document) / (document.exposure_s or 1.0)
+    text = f"{known:.3g} +/- {sigma:.2g} rad/s{' (may be none)' if known < sigma else ''}"
+    if document.backward is not None and not document.time_known:
+        text += f" or, in the other order in time, {np.linalg.norm(_vector(document.backward)):.3g} rad/s"
+    return text
 
 
 def _vector(document: EstimateDocument | BackwardDocument) -> list[float]:
     """Return the rate about x, y and z; zero without a pose."""
     return [document.wx or 0.0, document.wy or 0.0, document.wz or 0.0]
-
-
-def _backward(document: EstimateDocument) -> str:
-    """Return the rate of the other order in time, where a rolling shutter makes it another one."""
-    if document.backward is None or document.rate_unit != PER_SECOND or document.time_known:
-        return ""
-    other = float(np.linalg.norm(_vector(document.backward)))
-    return f" or, in the other order in time, {other:.3g} rad/s"
 
 
 def _missing_translation(document: EstimateDocument) -> str:
@@ -174,7 +167,6 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
     if document.rate_unit == PER_SECOND:
         rates = ", ".join(f"{rate:z.3f}" for rate in _vector(document))
         rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
-        rotation += _backward(document)
     if not any(pose.translation):
         return [rotation + _missing_translation(document)]
     direction = ", ".join(f"{value:z.3f}" for value in pose.translation)

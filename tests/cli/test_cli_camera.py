@@ -198,9 +198,7 @@ def test_verbose_summary_has_the_pose(
 )
 def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, words: str) -> None:
     vector = 0.05 * np.array([0.3, 0.0, 0.4])
-    across = np.array(
-        [0.8, 0.0, -0.6]
-    )  # along it the rotation is hardly known, which is not the rate's matter
+    across = np.array([0.8, 0.0, -0.6])  # along it the rotation is hardly known: not the rate's matter
     matrix = np.zeros((5, 5))
     matrix[:3, :3] = np.radians(sigma_deg) ** 2 * np.outer(vector, vector) / (vector @ vector)
     matrix[:3, :3] += np.outer(across, across)
@@ -209,6 +207,7 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
         wy=0.0,
         wz=0.4,
         exposure_s=0.05,
+        backward=None,
         cam2_from_cam1=SimpleNamespace(rotation=rotation_matrix(vector).tolist()),
         pose_covariance=SimpleNamespace(matrix=matrix.tolist()),
     )

@@ -2,7 +2,6 @@
 
 import io
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -159,7 +158,7 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frames", "numbers"),
     [
-        (frame_numbers, range(25)),
+        (partial(frame_numbers), range(25)),
         (partial(frame_numbers, every=10), range(0, 25, 10)),
         (partial(frame_numbers, every=4, first=3, last=12), [3, 7, 11]),
         (partial(frame_numbers, first=1.2, last=1.4), [12, 13, 14]),
@@ -168,7 +167,7 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
     ],
 )
 def test_video_stands_for_its_frames_named_after_their_numbers(
-    tmp_path: Path, frames: Callable[[Path], range], numbers: range | list[int]
+    tmp_path: Path, frames: partial[range], numbers: range | list[int]
 ) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     found = listed(video, frames=frames)

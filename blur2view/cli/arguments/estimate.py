@@ -55,10 +55,8 @@ FULL_FIELD = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view estimate``."""
     shared.add_photographs(parser)
-    output = parser.add_argument_group("output")
     results = OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM
-    help_text.add_options(output, results + shared.SEQUENCE + shared.TIMINGS + shared.TABLE)
-    shared.add_verbosity(output)
+    shared.add_output(parser, results + shared.SEQUENCE + shared.TIMINGS + shared.TABLE)
     shared.add_estimating(parser, exposure=True)
     tables = {
         "configurations, in COLMAP's names": CONFIGURATIONS,

@@ -35,7 +35,5 @@ OUTPUT = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view place``."""
     help_text.add_options(parser.add_argument_group("input"), INPUT, fraction={"type": float})
-    output = parser.add_argument_group("output")
-    help_text.add_options(output, OUTPUT, output={"required": True})
-    shared.add_verbosity(output)
+    shared.add_output(parser, OUTPUT, output={"required": True})
     help_text.explain(parser, DESCRIPTION, {"what is written": WRITTEN}, EXAMPLES)

@@ -43,14 +43,12 @@ OUTPUT = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view report``."""
     shared.add_photographs(parser)
-    output = parser.add_argument_group("output")
-    help_text.add_options(
-        output,
+    shared.add_output(
+        parser,
         OUTPUT + shared.SEQUENCE + shared.TIMINGS + shared.TABLE,
         output={"default": Path("report.html")},
         overwrite={"action": "store_true", "help": SUPPRESS},
     )
-    shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     tables = {"on the page": CONTROLS, "terms of the page": TERMS}
     help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

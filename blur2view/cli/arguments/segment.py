@@ -43,14 +43,12 @@ OUTPUT = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view segment``."""
     shared.add_photographs(parser)
-    output = parser.add_argument_group("output")
-    help_text.add_options(
-        output,
+    shared.add_output(
+        parser,
         OUTPUT + shared.OVERWRITE + shared.STREAM + shared.TIMINGS + shared.TABLE,
         masks={"choices": ("colmap", "nerfstudio", "instant-ngp")},
         unobservable={"choices": ("keep", "ignore"), "default": "keep"},
     )
-    shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=False)
     tables = {
         "files of -o": FILES + help_text.MANIFEST,

@@ -106,6 +106,13 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_output(parser: argparse.ArgumentParser, text: str, **settings: dict[str, Any]) -> None:
+    """Describe what is written and printed."""
+    group = parser.add_argument_group("output")
+    add_options(group, text, **settings)
+    add_verbosity(group)
+
+
 def add_verbosity(group: Any) -> None:
     """Describe how much is printed."""
     level = {"action": "store_const", "dest": "verbosity"}

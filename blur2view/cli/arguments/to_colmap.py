@@ -75,11 +75,8 @@ VIEWS = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
     shared.add_photographs(parser)
-    output, views = parser.add_argument_group("output"), parser.add_argument_group("views")
-    formats = {"choices": FORMATS, "default": DATABASE}
-    help_text.add_options(output, OUTPUT + shared.TABLE, format=formats)
-    shared.add_verbosity(output)
-    help_text.add_options(views, VIEWS)
+    shared.add_output(parser, OUTPUT + shared.TABLE, format={"choices": FORMATS, "default": DATABASE})
+    help_text.add_options(parser.add_argument_group("views"), VIEWS)
     shared.add_estimating(parser, exposure=False)
     tables = {
         "what is written": WRITTEN,

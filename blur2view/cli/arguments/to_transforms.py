@@ -51,13 +51,11 @@ def describe(parser: CommandParser) -> None:
     help_text.add_options(
         parser.add_argument_group("input"), INPUT, images={"dest": "photographs"}, exposure={"default": 1.0}
     )
-    output = parser.add_argument_group("output")
-    help_text.add_options(
-        output,
+    shared.add_output(
+        parser,
         OUTPUT,
         output={"default": Path("transforms.json")},
         dialect={"choices": DIALECTS, "default": DIALECTS[0]},
         overwrite={"action": "store_true", "help": SUPPRESS},
     )
-    shared.add_verbosity(output)
     help_text.explain(parser, DESCRIPTION, {"what is written": KEYS}, EXAMPLES)
