@@ -94,12 +94,7 @@ class Estimate:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
         Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians.
-
-        Raises
-        ------
-        ValueError
-            If the exposure time is not positive and finite.
+        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
         """
         if not 0 < exposure_s < np.inf:
             raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")

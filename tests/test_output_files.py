@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from blur2view.cli.outputs import plan_outputs
 from blur2view.errors import OutputError
 from blur2view.file_writing import remove_left_over
-from blur2view.output_files import plan_outputs
+from blur2view.photographs.inputs import Inputs
 
 
 def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(tmp_path: Path) -> None:
@@ -31,6 +32,6 @@ def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(
 @pytest.mark.parametrize("long", [f"{'d' * 256}/a.jpg", f"{'n' * 250}.jpg", f"{'ä' * 126}.jpg"])
 def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
     images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
-    *others, refused = plan_outputs(images, tmp_path, (".json",), overwrite=False)
+    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",), overwrite=False)
     assert isinstance(refused, OutputError) and "too long" in str(refused)
     assert not any(isinstance(files, OutputError) for files in others)

@@ -1,7 +1,9 @@
 """Commands that write files of each photograph beside each other: which, when, and what they hold."""
 
 import io
-from collections.abc import Callable, Sequence
+import os
+from collections import Counter
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +25,10 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.errors import OutputError
-from blur2view.file_writing import remove_left_over
-from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
+from blur2view.file_writing import half_written, remove_left_over
+from blur2view.input_files import parse_json, read_regular
+from blur2view.output_files import SIGNED_BY, ResultFiles, below_shared_folder, is_ours, prepared
+from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument
 from blur2view.results.estimate import EstimateDocument
@@ -32,6 +36,7 @@ from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Job, Outcome, Target, Work
+from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY, MaskFormat
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
@@ -45,6 +50,8 @@ MASK = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 """What the files of a photograph are called after its stem, in the order of writing."""
 MASKS = Path("masks")
 """Folder below -o in which masks for another program lie."""
+MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
+MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 
 
 def run_with_files(
@@ -66,13 +73,7 @@ def run_with_files(
         plan: Sequence[ResultFiles | OutputError] = ()
         if folder is not None:
             plan = plan_outputs(
-                options.inputs.paths,
-                folder,
-                endings,
-                overwrite=options.overwrite,
-                names=options.inputs.names,
-                beside=beside,
-                earlier=manifest,
+                options.inputs, folder, endings, overwrite=options.overwrite, beside=beside, manifest=manifest
             )
         jobs = jobs_of(options, plan)
         paths = {path for job in jobs if job.target for path in job.target.paths}
@@ -86,6 +87,91 @@ def run_with_files(
     if options.json:
         print(collect([one for one in finished.taken if one is not None], list(finished.failures)).to_json())
     return finished.exit_code
+
+
+def plan_outputs(
+    inputs: Inputs,
+    folder: Path,
+    endings: Sequence[str],
+    *,
+    overwrite: bool = False,
+    beside: Callable[[Path], Path] | None = None,
+    manifest: Manifest | None = None,
+) -> list[ResultFiles | OutputError]:
+    """Return the files of each photograph of a call, or why they must not be written.
+
+    With ``overwrite`` results of another photograph may be replaced, too; photographs and files of others
+    never are. ``beside`` maps the name of a photograph to that of a further file, below the folder. The
+    manifest alone tells apart photographs of one name that were named from different folders.
+    """
+    photographs = {os.path.realpath(image) for image in inputs.paths}
+    first_of: dict[Path, Path] = {}
+    plan: list[ResultFiles | OutputError] = []
+    for image, name in zip(inputs.paths, result_names(inputs), strict=True):
+        further = None if beside is None else folder / beside(inputs.names.get(image, Path(image.name)))
+        files = ResultFiles(
+            folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
+        )
+        other = next((first_of[path] for path in files.paths if path in first_of), None)
+        first_of |= dict.fromkeys(files.paths, image)
+        refusal = _refusal(files.paths, photographs)
+        if refusal is None and not overwrite:
+            refusal = _refusal_by_owner(files, image, manifest)
+        if other is not None:
+            refusal = f"its results would replace those of {other}; use another -o"
+        plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
+    return plan
+
+
+def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
+    """Return why files must not be written whatever photograph they are of, if so."""
+    written = [part for path in paths for part in half_written(path).parts]
+    if any(len(part.encode(errors="replace")) > MAX_NAME for part in written):
+        return "the names of its results would be too long; rename it or the folder that it is in"
+    foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
+    hit = [path for path in paths if os.path.realpath(path) in inputs]
+    if hit:
+        return f"a result would replace the photograph {hit[0]}; use another -o"
+    if foreign:
+        return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
+    return None
+
+
+def _refusal_by_owner(files: ResultFiles, image: Path, manifest: Manifest | None) -> str | None:
+    """Return why files are of another photograph, which a call from another folder may have named."""
+    named, document = _image_of(files.document), files.document
+    if named is not None and os.path.realpath(named) != os.path.realpath(image):
+        below = "/".join(part for part in Path(named).parts if part != "..")
+        may_be = Path(os.path.abspath(image)).as_posix().endswith(f"/{below}")
+        if not may_be or manifest is None or not manifest.knows_file(document):
+            return f"{document} is the result of {named}; use another -o or add --overwrite"
+    other = None if manifest is None else manifest.other_owner(image, files.paths)
+    return other and f"its results would replace those of {other}; use another -o or add --overwrite"
+
+
+def _image_of(document: Path) -> str | None:
+    """Return the photograph that a document is of; None if it is not there or damaged."""
+    try:
+        content = parse_json(read_regular(document, MAX_DOCUMENT))
+        image = content.get("image") if isinstance(content, dict) else None
+        return image if isinstance(image, str) else None
+    except (OSError, ValueError):
+        return None
+
+
+def result_names(inputs: Inputs) -> list[Path]:
+    """Return each photograph's known name or stem; where two have one its subfolder, suffix if need be."""
+    images, known = inputs.paths, inputs.names
+    below = [Path(*(part for part in path.parts if part != "..")) for path in below_shared_folder(images)]
+    short = [known.get(image, Path(image.stem)) for image in images]
+    distinct = dict(zip(map(os.path.abspath, images), zip(short, below, strict=True), strict=True)).values()
+    shorts = Counter(name for name, _ in distinct)
+    wholes = Counter(path.parent / path.stem for _, path in distinct)
+    names = []
+    for name, path in zip(short, below, strict=True):
+        whole = path.parent / path.stem
+        names.append(name if shorts[name] == 1 else whole if wholes[whole] == 1 else path)
+    return names
 
 
 def printed(job: Job[Target], outcome: Outcome[Taken | None]) -> None:

@@ -39,7 +39,10 @@ def run(options: PlaceOptions) -> int:
     """Return the exit code, after writing the model."""
     names = frame_names(options.photographs)
     model = find_model(options.model)
-    _refuse_others(options.output)
+    there = [options.output / name for name in (*FILES, PROJECT_FILE)]
+    others = [] if is_ours(options.output) else [path for path in there if os.path.lexists(path)]
+    if others:
+        raise OutputError(f"{others[0]}: is of no earlier call; name another folder with -o")
     placement = place_views(options.database, model.folder, with_gaps(names), options.fraction)
     _refuse_failure(options, placement)
     _write(options, placement)
@@ -56,13 +59,6 @@ def frame_names(folder: Path) -> list[str]:
     if inputs.refused:
         raise ImageError(inputs.refused[folder])
     return [path.relative_to(folder).as_posix() for path in inputs.paths]
-
-
-def _refuse_others(folder: Path) -> None:
-    """Refuse a folder that holds a model, or a part of one, that no earlier call wrote."""
-    there = [folder / name for name in (*FILES, PROJECT_FILE) if os.path.lexists(folder / name)]
-    if there and not is_ours(folder):
-        raise OutputError(f"{there[0]}: is of no earlier call; name another folder with -o")
 
 
 def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:

@@ -245,10 +245,7 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
     roots |= {path.parent for path in there if path not in below}
     if len(roots) == 1:
         (root,) = roots
-        return {
-            path: path.relative_to(root).as_posix() if path.is_relative_to(root) else name
-            for path, name in names.items()
-        }
+        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
     return names
 
 

@@ -1,9 +1,8 @@
 """Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
-One photograph leaves it ambiguous. Its neighbours in a video decide it: what moves right from the last frame
-to this one, and on to the next, moved right during this exposure too. Every match with a neighbour compares
-its displacement with the smear at its place; the displacements to both sides together are the velocity at
-mid exposure, so that the longer one counts for more.
+What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
+Every match with a neighbour compares its displacement with the smear at its place; the displacements to both
+sides together are the velocity at mid exposure, so that the longer one counts for more.
 
 The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
 cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
@@ -99,12 +98,11 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     """Return the mean cosine with one neighbour's motion, and that motion's median length in pixels."""
     smear, near = smears_at(views, motion.points)
     velocity = motion.velocity[near]
-    length = np.linalg.norm(velocity, axis=1)
-    moved = (length > 0) & (np.linalg.norm(smear, axis=1) > 0)
+    moved = velocity.any(axis=1) & smear.any(axis=1)
     if moved.sum() < MIN_MATCHES:
         return 0.0, 0.0
-    smear, velocity, length = smear[moved], velocity[moved], length[moved]
-    smeared = np.linalg.norm(smear, axis=1)
+    smear, velocity = smear[moved], velocity[moved]
+    length, smeared = np.linalg.norm(velocity, axis=1), np.linalg.norm(smear, axis=1)
     if np.median(length / smeared) > MAX_EXPOSURES_APART:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)

@@ -165,17 +165,14 @@ def _may_be_list(path: Path, content: bytes) -> bool:
 
 def _pictures(photo: Image.Image) -> int:
     """Return how many frames of an animation, or pages of full size, a file holds."""
-    if photo.format not in MANY_PICTURES:
-        return 1
-    count: int = getattr(photo, "n_frames", 1)
+    count: int = getattr(photo, "n_frames", 1) if photo.format in MANY_PICTURES else 1
     if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
         pages = []
         for page in range(count):
             photo.seek(page)
             pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
         photo.seek(0)
-        # a smaller copy or a mask has a type
-        return sum(kind == pages[0] for kind in pages)
+        return sum(kind == pages[0] for kind in pages)  # a smaller copy or a mask has a type
     return count
 
 
@@ -226,11 +223,8 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
 
 def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
     """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.ascontiguousarray(pixels, dtype=np.float32)
+    values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
     values /= white
-    if values.ndim == 2:
-        values = values[..., None]
     if values.shape[2] in (2, 4):
-        alpha = values[..., -1:]
-        values = BACKDROP + (values[..., :-1] - BACKDROP) * alpha
+        values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
     return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

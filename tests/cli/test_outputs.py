@@ -9,8 +9,9 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.cli import commands as cli
+from blur2view.cli.outputs import plan_outputs
 from blur2view.errors import OutputError
-from blur2view.output_files import plan_outputs
+from blur2view.photographs.inputs import Inputs
 from tests.support.colour_code import colour_code, write_picture
 
 
@@ -166,5 +167,7 @@ def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
     photograph.write_bytes(b"photograph")
     folder.mkdir()
     (folder / "a.png").symlink_to(photograph)
-    (plan,) = plan_outputs([photograph], folder, [".smear.npz", ".png", ".json"], overwrite=True)
+    (plan,) = plan_outputs(
+        Inputs(paths=[photograph]), folder, [".smear.npz", ".png", ".json"], overwrite=True
+    )
     assert isinstance(plan, OutputError) and "would replace the photograph" in str(plan)
