@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from blur2view.networks.spectra import (
-    DIRECTIONS,
     FREQUENCIES,
     PEAK_LAGS_PX,
     TAPERS,
@@ -14,6 +13,7 @@ from blur2view.networks.spectra import (
     as_float16,
     polar_samples,
 )
+from blur2view.smears.likelihood import DIRECTIONS
 
 
 def test_rounding_is_that_of_float16() -> None:
