@@ -44,7 +44,7 @@ def relative_error(found: Array, true: Array) -> float:
 def test_exact_smears_are_found_as_nearly_as_a_fit_needs(seed: int) -> None:
     scene = make_scene(np.random.default_rng(seed))
     rotation, t = likelihood_of(scene).best
-    assert translation_direction_error_deg(t, scene.t) < 5  # the grid's step; a fit goes on from there
+    assert translation_direction_error_deg(t, scene.t) < 3  # false minima are 5 to 10 degrees off
     assert relative_error(rotation, rotation_vector(scene.R)) < 0.35
 
 
