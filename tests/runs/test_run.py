@@ -131,10 +131,8 @@ def test_frames_that_a_video_only_announces_are_left_out(
             return getattr(self.capture, name)
 
     monkeypatch.setattr(video_module, "_opened", Announcing)
-    jobs = [
-        Job(index=index, path=video / f"{number:06d}", target=0.0)
-        for index, number in enumerate((3, 11, 12, 14, 15))
-    ]
+    numbers = enumerate((3, 11, 12, 14, 15))
+    jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
     found = list(outcomes(CountWork(), jobs, in_this_process))
     assert [job.index for job, _ in found] == [0, 1, 4]
     assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for _, one in found[:2])
