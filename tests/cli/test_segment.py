@@ -41,7 +41,7 @@ def run(tiny_model: Path) -> Any:
     """Return ``blur2view segment`` with the tiny network, in this process."""
 
     def call(*arguments: object) -> int:
-        return cli.main(["segment", "--model", str(tiny_model), *map(str, arguments)])
+        return cli.main(["segment", "--model", str(tiny_model), "--jobs", "1", *map(str, arguments)])
 
     return call
 
@@ -135,7 +135,7 @@ def test_bad_photograph_costs_one_line_and_not_the_others(
 ) -> None:
     bad = tmp_path / "bad.png"
     bad.write_bytes(b"no picture")
-    assert run(bad, walker) == 1
+    assert run(bad, walker, "--jobs", 2) == 1
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1 and str(bad) in printed.err
     assert f"{walker}: " in printed.out

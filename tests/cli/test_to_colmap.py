@@ -41,7 +41,7 @@ def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
     """Return ``blur2view to-colmap`` with the tiny network: the code, stdout and stderr."""
 
     def call(*arguments: object) -> tuple[int, str, str]:
-        code = cli.main(["to-colmap", "--model", str(tiny_model), *map(str, arguments)])
+        code = cli.main(["to-colmap", "--model", str(tiny_model), "--jobs", "1", *map(str, arguments)])
         said = capsys.readouterr()
         return code, said.out, said.err
 
@@ -120,7 +120,7 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
 
 def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Path], tmp_path: Path) -> None:
     path = tmp_path / "new.db"
-    code, out, _ = run("--db", path, "--skip-degenerate", "--json", *photos)
+    code, out, _ = run("--db", path, "--skip-degenerate", "--json", "--jobs", 2, *photos)
     document = json.loads(out)
     assert code == 0
     assert [one["name"] for one in document["photographs"]] == ["moving.png"]
