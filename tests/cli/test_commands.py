@@ -141,20 +141,6 @@ def test_options_reach_the_steps(run: Any, moving: Path, capsys: pytest.CaptureF
     assert counts[0] < counts[1]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["--beta", "0"], ["--beta", "2"], ["--max-error", "-1"], ["--seed", "-1"], ["--seed", "x"], []],
-)
-def test_wrong_usage_is_exit_code_2(
-    arguments: list[str], still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    images = [str(still)] if arguments else []
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", *images, *arguments])
-    assert caught.value.code == 2
-    assert capsys.readouterr().err.startswith("blur2view estimate: ")
-
-
 def test_defaults_are_those_of_the_dataclasses() -> None:
     parsed = cli.build_parser().parse_args(["estimate", "a.jpg"])
     assert parsed.beta == SelectOptions().beta

@@ -192,9 +192,3 @@ def test_resume_with_fewer_photographs_drops_none(
     assert told in capsys.readouterr().err
     photographs[2].write_bytes(whole)
     assert call(*photographs, folder / "003.png", "--resume") == 0
-
-
-def test_resume_without_results_to_keep_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", "a.jpg", "--resume"])
-    assert caught.value.code == 2 and "-o" in capsys.readouterr().err.splitlines()[-1]

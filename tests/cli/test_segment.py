@@ -111,12 +111,6 @@ def test_a_photograph_without_a_name_is_one_failure(
     assert (tmp_path / "out" / "a.mask.png").is_file()
 
 
-def test_masks_for_a_program_need_a_folder(run: Any, walker: Path) -> None:
-    with pytest.raises(SystemExit) as usage:
-        run(walker, "--masks", "colmap")
-    assert usage.value.code == 2
-
-
 def test_known_intrinsics_give_E_and_pose_as_estimate_does(
     run: Any, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

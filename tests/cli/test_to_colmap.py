@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.sampson import sampson
 from blur2view.photographs.inputs import Inputs
-from tests.cli.test_cli_camera import SIZE, smears
+from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.support.colour_code import colour_code, write_picture
+from tests.support.exif import exif_of
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
@@ -207,10 +208,8 @@ def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path],
 
 def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:
     turned = photos[0].with_name("turned.jpg")
-    exif = Image.Exif()
-    exif[ExifTags.Base.Orientation] = 6  # upright it is 240 wide and 320 high
-    pixels = np.round(255 * colour_code(smears(), 1.0)).astype(np.uint8)
-    Image.fromarray(pixels).save(turned, quality=95, subsampling=0, exif=exif)
+    exif = exif_of(orientation=6)  # upright it is 240 wide and 320 high
+    Image.fromarray(picture_8_bit()).save(turned, quality=95, subsampling=0, exif=exif)
     code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
     assert (code, err) == (0, "") and "parallax proven" in out
     with pycolmap.Database.open(tmp_path / "new.db") as database:
@@ -222,27 +221,13 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
 def test_table_has_the_rate_over_the_exposure_time_of_exif(
     run: Any, photos: list[Path], tmp_path: Path
 ) -> None:
-    exif, timed, sheet = Image.Exif(), photos[0].with_name("timed.png"), tmp_path / "t.csv"
-    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
-    Image.open(photos[0]).save(timed, exif=exif)
+    timed, sheet = photos[0].with_name("timed.png"), tmp_path / "t.csv"
+    Image.open(photos[0]).save(timed, exif=exif_of(ExposureTime=0.02))
     assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
     with sheet.open(newline="") as file:
         (said,) = csv.DictReader(file)
     rate = np.radians(float(said["rotation_deg"])) / 0.02
     assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
-
-
-def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    target = ["--db", str(tmp_path / "new.db")]
-    dask = ["--dask", "tcp://127.0.0.1:9"]
-    wrong = [[*dask, "--link"], [*dask, "--camera", "project.db:1"]]
-    wrong += [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
-    wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
-    for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
-        with pytest.raises(SystemExit) as stop:
-            run(*photos, *words)
-        assert stop.value.code == 2
 
 
 def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_path: Path) -> None:
@@ -314,5 +299,3 @@ def test_corrected_ends_lie_on_the_lines_of_the_geometry(
     one, two = (end[index] for end, index in zip(ends, np.asarray(geometry.inlier_matches).T, strict=True))
     assert len(one) > 60
     assert np.median(np.sqrt(sampson(np.asarray(geometry.F), one, two))) < 1e-3
-    with pytest.raises(SystemExit):
-        run("--db", database, "--link", "--corrected", photos[0])

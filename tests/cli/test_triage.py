@@ -158,25 +158,6 @@ def test_without_a_table_and_a_list_each_photograph_has_its_line(
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        ["--resume"],
-        ["--csv", "t.csv", "--max-smear", "-1"],
-        ["--keep", "k", "--max-smear", "nan%"],
-        ["--keep", "k", "--best", "0"],
-        ["--keep", "k", "--best", "1.5"],
-        ["--keep", "k", "--best", "101%"],
-        ["--keep", "k", "--best", "5", "--every-best", "2"],
-        ["--csv", "t.csv", "--every-best", "2"],
-    ],
-)
-def test_wrong_usage_is_exit_code_2(frames: Path, call: Call, words: list[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        call("triage", frames, *words)
-    assert caught.value.code == 2
-
-
-@pytest.mark.parametrize(
     ("smear_px", "verdict", "before", "use"),
     [
         (3.0, "DEGENERATE", "", "sharp"),
