@@ -1,13 +1,10 @@
 """Files that appear whole or not at all."""
 
 import os
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 from blur2view.errors import OutputError
-
-Write = Callable[[BinaryIO], object]
 
 
 def is_there(path: str | Path) -> bool:
@@ -15,28 +12,17 @@ def is_there(path: str | Path) -> bool:
     return os.path.isfile(path) or os.path.isfile(os.path.dirname(path))
 
 
-def write_atomically(path: Path, write: Write) -> None:
-    """Write beside the path and rename, so that a reader never sees half a file; a failure leaves nothing."""
-    half = half_written(path)
-    try:
-        with half.open("wb") as file:
-            write(file)
-        half.replace(path)
-    finally:
-        half.unlink(missing_ok=True)
+def write_files(files: Mapping[Path, bytes]) -> None:
+    """Write files beside their paths first, then rename them, so that a reader never sees half a file.
 
-
-def write_together(files: Mapping[Path, Write]) -> None:
-    """Write files of which the last marks that all are complete: beside their paths first, then rename.
-
-    An old last file is removed before the first rename, so that it never stands beside new ones. If a file
+    The last of several marks that all are complete: an old one is removed before the first rename. If a file
     cannot be written the old files stay as they were.
     """
     try:
-        for path, write in files.items():
-            with half_written(path).open("wb") as file:
-                write(file)
-        list(files)[-1].unlink(missing_ok=True)
+        for path, content in files.items():
+            half_written(path).write_bytes(content)
+        if len(files) > 1:
+            list(files)[-1].unlink(missing_ok=True)
         for path in files:
             half_written(path).replace(path)
     finally:

@@ -1,7 +1,6 @@
 """Files that a user names or that an earlier call left: any of them may be anything, or anybody's."""
 
 import errno
-import io
 import json
 import math
 import os
@@ -19,7 +18,7 @@ MAX_DEPTH = 64  # of nested JSON; no result of ours has more than 8
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a regular file for reading; OSError of a pipe, a device or a folder, which may wait for ever.
 
-    What says that it is empty is read as such: some files of /proc wait, too.
+    So may files of /proc: they say that they are empty, and are not.
     """
     try:
         _require_regular(os.stat(path))
@@ -29,8 +28,9 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     file = os.fdopen(os.open(path, flags), "rb")
     with ExitStack() as unused:
         unused.callback(file.close)
-        if not _require_regular(os.fstat(file.fileno())):  # now of what nobody can exchange any more
-            return io.BytesIO()
+        size = _require_regular(os.fstat(file.fileno()))  # now of what nobody can exchange any more
+        if not size and os.read(file.fileno(), 1):
+            raise OSError(errno.EINVAL, "is no regular file")
         unused.pop_all()
     return file
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import half_written, is_there, unwritable, write_atomically
+from blur2view.file_writing import half_written, is_there, unwritable, write_files
 from blur2view.input_files import open_regular, parse_json, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
@@ -24,55 +24,17 @@ SIGNS = {
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,smear_px,",),
 }
-KINDS = {
-    "page": ".html",
-    "table": ".csv",
-    "file": ".json",
-    "point cloud": ".ply",
-}  # of one file, whatever it is called
+# of one file, whatever it is called
+KINDS = {"page": ".html", "table": ".csv", "file": ".json", "point cloud": ".ply"}
 MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 
 
-def prepare_folder(folder: Path) -> list[Path]:
-    """Return the folders, the deepest first, that were created so that files can be written there.
-
-    OutputError if it cannot be created or written, which is tried.
-    """
-    try:
-        created = [path for path in (folder, *folder.parents) if not path.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
-            pass
-    except OSError as error:
-        raise unwritable(folder, error) from None
-    return created
-
-
-def check_file(
-    target: Path,
-    what: str,
-    inputs: Iterable[Path] = (),
-    *,
-    option: str = "-o",
-) -> None:
+def check_file(target: Path, what: str, inputs: Iterable[Path] = (), *, option: str = "-o") -> None:
     """Refuse, before any work, to write one file where it would replace what is not of an earlier call.
 
-    Parameters
-    ----------
-    target : Path
-        The file.
-    what : str
-        What it is, for the message; of `KINDS` if it may be one of an earlier call.
-    inputs : iterable of Path
-        The photographs of the call.
-    option : str
-        The option that names it.
-
-    Raises
-    ------
-    OutputError
-        If it is an input, a folder, or a file of another kind.
+    ``what`` it is, as of `KINDS`, and the ``option`` that names it are for the message. OutputError if it is
+    one of the ``inputs``, a folder, or a file of another kind.
     """
     if os.path.realpath(target) in {os.path.realpath(path) for path in inputs}:
         raise OutputError(f"{target}: the {what} would replace a photograph; name another with {option}")
@@ -85,15 +47,21 @@ def check_file(
 
 
 @contextmanager
-def prepared(*folders: Path) -> Iterator[None]:
-    """Create folders that can be written; at the end remove those of them in which nothing lies.
+def prepared(*folders: Path | None) -> Iterator[None]:
+    """Create folders that can be written, which is tried; at the end remove those in which nothing lies.
 
     OutputError if one cannot be created or written.
     """
     created: set[Path] = set()
     try:
-        for folder in folders:
-            created |= set(prepare_folder(folder))
+        for folder in filter(None, folders):
+            try:
+                created |= {path for path in (folder, *folder.parents) if not path.exists()}
+                folder.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryFile(dir=folder):  # of a name that no other process uses
+                    pass
+            except OSError as error:
+                raise unwritable(folder, error) from None
         yield
     finally:
         for folder in sorted(created, reverse=True):
@@ -113,24 +81,12 @@ def writing(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultFiles:
-    """The files of one photograph, of which the last one, a document, is written last: then all are there.
-
-    Parameters
-    ----------
-    folder : Path
-        Where they lie.
-    stem : str
-        The photograph's name without its suffix.
-    endings : tuple of str
-        What follows it, such as ".json", in the order of writing.
-    beside : Path or None
-        A file with a name of its own, written first.
-    """
+    """The files of one photograph, of which the last one, a document, is written last: then all are there."""
 
     folder: Path
-    stem: str
-    endings: tuple[str, ...]
-    beside: Path | None = None
+    stem: str  # the photograph's name without its suffix
+    endings: tuple[str, ...]  # what follows it, such as ".json", in the order of writing
+    beside: Path | None = None  # a file with a name of its own, written first
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -164,26 +120,13 @@ def plan_outputs(
     beside: Callable[[Path], Path] | None = None,
     earlier: Earlier | None = None,
 ) -> list[ResultFiles | OutputError]:
-    """Return the files of each photograph of a call, or why they must not be written.
+    """Return the files of each photograph of a call, in this folder, or why they must not be written.
 
-    Photographs of one stem get subfolders as they have, or else keep their suffix.
-
-    Parameters
-    ----------
-    images : sequence of Path
-    folder : Path
-        Where the files go.
-    endings : sequence of str
-        As of `ResultFiles`.
-    overwrite : bool
-        Whether results of another photograph may be replaced, too. Photographs and files of others never are.
-    names : mapping of Path to Path, optional
-        What results are called where that is known, see `result_names`.
-    beside : callable, optional
-        Maps the name of a photograph to that of a further file, below the folder.
-    earlier : Earlier, optional
-        What is written down of earlier calls. That alone tells apart photographs of one name that were named
-        from different folders.
+    Photographs of one stem get subfolders as they have, or else keep their suffix; ``names`` are what results
+    are called where that is known. With ``overwrite`` results of other photographs may be replaced, too;
+    photographs and files of others never are. ``beside`` maps the name of a photograph to that of a further
+    file, below the folder. ``earlier`` alone tells apart photographs of one name that were named from
+    different folders.
     """
     inputs = {os.path.realpath(image) for image in images}
     first_of: dict[Path, Path] = {}
@@ -206,7 +149,10 @@ def plan_outputs(
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    if any(map(_is_too_long, paths)):
+    # file systems take no longer part of a path, or of it half written
+    if any(
+        len(part.encode(errors="replace")) > MAX_NAME for path in paths for part in half_written(path).parts
+    ):
         return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
@@ -215,11 +161,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
-
-
-def _is_too_long(path: Path) -> bool:
-    """Return whether file systems take no name as long as a part of a path, or of it half written."""
-    return any(len(part.encode(errors="replace")) > MAX_NAME for part in half_written(path).parts)
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, earlier: Earlier | None) -> str | None:
@@ -281,4 +222,4 @@ def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
 def write_text(target: Path, text: str) -> None:
     """Write a table or a list, whole or not at all."""
     with writing(target.parent):
-        write_atomically(target, lambda file: file.write(text.encode("utf-8", "surrogateescape")))
+        write_files({target: text.encode("utf-8", "surrogateescape")})

@@ -26,6 +26,9 @@ from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 
+CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
+"""Of a photograph's path, width and height, and EXIF."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
@@ -40,7 +43,7 @@ class Run:
     max_memory_gib: float = MAX_MEMORY_GIB
 
     def __post_init__(self) -> None:
-        """Check what no field checks itself."""
+        """Check the memory that an estimate may take."""
         if not self.max_memory_gib > 0:
             raise ValueError(f"the memory must be positive, got {self.max_memory_gib} GiB")
 
@@ -69,6 +72,7 @@ class Estimate:
     model_id : str
         Name of the network's weights.
     timings : Timings
+        Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
     shutter : RollingShutter or None
@@ -90,7 +94,12 @@ class Estimate:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
         Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
+        rotation itself, in radians.
+
+        Raises
+        ------
+        ValueError
+            If the exposure time is not positive and finite.
         """
         if not 0 < exposure_s < np.inf:
             raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")
@@ -182,14 +191,14 @@ class FileEstimate:
     """The estimate of one photograph's file."""
 
     path: Path  # as the user named it
-    image: NDArray[np.float32]  # (H, W, 3)
+    image: NDArray[np.float32]  # (H, W, 3), upright unless wanted as stored
     estimate: Estimate
     run: Run
-    read_s: float  # seconds spent on decoding
+    read_s: float  # spent on decoding
     exposure_s: float | None = None  # of the options or else of EXIF
     frame: int | None = None  # its number in a video
     timestamp_s: float | None = None  # its time there
-    warnings: tuple[str, ...] = ()  # a line for each option that EXIF contradicts
+    warnings: tuple[str, ...] = ()  # of options that EXIF contradicts
 
     @property
     def timings_s(self) -> dict[str, float]:
@@ -210,14 +219,14 @@ def estimate_file(
     content: bytes | None = None,
     *,
     as_stored: bool = False,
-    camera_of: Callable[[Path, tuple[int, int], ExifValues], Camera | None] | None = None,
+    camera_of: CameraOf | None = None,
 ) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``camera_of`` as of `Intrinsics`, by default that of the options. ImageError, CameraError or ModelError if
-    the file cannot be read, its camera or shutter cannot be determined or the network cannot be run.
+    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`;
+    ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
+    CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
     image = read_image(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)

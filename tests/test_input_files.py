@@ -29,8 +29,9 @@ def test_what_may_never_end_is_not_opened(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.skipif(not LINUX, reason="these files are Linux's")
 @pytest.mark.parametrize("name", ["/proc/kmsg", "/proc/self/mem", "/proc/self/comm"])
-def test_what_says_that_it_is_empty_is_empty(name: str) -> None:
-    assert read_regular(name) == b""
+def test_what_says_that_it_is_empty_and_is_not_is_refused(name: str) -> None:
+    with pytest.raises(OSError):
+        open_regular(name)
 
 
 def test_a_file_that_becomes_a_pipe_is_not_waited_for(

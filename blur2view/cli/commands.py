@@ -20,7 +20,7 @@ from blur2view.cli.arguments.parser import CommandParser, Completion
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
-DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+FAILED, INTERRUPTED = 1, 130
 COMMANDS = {
     "estimate": estimate,
     "segment": segment,
@@ -50,17 +50,9 @@ blur2view COMMAND --help explains a command, --help-all all its options, files a
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit code of the command line, after running it.
+    """Return the exit code of the command line, after running it; its words are the process's by default.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Those of the process by default.
-
-    Returns
-    -------
-    int
-        0 done (a degenerate scene is a result), 1 a named error, 2 usage, 130 interrupted.
+    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything

@@ -15,8 +15,8 @@ from blur2view.runs.job import Job, Made
 class EstimateWork(DocumentWork[EstimateDocument]):
     """The work on one photograph."""
 
-    full_field: bool
     kind = EstimateDocument
+    full_field: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -34,7 +34,8 @@ class EstimateWork(DocumentWork[EstimateDocument]):
 
 def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
-    work = EstimateWork.of(options, full_field=options.full_field, json=options.json or options.jsonl)
+    shared = EstimateWork.shared(options)
+    work = EstimateWork(**shared, full_field=options.full_field, json=options.json or options.jsonl)
     return run_with_files(
         options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
     )

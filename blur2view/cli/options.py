@@ -7,6 +7,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -24,11 +25,14 @@ SHORTEST_S = 1e-9  # no shutter and no flash is as short
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions:
-    """What the commands over photographs share: the options of ``--help-all`` by their names."""
+    """What the commands over photographs share: the options of ``--help-all`` by their names.
+
+    ``inputs`` are the photographs, ``run`` is how each is estimated.
+    """
 
     command: str
     inputs: Inputs
-    run: Run  # how each photograph is estimated
+    run: Run
     model: str | None
     csv: Path | None
     resume: bool
@@ -170,7 +174,7 @@ class ToColmapOptions(PhotographOptions):
 
     @property
     def prints(self) -> bool:
-        """Whether a line is printed for each photograph: not while they are gone through."""
+        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
         return False
 
     @property
@@ -181,7 +185,10 @@ class ToColmapOptions(PhotographOptions):
     @property
     def target(self) -> Path:
         """The database or the folder that is written."""
-        return Path(self.output or self.db or "")  # one of both is there
+        target = self.output if self.db is None else self.db
+        if target is None:
+            raise ValueError("there is neither --db nor -o")
+        return target
 
     @property
     def hloc(self) -> bool:
@@ -192,10 +199,10 @@ class ToColmapOptions(PhotographOptions):
 def read_options(parsed: Namespace, kind: type[Options]) -> Options:
     """Return what argparse gave as options of a kind; a wrong value is a usage error."""
     values = dict(vars(parsed))
-    known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     try:
         if issubclass(kind, PhotographOptions):
             values |= {"run": _run(values), "inputs": _inputs(values)}
+        known = {field.name for field in fields(kind)}  # type: ignore[arg-type]
         return kind(**{name: value for name, value in values.items() if name in known})
     except (ValueError, CameraError) as error:
         parsed.usage_error(str(error))
@@ -204,9 +211,10 @@ def read_options(parsed: Namespace, kind: type[Options]) -> Options:
 
 def _inputs(values: Mapping[str, Any]) -> Inputs:
     """Return the photographs that the words of a call name."""
-    from blur2view.photographs.inputs import Frames, list_photographs
+    from blur2view.photographs.inputs import list_photographs
+    from blur2view.photographs.video import frame_numbers
 
-    frames = Frames(every=values["every"], first=values["first"], last=values["last"])
+    frames = partial(frame_numbers, every=values["every"], first=values["first"], last=values["last"])
     stdin = None if sys.stdin is None else sys.stdin.buffer
     return list_photographs(values["images"], recursive=values["recursive"], frames=frames, stdin=stdin)
 

@@ -3,7 +3,6 @@
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from blur2view.arrays import AnyArray
 from blur2view.cli.options import FolderOptions
 from blur2view.cli.run import (
     Finished,
@@ -23,7 +23,7 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.errors import OutputError
-from blur2view.file_writing import Write, remove_left_over
+from blur2view.file_writing import remove_left_over
 from blur2view.output_files import SIGNED_BY, ResultFiles, plan_outputs, prepared
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument
@@ -62,8 +62,8 @@ def run_with_files(
     folder = options.output
     path = None if options.csv is None else manifest_beside(options.csv)
     path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
-    with prepared(*([] if folder is None else [folder])), begun(options, work, path, [folder]) as manifest:
-        plan: list[ResultFiles | OutputError] = []
+    with prepared(folder), begun(options, work, path, [folder]) as manifest:
+        plan: Sequence[ResultFiles | OutputError] = ()
         if folder is not None:
             plan = plan_outputs(
                 options.inputs.paths,
@@ -75,7 +75,7 @@ def run_with_files(
                 earlier=manifest,
             )
         jobs = jobs_of(options, plan)
-        paths = {path for job, error in jobs if job.target and error is None for path in job.target.paths}
+        paths = {path for job in jobs if job.target for path in job.target.paths}
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with prepared(*folders):
@@ -98,7 +98,7 @@ def printed(job: Job[Target], outcome: Outcome[Taken | None]) -> None:
 
 def result_contents(
     files: ResultFiles, document: EstimateDocument, one: FileEstimate, *, full_field: bool = False
-) -> dict[Path, Write]:
+) -> dict[Path, bytes]:
     """Return what is written for a photograph: the arrays, the overlay and the document.
 
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
@@ -112,11 +112,9 @@ def result_contents(
         inlier_mask=geometry.inlier_mask,
         swapped=geometry.swapped,
     )
-    contents: tuple[Write, ...] = (
-        lambda file: np.savez(file, **stored.arrays()),  # type: ignore[arg-type]
-        methodcaller("write", png(Image.fromarray(picture))),
-        methodcaller("write", (document.to_json() + "\n").encode()),
-    )
+    arrays = io.BytesIO()
+    np.savez(arrays, **stored.arrays())  # type: ignore[arg-type]
+    contents = arrays.getvalue(), png(picture), (document.to_json() + "\n").encode()
     return dict(zip(files.paths, contents, strict=True))
 
 
@@ -134,7 +132,7 @@ class MaskExport:
     def encoded(self, mask: MotionMask) -> bytes:
         """Return the mask as the program reads it."""
         picture = self.program.picture(mask.labels, ignore_unobservable=self.ignore_unobservable)
-        return png(Image.fromarray(picture))
+        return png(picture)
 
 
 def mask_contents(
@@ -143,22 +141,22 @@ def mask_contents(
     image: NDArray[np.float32],
     mask: MotionMask,
     export: MaskExport | None = None,
-) -> dict[Path, Write]:
+) -> dict[Path, bytes]:
     """Return what is written for a photograph: masks, probabilities, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     contents = (
         *(() if export is None else (export.encoded(mask),)),
-        png(Image.fromarray(GREY[mask.labels])),
-        png(Image.fromarray(levels)),
-        png(Image.fromarray(draw_motion(image, mask))),
+        png(GREY[mask.labels]),
+        png(levels),
+        png(draw_motion(image, mask)),
         (document.to_json() + "\n").encode(),
     )
-    return {path: methodcaller("write", one) for path, one in zip(files.paths, contents, strict=True)}
+    return dict(zip(files.paths, contents, strict=True))
 
 
-def png(picture: Image.Image) -> bytes:
+def png(picture: AnyArray) -> bytes:
     """Return a picture as a PNG that says who wrote it, which `output_files.is_ours` looks for."""
     text, stream = PngInfo(), io.BytesIO()
     text.add_text("Software", SIGNED_BY)
-    picture.save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)
+    Image.fromarray(picture).save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)
     return stream.getvalue()

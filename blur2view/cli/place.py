@@ -4,7 +4,6 @@ import math
 import os
 import tempfile
 from dataclasses import dataclass
-from operator import methodcaller
 from pathlib import Path
 
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
@@ -12,11 +11,10 @@ from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_our
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
-from blur2view.file_writing import write_atomically
+from blur2view.file_writing import write_files
 from blur2view.output_files import writing
 from blur2view.photographs.inputs import list_photographs
 
-DONE = 0
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 
 
@@ -47,7 +45,7 @@ def run(options: PlaceOptions) -> int:
     _write(options, placement)
     if options.verbosity > QUIET:
         print(summary(options, model, placement, len(names)))
-    return DONE
+    return 0
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -85,7 +83,7 @@ def _write(options: PlaceOptions, placement: Placement) -> None:
     folder = options.output
     with writing(folder):
         text = project_text(options.database, options.photographs)
-        write_atomically(folder / PROJECT_FILE, methodcaller("write", os.fsencode(text)))
+        write_files({folder / PROJECT_FILE: os.fsencode(text)})
         with tempfile.TemporaryDirectory(dir=folder) as beside:
             placement.model.write(beside)
             for name in FILES:

@@ -16,8 +16,8 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_atomically
-from blur2view.output_files import ResultFiles, below_shared_folder, check_file, prepared, writing
+from blur2view.file_writing import write_files
+from blur2view.output_files import below_shared_folder, check_file, prepared, writing
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
 from blur2view.results.verdicts import VERDICT_ORDER, meaning
@@ -28,12 +28,12 @@ FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within 
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportWork(EstimatingWork[ResultFiles | None, Entry]):
+class ReportWork(EstimatingWork[None, Entry]):
     """The work on one photograph."""
 
     mask: bool
 
-    def __call__(self, job: Job[ResultFiles | None]) -> Made[Entry]:
+    def __call__(self, job: Job[None]) -> Made[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
         one = self.estimated(job)
         start = time.perf_counter()
@@ -54,7 +54,7 @@ class ReportWork(EstimatingWork[ResultFiles | None, Entry]):
         """Return the entry in JSON's types."""
         return plain(kept)
 
-    def restored(self, job: Job[ResultFiles | None], stored: Any) -> Entry:
+    def restored(self, job: Job[None], stored: Any) -> Entry:
         """Return the entry of an earlier call; ValueError without a verdict or a document of ours."""
         entry: Entry = restore(Entry, stored)
         if entry.verdict not in VERDICT_ORDER:
@@ -68,16 +68,18 @@ def run(options: ReportOptions) -> int:
     A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
     leaves a page of what is done.
     """
-    work = ReportWork.of(options, mask=options.mask)
+    work = ReportWork(**ReportWork.shared(options), mask=options.mask)
     images, page = options.inputs.paths, options.output
     shown = dict(zip(images, shown_names(images), strict=True))
 
-    def entry_of(job: Job[ResultFiles | None], outcome: Outcome[Entry]) -> Entry | None:
+    def entry_of(job: Job[None], outcome: Outcome[Entry]) -> Entry | None:
         """Return the entry of a photograph; a folder that cannot be used has none."""
+        name = shown[job.path]
         if outcome.made is not None:
-            return outcome.made.kept.renamed(shown[job.path])
-        is_folder = options.inputs.is_folder(job.path)
-        return None if is_folder else _failed(job.path, shown[job.path], outcome.error)
+            return outcome.made.kept.renamed(name)
+        if options.inputs.is_folder(job.path):
+            return None
+        return Entry.failed(name, FOLDERS.sub("", outcome.error.replace(str(job.path), name)))
 
     check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
@@ -95,15 +97,10 @@ def shown_names(images: Sequence[Path]) -> list[str]:
     return [path.name if ".." in path.parts else str(path) for path in below_shared_folder(images)]
 
 
-def _failed(path: Path, name: str, error: str) -> Entry:
-    """Return the entry of a photograph that could not be estimated, its line without folders."""
-    return Entry.failed(name, FOLDERS.sub("", error.replace(str(path), name)))
-
-
 def _write(options: ReportOptions, entries: list[Entry]) -> None:
     """Write the page and print where it is."""
     page = report(entries, __version__)
     with writing(options.output.parent):
-        write_atomically(options.output, lambda file: file.write(page))
+        write_files({options.output: page})
     if options.verbosity > QUIET:
         print(f"wrote {printable(str(options.output))} ({len(page) / 1e6:.2f} MB)")

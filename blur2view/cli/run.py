@@ -1,7 +1,5 @@
 """A command over many photographs: checked before any work, done, printed and written down."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -10,7 +8,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
@@ -22,11 +20,10 @@ from blur2view.output_files import ResultFiles, below_shared_folder, check_file,
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, neighbours_of
 from blur2view.runs.manifest import Manifest
-from blur2view.runs.neighbours import neighbours_of
 from blur2view.runs.processes import Engine, processes
-from blur2view.runs.run import Jobs, outcomes
+from blur2view.runs.run import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Taken = TypeVar("Taken")
@@ -34,24 +31,27 @@ Paths = Iterable[Path | None]
 
 
 class End(Enum):
-    """How a run ended."""
+    """How a run ended: after all photographs, by too many failures, by Ctrl-C, or as none can be done."""
 
     WHOLE = auto()
-    STOPPED = auto()  # by too many failures
-    INTERRUPTED = auto()  # by Ctrl-C
-    BROKEN = auto()  # as no photograph can be done any more
+    STOPPED = auto()
+    INTERRUPTED = auto()
+    BROKEN = auto()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finished(Generic[Taken]):
-    """What came of a run over photographs, in their order, as far as it has come."""
+    """What came of a run over photographs, in their order.
+
+    Of a broken run files of all photographs stay as an earlier call left them, but for the table.
+    """
 
     taken: list[Taken] = field(default_factory=list)  # what the command takes of each
-    rows: list[Row] = field(default_factory=list)  # of the table
+    rows: list[Row] = field(default_factory=list)  # of the table, as far as the run has come
     failures: list[FailureDocument] = field(default_factory=list)
     end: End = End.WHOLE
-    has_table: bool = True  # it could be written, or was not asked for
-    skipped: int = 0  # done by an earlier call
+    has_table: bool = True  # it was not asked for, or could be written
+    skipped: int = 0  # photographs that an earlier call has done
     seconds: float = 0.0
 
     @property
@@ -71,12 +71,10 @@ def begun(
     ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
     the call writes.
     """
-    folders = []
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
-        folders.append(options.csv.parent)
-    with prepared(*folders):
+    with prepared(options.csv and options.csv.parent):
         alone = len(options.inputs.paths) == 1 and not options.resume
         if path is None or alone or not path.parent.is_dir():
             yield None
@@ -91,7 +89,7 @@ def begun(
 def run_over(
     options: PhotographOptions,
     work: Work[Target, Kept],
-    jobs: Jobs[Target],
+    jobs: Sequence[Job[Target]],
     manifest: Manifest | None,
     *,
     take: Callable[[Job[Target], Outcome[Kept]], Taken],
@@ -102,25 +100,26 @@ def run_over(
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
-    as on a full disk, or as many failed as --max-failures allows.
-
-    ``jobs`` have an error if they cannot be begun; ``take`` returns what is kept of every photograph;
-    ``names`` are those of the table, by default as COLMAP names them; ``classify`` adds to a row what the
-    photograph is of use for; ``line`` is what is printed of a photograph and its row, by default the summary
-    of the work, and a closing line.
+    as on a full disk, or as many failed as --max-failures allows. ``take`` returns what is kept of every
+    photograph, ``names`` are those of the table, by default COLMAP's, ``classify`` adds to a row what the
+    photograph is of use for, ``line`` returns what is printed of it: by default the summary of the work, and
+    a closing line.
     """
     refused = options.inputs.refused
-    jobs = [(job, ImageError(refused[job.path]) if job.path in refused else error) for job, error in jobs]
+    jobs = [
+        replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
+    ]
     names = names or colmap_names(options.inputs)
-    engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
+    engine, bar = _engine(options, len(jobs)), Progress(len(jobs), PHOTOGRAPH)
     run: Finished[Taken] = Finished()
     skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
+    sends = options.dask is not None
     try:
-        bar.show(0, len(jobs))
-        with closing(outcomes(work, jobs, engine, manifest, sends=options.dask is not None)) as done:
+        with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as done:
             for job, outcome in done:
                 row = Row() if outcome.made is None else outcome.made.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
+                bar.step()
                 if not outcome.skipped or options.verbosity > SHORT:
                     text = None if line is None or outcome.made is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
@@ -132,7 +131,6 @@ def run_over(
                     run.rows.append(row)
                 skipped += outcome.skipped
                 run.taken.append(take(job, outcome))
-                bar.show(len(run.taken), len(jobs))
                 if outcome.stop or len(run.failures) == options.max_failures:
                     end = End.STOPPED
                     break
@@ -220,16 +218,20 @@ def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
     return None if outcome.made is None else outcome.made.kept
 
 
-def jobs_of(
-    options: PhotographOptions, plan: Sequence[ResultFiles | OutputError | None] = ()
-) -> list[tuple[Job[ResultFiles | None], OutputError | None]]:
-    """Return the jobs of all photographs, with their files by plan if each has some, or why it must not."""
-    beside = neighbours_of(options.inputs.paths, options.sequence)
-    jobs: list[tuple[Job[ResultFiles | None], OutputError | None]] = []
-    for (path, neighbours), one in zip(beside.items(), plan or [None] * len(beside), strict=True):
-        files, error = (None, one) if isinstance(one, OutputError) else (one, None)
-        jobs.append((Job(index=len(jobs), path=path, target=files, neighbours=neighbours), error))
-    return jobs
+def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job[Any]]:
+    """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
+    neighbours = neighbours_of(options.inputs.paths, options.sequence)
+    targets: Sequence[ResultFiles | OutputError | None] = plan or [None] * len(neighbours)
+    return [
+        Job(
+            index=index,
+            path=path,
+            target=None if isinstance(target, OutputError) else target,
+            refusal=target if isinstance(target, OutputError) else None,
+            neighbours=neighbours[path],
+        )
+        for index, (path, target) in enumerate(zip(neighbours, targets, strict=True))
+    ]
 
 
 def colmap_names(inputs: Inputs) -> dict[Path, str]:
@@ -242,7 +244,10 @@ def colmap_names(inputs: Inputs) -> dict[Path, str]:
     roots |= {path.parent for path in there if path not in below}
     if len(roots) == 1:
         (root,) = roots
-        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
+        return {
+            path: path.relative_to(root).as_posix() if path.is_relative_to(root) else name
+            for path, name in names.items()
+        }
     return names
 
 

@@ -21,8 +21,8 @@ from blur2view.segmentation.mask import segment
 class SegmentWork(DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
-    export: MaskExport | None
     kind = MaskDocument
+    export: MaskExport | None
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -46,7 +46,7 @@ def run(options: SegmentCommandOptions) -> int:
     if options.masks is not None:
         ignored = options.unobservable == "ignore"
         export = MaskExport(program=MaskFormat(options.masks), ignore_unobservable=ignored)
-    work = SegmentWork.of(options, export=export, json=options.json or options.jsonl)
+    work = SegmentWork(**SegmentWork.shared(options), export=export, json=options.json or options.jsonl)
     return run_with_files(
         options,
         MASK,

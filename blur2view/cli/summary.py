@@ -28,7 +28,7 @@ def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
 def estimate_summary(
     document: EstimateDocument, estimate: Estimate, files: ResultFiles | None, verbosity: int = SHORT
 ) -> str:
-    """Return two lines about one photograph, or everything, with the files that were written."""
+    """Return two lines about one photograph, or everything, and where the results were written."""
     title = verdict_line(document.image, document.meaning, estimate.geometry)
     details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
     return _with_files([title, *details], files)
@@ -119,8 +119,9 @@ def _seconds(timings_s: dict[str, float] | None) -> list[str]:
 
 def _rotation(document: EstimateDocument) -> str:
     """Return the angle of the rotation, with its standard deviation."""
-    known = document.pose_covariance is not None
-    deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}" if known else ""
+    deviation = ""
+    if document.pose_covariance is not None:
+        deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}"
     return f"rotation {document.rotation_deg:.3f}{deviation} degrees"
 
 

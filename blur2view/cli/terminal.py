@@ -26,20 +26,17 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
 class Progress:
     """A bar on stderr with rate and time left, where a person watches and there is more than one step."""
 
-    def __init__(self, unit: str) -> None:
-        self._unit = unit
+    def __init__(self, total: int, unit: str) -> None:
         self._bar: Any = None
-
-    def show(self, done: int, total: int) -> None:
-        """Show that so many steps are done; after the last one the bar ends."""
-        if self._bar is None and total > 1 and sys.stderr.isatty():
+        if total > 1 and sys.stderr.isatty():
             from tqdm import tqdm  # 0.07 s, so only where it is seen
 
-            self._bar = tqdm(total=total, unit=self._unit, leave=self._unit == PHOTOGRAPH)
+            self._bar = tqdm(total=total, unit=unit, leave=unit == PHOTOGRAPH)
+
+    def step(self) -> None:
+        """Count one step."""
         if self._bar is not None:
-            self._bar.update(done - self._bar.n)
-            if done == total:
-                self.close()
+            self._bar.update()
 
     def say(self, text: str, file: TextIO | None = None) -> None:
         """Print a line and keep the bar whole."""
@@ -52,7 +49,22 @@ class Progress:
         """End the bar."""
         if self._bar is not None:
             self._bar.close()
-            self._bar = None
+
+
+class TileProgress:
+    """A bar for the tiles of a large photograph, called after each of them."""
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+
+    def __call__(self, done: int, count: int) -> None:
+        """Show that so many tiles are done."""
+        if done == 1:
+            self._bar = Progress(count, TILE)
+        if self._bar is not None:
+            self._bar.step()
+            if done == count:
+                self._bar.close()
 
 
 def plural(count: int, noun: str) -> str:

@@ -5,19 +5,25 @@ from dataclasses import replace
 from pathlib import Path
 
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import End, begun, manifest_beside
+from blur2view.cli.run import End, begun, colmap_names, kept_of, manifest_beside, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import PhotographViews, ViewsWork, make_views, name_photographs, with_time
+from blur2view.cli.views import PhotographViews, ViewsWork, name_photographs, with_time
 from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.connection import BESIDE
-from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
-from blur2view.colmap.link import LinkJob, write_links
+from blur2view.colmap.database import (
+    holds_views_alone,
+    refuse_existing,
+    stored_photographs,
+    write_database,
+)
+from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import OPEN
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.input_files import read_regular
 from blur2view.output_files import prepared
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
+from blur2view.runs.job import Job
 
 FAILED = 1
 
@@ -27,16 +33,21 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    work = ViewsWork.of(options, database=options.db, link=options.link, skip_movers=options.skip_movers)
+    shared = ViewsWork.shared(options)
+    work = ViewsWork(**shared, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
-    folders = [] if options.dry_run or options.output is None else [options.output]
-    beside = options.target if options.output is None else options.output / options.command
-    path = None if options.dry_run else manifest_beside(beside)
-    with prepared(*folders), begun(options, work, path, written_files(options)) as manifest:
-        replaces = refuse_others(options)
-        before = written_before(options)
+    named = options.target if options.output is None else options.output / options.command
+    path, files = None if options.dry_run else manifest_beside(named), _written_files(options)
+    with prepared(None if options.dry_run else options.output), begun(options, work, path, files) as manifest:
+        replaces = _refuse_others(options)
+        before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
-        finished = make_views(options, work, [one for one in photographs if not one.kept], manifest)
+        left = [one for one in photographs if not one.kept]
+        jobs = [
+            Job(index=index, path=one.path, target=one, source=one.source) for index, one in enumerate(left)
+        ]
+        names = colmap_names(options.inputs) | {one.path: one.name for one in left}
+        finished = run_over(options, work, jobs, manifest, take=kept_of, names=names)
         made = [one for one in finished.taken if one is not None]
         lost = before - {one.photograph.name for one in made if not _skips(options, one)}
         interrupted = finished.end is End.INTERRUPTED
@@ -47,7 +58,7 @@ def run(options: ToColmapOptions) -> int:
         if options.corrected:
             made = [replace(one, views=one.views.corrected()) for one in made]
         written = [one for one in made if not _skips(options, one)]
-        backup = None if options.dry_run else write_views(options, written, replace=replaces)
+        backup = None if options.dry_run else _write_views(options, written, replace=replaces)
     document = ToColmapDocument(
         format=options.format,
         target=str(options.target),
@@ -63,6 +74,51 @@ def run(options: ToColmapOptions) -> int:
     elif options.verbosity > QUIET:
         print(summary(document, linked=options.link, verbosity=options.verbosity))
     return FAILED if failures and not interrupted else finished.exit_code
+
+
+def _written_files(options: ToColmapOptions) -> list[Path]:
+    """Return what is written, besides the manifest."""
+    if options.output is None:
+        return [options.target, *(Path(f"{options.target}{end}") for end in BESIDE)]
+    names = hloc_files.NAMES if options.hloc else text_formats.NAMES
+    return [options.output, *(options.output / name for name in names)]
+
+
+def _refuse_others(options: ToColmapOptions) -> bool:
+    """Refuse before any work what is not ours; return whether a database of an earlier call is replaced."""
+    if options.output is not None:
+        (hloc_files if options.hloc else text_formats).refuse_foreign(options.output)
+    if options.output is not None or options.link:
+        return False
+    if options.target.is_file() and holds_views_alone(options.target):
+        return True
+    refuse_existing(options.target)
+    return False
+
+
+def _written_before(options: ToColmapOptions) -> set[str]:
+    """Return the photographs whose views an earlier call has written, which this one would write anew."""
+    if options.link or options.dry_run:
+        return set()
+    if options.output is None:
+        return stored_photographs(options.target) if options.target.exists() else set()
+    path = options.output / (hloc_files.NAMES[-1] if options.hloc else text_formats.NAMES[0])
+    words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
+    return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
+
+
+def _write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, replace: bool) -> Path | None:
+    """Return the backup, if there is one, after writing everything at once."""
+    if options.link:
+        return write_links(options.target, [one.job for one in made], backup=options.backup)
+    views = [one.views for one in made]
+    if options.hloc:
+        hloc_files.write_hloc(options.target, views)
+    elif options.output is not None:
+        text_formats.write_matches_text(options.output, views, [one.photograph.path for one in made])
+    elif made:
+        write_database(options.target, views, replace=replace)
+    return None
 
 
 def _skips(options: ToColmapOptions, one: PhotographViews) -> bool:
@@ -115,50 +171,3 @@ def _line(one: ViewsDocument, verbosity: int) -> str:
     order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line
-
-
-def written_files(options: ToColmapOptions) -> list[Path]:
-    """Return what is written, besides the manifest."""
-    if options.output is None:
-        return [options.target, *(Path(f"{options.target}{end}") for end in BESIDE)]
-    names = hloc_files.NAMES if options.hloc else text_formats.NAMES
-    return [options.output, *(options.output / name for name in names)]
-
-
-def refuse_others(options: ToColmapOptions) -> bool:
-    """Refuse before any work what is not ours; return whether a database of an earlier call is replaced."""
-    if options.output is not None:
-        (hloc_files if options.hloc else text_formats).refuse_foreign(options.output)
-    if options.output is not None or options.link:
-        return False
-    if options.target.is_file() and holds_views_alone(options.target):
-        return True
-    refuse_existing(options.target)
-    return False
-
-
-def written_before(options: ToColmapOptions) -> set[str]:
-    """Return the photographs whose views an earlier call has written, which this one would write anew."""
-    if options.link or options.dry_run:
-        return set()
-    if options.output is None:
-        return stored_photographs(options.target) if options.target.exists() else set()
-    path = options.output / (hloc_files.NAMES[-1] if options.hloc else text_formats.NAMES[0])
-    words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
-    return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
-
-
-def write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, replace: bool) -> Path | None:
-    """Return the backup, if there is one, after writing everything at once."""
-    if options.link:
-        plans = [(one.photograph.plan, one.views) for one in made]
-        jobs = [LinkJob(plan=plan, views=views) for plan, views in plans if plan is not None]
-        return write_links(options.target, jobs, backup=options.backup)
-    views = [one.views for one in made]
-    if options.hloc:
-        hloc_files.write_hloc(options.target, views)
-    elif options.output is not None:
-        text_formats.write_matches_text(options.output, views, [one.photograph.path for one in made])
-    elif made:
-        write_database(options.target, views, replace=replace)
-    return None

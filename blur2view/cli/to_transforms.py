@@ -4,7 +4,6 @@ import json
 import math
 import os
 from dataclasses import dataclass
-from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,9 @@ from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_together
+from blur2view.file_writing import write_files
 from blur2view.output_files import check_file, writing
 
-DONE = 0
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 
 
@@ -29,7 +27,6 @@ class ToTransformsOptions:
     exposure: float
     output: Path
     dialect: str
-    overwrite: bool
     verbosity: int
 
     def __post_init__(self) -> None:
@@ -57,10 +54,10 @@ def run(options: ToTransformsOptions) -> int:
         check_file(cloud, "point cloud")
         files = {cloud: point_cloud(options.model), **files}
     with writing(target.parent):
-        write_together({path: methodcaller("write", text) for path, text in files.items()})
+        write_files(files)
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
-    return DONE
+    return 0
 
 
 def _check_photographs(target: Path, content: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ from blur2view.cli.run import (
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.output_files import ResultFiles, check_file, prepared, write_text
+from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
@@ -39,29 +39,29 @@ and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median wit
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageWork(EstimatingWork[ResultFiles | None, None]):
+class TriageWork(EstimatingWork[None, None]):
     """The work on one photograph, of which nothing is kept but its row."""
 
-    def __call__(self, job: Job[ResultFiles | None]) -> Made[None]:
+    def __call__(self, job: Job[None]) -> Made[None]:
         """Return the row of one photograph."""
         one = self.estimated(job)
         row = self.row(one)
         return Made(kept=None, summary=row.meaning, row=row, warnings=one.warnings)
 
-    def restored(self, job: Job[ResultFiles | None], stored: Any) -> None:
+    def restored(self, job: Job[None], stored: Any) -> None:
         """Return nothing."""
 
 
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    work, keep = TriageWork.of(options), options.keep
+    work, keep = TriageWork(**TriageWork.shared(options)), options.keep
     first = options.csv or keep or options.extract
     path = None if first is None else manifest_beside(first)
     refuse_shared(options, keep, [path], "--keep")
-    folders = [one for one in (keep and keep.parent, options.extract and options.extract.parent) if one]
     names = colmap_names(options.inputs)
     files = extracted_names(names)
     classifier = Classifier(options)
+    folders = keep and keep.parent, options.extract and options.extract.parent
     with prepared(*folders), begun(options, work, path, [keep]) as manifest:
         _check_list(options, names.values(), manifest)
         choice = _choice(options, files, manifest)

@@ -1,7 +1,5 @@
 """The photographs of ``blur2view to-colmap``: their names, their plans if they are linked, their views."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,43 +9,48 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifValues
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import Finished, colmap_names, kept_of, run_over
+from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
-from blur2view.colmap.link import LinkStep, Step, digest, plan_links
+from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import keypoint_views
-from blur2view.exposure.neighbours import PhotographMatcher
+from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
 from blur2view.runs.job import Job, Made
-from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NamedPhotograph:
-    """One photograph of a call."""
+    """One photograph of a call: its path, its name in the database, and its plan if it is linked."""
 
     path: Path
-    name: str  # in the database
-    plan: LinkStep | None = None  # if it is linked
+    name: str
+    plan: LinkStep | None = None
 
     @property
     def kept(self) -> bool:
         """Whether its views are in the project already and stay as they are."""
         return self.plan is not None and self.plan.step is Step.KEEP
+
+    @property
+    def source(self) -> str:
+        """What views depend on besides the picture: their name, and the features that are moved."""
+        return self.name + ("" if self.plan is None else f" {digest(self.plan.image).hex()}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,6 +59,13 @@ class PhotographViews:
 
     photograph: NamedPhotograph
     views: ExposureViews
+
+    @property
+    def job(self) -> LinkJob:
+        """The argument of `write_links`."""
+        if self.photograph.plan is None:
+            raise ValueError(f"{self.photograph.name} is not linked")
+        return LinkJob(plan=self.photograph.plan, views=self.views)
 
     def document(self, action: str | None = None) -> ViewsDocument:
         """Return the document of the views; by default the action is that of the plan."""
@@ -107,7 +117,7 @@ def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
-    """The work on one photograph; only its views are kept."""
+    """The work on one photograph, whose field, which is large, is not kept."""
 
     database: Path | None
     link: bool
@@ -115,37 +125,25 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
         """Return the views of one photograph."""
-        photograph = job.target
-        one = self.estimated(job, as_stored=True, camera_of=partial(self._camera, photograph.plan))
-        result, row = one.estimate, self.row(one)  # as stored: COLMAP does not turn pictures upright
-        if photograph.plan is None:
-            views = views_of(photograph.name, result)
+        photograph, plan = job.target, job.target.plan
+        # COLMAP does not turn pictures upright
+        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.database, plan, self.run))
+        if plan is None:
+            views = views_of(photograph.name, one.estimate)
         else:
-            keypoints = photograph.plan.image.keypoints
-            moving = segment(result, one.image).labels == MotionLabel.MOVING if self.skip_movers else None
-            views = keypoint_views(photograph.name, keypoints, result, self.run.options, moving)
+            moving = None
+            if self.skip_movers:
+                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+            views = keypoint_views(
+                photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
+            )
+        row = self.row(one)
         return Made(
             kept=PhotographViews(photograph=photograph, views=views),
-            summary=verdict_line(photograph.name, row.meaning, result.geometry),
+            summary=verdict_line(photograph.name, row.meaning, one.estimate.geometry),
             row=row,
             warnings=one.warnings,
         )
-
-    def _camera(
-        self, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
-    ) -> Camera | None:
-        """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-        stated = self.run.intrinsics.of(path, size, exif)
-        if plan is None or self.database is None:
-            return stated
-        own = camera_of_database(self.database, plan.image.camera_id)
-        if (own.width, own.height) != size:
-            raise CameraError(
-                f"{path}: is of {size[0]}x{size[1]} pixels, in {self.database} of {own.width}x{own.height}"
-                "; give the photograph that the features are from"
-            )
-        hint = plan.image.prior_focal and self.run.intrinsics == Intrinsics()
-        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
 
     def stored(self, kept: PhotographViews) -> Any:
         """Return the views in JSON's types."""
@@ -154,11 +152,12 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> PhotographViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
         views: ExposureViews = restore(ExposureViews, stored)
-        plan = job.target.plan
-        if views.name != job.target.name or (views.usable is None) != (plan is None):
-            raise ValueError(f"expected the views of {job.target.name}")
-        _check_shapes(views, len(views.points_open if plan is None else plan.image.keypoints))
-        return PhotographViews(photograph=job.target, views=views)
+        photograph, plan = job.target, job.target.plan
+        count = len(views.points_open if plan is None else plan.image.keypoints)
+        if views.name != photograph.name or (views.usable is None) != (plan is None):
+            raise ValueError(f"expected the views of {photograph.name}")
+        _check_shapes(views, count)
+        return PhotographViews(photograph=photograph, views=views)
 
 
 def _check_shapes(views: ExposureViews, count: int) -> None:
@@ -174,21 +173,26 @@ def _check_shapes(views: ExposureViews, count: int) -> None:
         colmap_camera(camera.model, *views.size, camera.params)
 
 
-def make_views(
-    options: ToColmapOptions,
-    work: ViewsWork,
-    photographs: Sequence[NamedPhotograph],
-    manifest: Manifest | None,
-) -> Finished[PhotographViews | None]:
-    """Return the views of the photographs, None for those that fail."""
-    jobs: list[tuple[Job[NamedPhotograph], None]] = []
-    for one in photographs:  # views depend on their name, too, and on the features that are moved
-        source = one.name + ("" if one.plan is None else f" {digest(one.plan.image).hex()}")
-        jobs.append((Job(index=len(jobs), path=one.path, target=one, source=source), None))
-    if not jobs:
-        return Finished()
-    names = colmap_names(options.inputs) | {one.path: one.name for one in photographs}
-    return run_over(options, work, jobs, manifest, take=kept_of, names=names)
+def _camera(
+    database: Path | None,
+    plan: LinkStep | None,
+    run: Run,
+    path: Path,
+    size: tuple[int, int],
+    exif: ExifValues,
+) -> Camera | None:
+    """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
+    stated = run.intrinsics.of(path, size, exif)
+    if plan is None or database is None:
+        return stated
+    own = camera_of_database(database, plan.image.camera_id)
+    if (own.width, own.height) != size:
+        raise CameraError(
+            f"{path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
+            "; give the photograph that the features are from"
+        )
+    asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.image.prior_focal and not asked else stated
 
 
 def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[PhotographViews]:
@@ -196,11 +200,13 @@ def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[Pho
     if options.in_order is False:
         return made
     names = [one.photograph.name for one in made]
-    matcher: Callable[[int, int], Any] = PhotographMatcher([one.photograph.path for one in made])
-    if options.link:
-        if made and not options.in_order:  # photographs that are not linked have a vote too
-            names += sorted(set(database_names(options.target)) - set(names))
-        matcher = DatabaseMatcher(options.target, names)
+    if options.link and made and not options.in_order:  # photographs that are not linked have a vote too
+        names += sorted(set(database_names(options.target)) - set(names))
     runs = consecutive_runs(names, in_order=bool(options.in_order))
+    matcher: Callable[[int, int], Any]
+    if options.link:
+        matcher = DatabaseMatcher(options.target, names)
+    else:
+        matcher = photograph_matcher([one.photograph.path for one in made])
     views = with_time_direction([one.views for one in made], runs, matcher)
     return [replace(one, views=directed) for one, directed in zip(made, views, strict=True)]

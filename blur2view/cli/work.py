@@ -3,8 +3,6 @@
 The network is loaded once in each process and run in one thread, so that bytes are equal.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -15,7 +13,7 @@ from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.options import PhotographOptions
-from blur2view.cli.terminal import TILE, Progress
+from blur2view.cli.terminal import TileProgress
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.neighbours import Features, features_of, match_features
@@ -25,7 +23,7 @@ from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
-from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restored_file
 from blur2view.results.table import Row
@@ -38,33 +36,34 @@ Written = TypeVar("Written", bound=Document)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandNetwork:
-    """The file of the network, as it goes to the processes that run it: that of --model, and its SHA-256."""
+    """The network, as it goes to the processes that run it: what --model names and the file's SHA-256."""
 
     model: str | None
     digest: str
 
     @classmethod
-    def of(cls, model: str | None) -> CommandNetwork:
-        """Return that of --model, whose tiles are shown to a person; ModelError if it cannot be loaded."""
+    def of(cls, model: str | None) -> Self:
+        """Return that of --model, loaded to see that it can be; its tiles are shown to a person."""
         path = model_path(model)
         network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
-        network.loaded.on_tile = Progress(TILE).show
-        network.loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        loaded = network.loaded  # which says what is wrong, if anything is
+        loaded.on_tile = TileProgress()
+        loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
         return network
 
     @property
     def loaded(self) -> SmearNetwork:
-        """Return the smear network of this process; RunError if its file is another one there."""
+        """Return the smear network of this process; RunError if another file has its name there."""
         return _loaded(self)
 
 
 @lru_cache(maxsize=1)
-def _loaded(file: CommandNetwork) -> SmearNetwork:
-    """Return the smear network of a file with this digest."""
-    network = SmearNetwork(file.model, threads=1)
-    if file_digest(network.path) != file.digest:  # as a machine of a cluster may have
-        raise RunError(f"{network.path}: is another network on a worker; install the same blur2view there")
-    return network
+def _loaded(network: CommandNetwork) -> SmearNetwork:
+    """Return the smear network, loaded once."""
+    loaded = SmearNetwork(network.model, threads=1)
+    if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
+        raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
+    return loaded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,18 +75,24 @@ class EstimatingWork(Work[Target, Kept]):
     timings: bool
     verbosity: int
 
-    @classmethod
-    def of(cls, options: PhotographOptions, **own: Any) -> Self:
-        """Return the work that the options of a command ask for, after loading the network."""
-        network, level = CommandNetwork.of(options.model), options.verbosity
-        return cls(run=options.run, network=network, timings=options.timings, verbosity=level, **own)
+    @staticmethod
+    def shared(options: PhotographOptions) -> dict[str, Any]:
+        """Return what the options of any command say of its work, after loading the network."""
+        return {
+            "run": options.run,
+            "network": CommandNetwork.of(options.model),
+            "timings": options.timings,
+            "verbosity": options.verbosity,
+        }
 
-    def estimated(self, job: Job[Target], **how: Any) -> FileEstimate:
-        """Return the estimate of a photograph, in the order in time that its neighbours decide.
-
-        ``how`` are keyword arguments of `estimate_file`.
-        """
-        one = estimate_file(job.path, self.network.loaded, self.run, job.content, **how)
+    def estimated(
+        self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None
+    ) -> FileEstimate:
+        """Return the estimate of a photograph, in the order in time that its neighbours decide."""
+        network = self.network.loaded
+        one = estimate_file(
+            job.path, network, self.run, job.content, as_stored=as_stored, camera_of=camera_of
+        )
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
         if not job.neighbours:
             return one
@@ -108,10 +113,10 @@ class EstimatingWork(Work[Target, Kept]):
 
 @dataclass(frozen=True, kw_only=True)
 class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
-    """Work whose document, of one kind, is written beside other files, and kept where it is printed."""
+    """Work whose document is written beside other files, and kept where it is printed."""
 
+    kind: ClassVar[Any]  # type of the document
     json: bool
-    kind: ClassVar[type[Any]]
 
     def restored(self, job: Job[ResultFiles | None], stored: Any) -> Written | None:
         """Return the document that an earlier call has written."""
@@ -121,8 +126,7 @@ class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
         return document
 
 
-Content = tuple[Path, bytes]
-"""A photograph's file."""
+Content = tuple[Path, bytes]  # of a photograph
 
 
 @lru_cache(maxsize=2)

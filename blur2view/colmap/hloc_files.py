@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from io import BytesIO
-from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from blur2view.colmap.database import inliers
 from blur2view.colmap.text_formats import are_views, refuse_names
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
-from blur2view.file_writing import write_together
+from blur2view.file_writing import write_files
 from blur2view.input_files import open_regular, read_regular
 
 UNMATCHED = -1
@@ -123,8 +122,7 @@ def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) 
             for views in sequence:
                 add(file, views)
     pairs = "".join(" ".join(views.names) + "\n" for views in sequence).encode()
-    contents = zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)
-    write_together({path: methodcaller("write", content) for path, content in contents})
+    write_files(dict(zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)))
 
 
 def _add_features(file: Any, views: ExposureViews) -> None:

@@ -22,7 +22,7 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.database import inliers
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
-from blur2view.file_writing import write_atomically
+from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of
@@ -122,7 +122,7 @@ def _remove_earlier(folders: Sequence[Path], names: set[str]) -> None:
 
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, lambda file: file.write(text.encode()))
+    write_files({path: text.encode()})
 
 
 def _link(path: Path, photograph: Path) -> None:

@@ -1,13 +1,12 @@
 """Which end of a smear is the open one, under an estimated motion.
 
-A rotation alone orders all smears. F alone leaves the order of most ambiguous where the camera hardly rotates
-(of all, if it only translates). Cheirality decides it, for which a roughly right focal length is enough: on 8
-scenes each of 800 disturbed smears (4 degrees, 10 %) without known intrinsics, right orders rose from 0.58 to
-0.99 in the median for a pure translation, from 0.96 to 1.00 for a general motion
-(tests/exposure/test_end_order.py).
+A rotation alone orders all: where RedKitchen's pose has no translation it gives 0.9998 of the smears of 30
+frames the right order among each other, the F beside it 0.977. F alone leaves the order of most smears
+ambiguous where the camera hardly rotates (of all, if it only translates). Cheirality decides it, for which a
+roughly right focal length is enough: on 8 scenes each of 800 disturbed smears (4 degrees, 10 %)
+without known intrinsics, right orders rose from 0.58 to 0.99 in the median for a pure translation, from 0.96
+to 1.00 for a general motion (tests/exposure/test_end_order.py).
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -47,6 +46,12 @@ class MotionOrder:
         return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
 
 
+def open_and_close(ends: Array, swapped: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return open and close ends (N, 2) of smears whose ends[:, 1] are open where ``swapped`` (N,)."""
+    first, second, other = ends[:, 0], ends[:, 1], swapped[:, None]
+    return np.where(other, second, first), np.where(other, first, second)
+
+
 def motion_order(
     geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
 ) -> MotionOrder:
@@ -67,9 +72,9 @@ def motion_order(
 
 
 def forward_share(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> Array:
-    """Return the probability (N,) that ends[:, 0] is the open end, from the residuals to F or H alone.
+    """Return the probability (N,) that ends[:, 0] is open, by F or H alone; one half where neither is known.
 
-    One half where neither is known. ``sampson_px`` (N,) are the standard deviations of the residuals.
+    ``sampson_px`` (N,) are the standard deviations of the residuals.
     """
     sides = ends, ends[:, ::-1]
     if geometry.F is not None:

@@ -4,8 +4,6 @@ A feature detected in the photograph itself lies in the middle of its smear. The
 constant velocity, as one screw motion: the pose of half the exposure, applied twice, is that of the whole.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +19,8 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
     """Return the geometry from the middle of the exposure (1) to its close (2), of that from open to close.
 
-    With a camera F is exactly that of the halved pose. ``size`` is (width, height) of the photograph, pixels.
+    That from the middle to the open end is the same of ``geometry.reversed()``. With a camera F is exactly
+    that of the halved pose. ``size`` is width and height of the photograph, pixels.
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)

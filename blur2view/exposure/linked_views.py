@@ -1,6 +1,8 @@
-"""Both virtual images of a photograph with known features: each feature moved by half of its smear."""
+"""Both virtual images of a photograph with known features: each feature moved by half of its smear.
 
-from __future__ import annotations
+So a track that holds the feature holds both ends of its smear, and the virtual views join a reconstruction
+through the photograph's own matches.
+"""
 
 from dataclasses import replace
 
@@ -8,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.exposure.end_order import MotionOrder, motion_order
-from blur2view.exposure.views import ExposureViews, in_order, views_of
+from blur2view.exposure.end_order import MotionOrder, motion_order, open_and_close
+from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
 from blur2view.smears.field import smear_ends
@@ -33,9 +35,9 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Usable are those whose smear is known well enough, but for those on pixels (H, W) that are ``excluded``.
-    What lies beyond the picture stays where it is and is not usable; what is not finite is put at 0.
-    ``options`` are those of the estimate: what counts as an inlier.
+    Usable are those whose smear is known well enough. What lies beyond the picture stays where it is and is
+    not usable; what is not finite is put at 0. Nor is usable what lies on pixels (H, W) that are
+    ``excluded``, as they move by themselves. ``options`` are those of the estimate: what counts as an inlier.
     """
     options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
@@ -49,18 +51,18 @@ def keypoint_views(
     sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)), estimate.matches.shared)
     order = motion_order(geometry, estimate.matches, estimate.camera, grid.size)
     swapped = order.swapped(ends, sampson)
-    first, last = in_order(ends, swapped)
+    first, last = open_and_close(ends, swapped)
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
     usable = inside & certain & (geometry.F is not None or geometry.H is not None)
     if excluded is not None:
         columns, rows = np.rint(points).astype(int).T
         usable &= ~excluded[rows, columns]
     fits = usable & _fits(order, ends, sampson, options)
-    still = np.where(np.isfinite(keypoints), keypoints, 0.0)
+    moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     return replace(
         views_of(name, estimate),
-        points_open=np.where(inside[:, None], first, still),
-        points_close=np.where(inside[:, None], last, still),
+        points_open=np.where(moved, first, still),
+        points_close=np.where(moved, last, still),
         sigma_px=sigma,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
         usable=usable,

@@ -1,8 +1,6 @@
 """Matched pixels of neighbouring photographs, by OpenCV's SIFT."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,21 +21,14 @@ MIN_MATCHES = 12  # verified matches; fewer may be chance
 NO_POINTS = np.zeros((0, 2))
 
 
-class PhotographMatcher:
-    """Matches photographs by SIFT, mutual nearest neighbours and an epipolar check.
+def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Array, Array]]:
+    """Return what gives matched pixels (M, 2) of two photographs by their indices, none where there are few.
 
     Each is read when it is first needed, not rotated by EXIF, as COLMAP reads it; the features of a few are
     kept.
     """
-
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._features = lru_cache(maxsize=8)(
-            lambda index: features_of(read_image(paths[index], as_stored=True))
-        )
-
-    def __call__(self, first: int, second: int) -> tuple[Array, Array]:
-        """Return matched pixels (M, 2) of two photographs by their indices, none where there are too few."""
-        return match_features(self._features(first), self._features(second))
+    features = lru_cache(maxsize=8)(lambda index: features_of(read_image(paths[index], as_stored=True)))
+    return lambda first, second: match_features(features(first), features(second))
 
 
 def features_of(image: NDArray[np.float32]) -> Features:

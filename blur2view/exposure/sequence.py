@@ -1,7 +1,5 @@
 """The frames of a video as a series: every estimate in the direction of time that its neighbours show."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -20,7 +18,8 @@ from blur2view.two_view.options import EstimatorOptions
 def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     """Return an estimate in the direction of time that neighbouring frames show: its geometry and ``time``.
 
-    Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
+    F, H, E, the pose and its covariance and the order of every smear (``swapped``) are of that direction, all
+    of them. Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
     if estimated.shutter is None:
         views, candidates = views_of("frame", estimated), None
@@ -42,8 +41,10 @@ def estimate_frames(
 ) -> Iterator[Estimate]:
     """Yield the estimate of each frame of a video, as :func:`estimate`, in the right direction of time.
 
-    The frames before and after each one decide it, so each is given when the next one is there, and the
-    angular velocities are one continuous series.
+    A frame alone leaves the direction of time open; the frames before and after it decide it, so each is
+    given when the next one is there, and the angular velocities are one continuous series. One network is
+    used for all. For photographs that are no video call :func:`estimate` in a loop, with one
+    :class:`SmearNetwork`.
 
     Parameters
     ----------

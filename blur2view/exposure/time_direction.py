@@ -1,17 +1,16 @@
 """Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
-What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
-Every match with a neighbour compares its displacement with the smear at its place; the displacements to both
-sides together are the velocity at mid exposure, so that the longer one counts for more.
+One photograph leaves it ambiguous. Its neighbours in a video decide it: what moves right from the last frame
+to this one, and on to the next, moved right during this exposure too. Every match with a neighbour compares
+its displacement with the smear at its place; the displacements to both sides together are the velocity at
+mid exposure, so that the longer one counts for more.
 
 The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
-cheirality, which needs the sign of the translation; where noise has decided that sign, no time reversal is
-right. So all four combinations of both signs are candidates. On 66 frames of RedKitchen with their intrinsics
-the pose's rotation then agreed in sign with the recorder's in 64 of 64 frames, with the time reversal alone
-in 45.
+cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
+reversed relative to the translation, and no time reversal is right. So all four combinations of both signs
+are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
+with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 """
-
-from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
@@ -25,8 +24,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.translation_sign import other_translation, share_in_front
-from blur2view.exposure.views import ExposureViews
+from blur2view.exposure.views import ExposureViews, other_translation, share_in_front
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.two_view_geometry import TimeDirection
 
@@ -46,15 +44,11 @@ MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NeighbourMotion:
-    """How the picture moves about the time of a photograph, as one neighbour shows it.
+    """How the picture moves about the time of a photograph, as one neighbour shows it."""
 
-    ``rotation`` is the camera's rotation vector per frame, as in ``cam2_from_cam1``; None if its intrinsics
-    or enough matches are not known.
-    """
-
-    points: Array  # (M, 2), pixels of the photograph
-    velocity: Array  # (M, 2), of what is seen there, pixels per frame, forwards in time
-    rotation: Array | None = None  # (3,)
+    points: Array  # (M, 2) pixels of the photograph
+    velocity: Array  # (M, 2) of what is seen there, pixels per frame, forwards in time
+    rotation: Array | None = None  # (3,) per frame, as in cam2_from_cam1; None without intrinsics or matches
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
@@ -105,11 +99,12 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     """Return the mean cosine with one neighbour's motion, and that motion's median length in pixels."""
     smear, near = smears_at(views, motion.points)
     velocity = motion.velocity[near]
-    moved = velocity.any(axis=1) & smear.any(axis=1)
+    length = np.linalg.norm(velocity, axis=1)
+    moved = (length > 0) & (np.linalg.norm(smear, axis=1) > 0)
     if moved.sum() < MIN_MATCHES:
         return 0.0, 0.0
-    smear, velocity = smear[moved], velocity[moved]
-    length, smeared = np.linalg.norm(velocity, axis=1), np.linalg.norm(smear, axis=1)
+    smear, velocity, length = smear[moved], velocity[moved], length[moved]
+    smeared = np.linalg.norm(smear, axis=1)
     if np.median(length / smeared) > MAX_EXPOSURES_APART:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)
@@ -141,13 +136,6 @@ def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion])
     return float(own @ seen) / lengths if lengths > 0 else 0.0
 
 
-def confidence_of(agreement: float) -> float:
-    """Return P(right) - P(wrong) of a direction by the mean cosine of `INDEPENDENT_SMEARS` smears."""
-    from scipy.special import ndtr
-
-    return float(2 * ndtr(abs(agreement) * np.sqrt(INDEPENDENT_SMEARS)) - 1)
-
-
 def directed(
     views: ExposureViews,
     motions: Sequence[NeighbourMotion],
@@ -156,8 +144,7 @@ def directed(
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
     Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
-    neighbours the views are returned as they are. Candidates are by default both signs of time and of the
-    translation.
+    neighbours the views stay as they are. Candidates are by default both signs of time and translation.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
@@ -171,17 +158,23 @@ def directed(
         return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
-    confidence = confidence_of(max(agreement_of(best, motions), 0.0))
+    from scipy.special import ndtr
+
+    # P(right) - P(wrong), by the mean cosine of so many independent smears
+    agreement = max(agreement_of(best, motions), 0.0)
+    confidence = float(2 * ndtr(agreement * np.sqrt(INDEPENDENT_SMEARS)) - 1)
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 
 
 def with_time_direction(
-    sequence: Sequence[ExposureViews], runs: Sequence[Sequence[int]], matched: Matched
+    sequence: Sequence[ExposureViews],
+    runs: Sequence[Sequence[int]],
+    matched: Matched,
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
-    ``runs`` are those of `consecutive_runs`. A photograph in none keeps its arbitrary direction. Indices
+    ``runs`` are those of `consecutive_runs`; a photograph in none keeps its arbitrary direction. Indices
     beyond the sequence are photographs without views, sharp ones perhaps, that vote and are not voted on.
     """
     decided = list(sequence)
@@ -204,7 +197,8 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
     With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
     names differ by one in the last number of the file's own name and in nothing else ("left/frame_0041.jpg",
-    "left/frame_0042.jpg"). Photographs without a neighbour are in none.
+    "left/frame_0042.jpg"; folders of cameras may be numbered, too). Photographs without a neighbour are in
+    none.
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []

@@ -1,12 +1,12 @@
 """The motion of a camera during exposures whose place in a trajectory is known.
 
-A reconstruction of a video tells how far away every feature is, which makes its smear linear in the camera's
-rotation and translation; and how the camera moves from frame to frame, of which the exposure is a fraction,
-the same in every frame. So the smears measure that fraction, and where a frame's motion departs from it.
-Errors of smears are correlated and large; a trajectory's errors are measured from itself.
+Where a reconstruction holds the photographs of a video, two things are known beside the smears: how far away
+every feature is, which makes its smear linear in the camera's rotation and translation; and how the camera
+moves from frame to frame, of which the exposure is a fraction, the same in every frame. So the smears measure
+that fraction, and where this frame's motion departs from it. Both are weighted: errors of smears are
+correlated and large relative to their length; a trajectory's errors are its curvature and the noise of its
+poses, both measured from itself.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,16 +28,13 @@ ROUGHNESS = 2 / 3  # a difference from the mean of two neighbours has 3/2 of one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedFrame:
-    """A frame's smears at features of known depth, and the trajectory's velocity there.
+    """A frame's smears at features of known depth, and the trajectory's velocity there, in checked shapes."""
 
-    ``velocity`` is the rotation vector and translation per frame, as in ``cam_later_from_cam_earlier``, None
-    without neighbours. ValueError if the shapes are not as below.
-    """
-
-    rays: Array  # (N, 2), coordinates x/z, y/z of the features at mid exposure
-    displacement: Array  # (N, 2), their smears, open to close, in the same coordinates
-    inverse_depth: Array  # (N,), one over the features' z
-    velocity: Array | None  # (6,)
+    rays: Array  # (N, 2): x/z, y/z of the features at mid exposure
+    displacement: Array  # (N, 2): their smears, open to close, in the same coordinates
+    inverse_depth: Array  # (N,): one over the features' z
+    # (6,): rotation vector and translation per frame, of cam_later_from_cam_earlier; None without neighbours
+    velocity: Array | None
 
     def __post_init__(self) -> None:
         """Check the shapes."""

@@ -1,8 +1,7 @@
 """One photograph as two virtual images: the scene as seen at shutter-open and at shutter-close."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -10,9 +9,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.end_order import motion_order
+from blur2view.exposure.end_order import motion_order, open_and_close
+from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
+from blur2view.smears.matches import SmearMatches
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
 
@@ -75,17 +76,21 @@ class ExposureViews:
 
         No file has these names. They sort beside their photograph and yield its name when cut at the last
         "#", which COLMAP's text formats take for a comment only where a line begins with it. A photograph
-        that itself ends in "#open" would collide; writers refuse an image of such a name.
+        that itself ends in "#open" would collide; writers refuse an image of such a name that is not theirs.
         """
         return self.name + OPEN, self.name + CLOSE
 
-    def corrected(self) -> ExposureViews:
+    def corrected(self) -> Self:
         """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
 
-        Then the estimated pose is a minimum of every bundle adjustment, which unweighted would drift along
-        what correlated errors leave poorly determined; COLMAP's own covariance is meaningless. Views without
-        F stay as they are. To first order if the camera is distorted. Hartley and Sturm, Triangulation,
-        CVIU 68(2), 1997.
+        Then the estimated pose is a minimum of every bundle adjustment, of zero residual; unweighted, that
+        would drift along the directions that correlated errors leave poorly determined. COLMAP's own
+        covariance is then meaningless; use that of the geometry. Views without F stay as they are. To first
+        order if the camera is distorted.
+
+        References
+        ----------
+        Hartley and Sturm, Triangulation, CVIU 68(2), 1997.
         """
         F, kept = self.geometry.F, self.geometry.inlier_mask
         if F is None or not kept.any():
@@ -98,7 +103,7 @@ class ExposureViews:
         ends[:, kept] = given + np.where(finite, moved, 0.0)
         return replace(self, points_open=ends[0], points_close=ends[1])
 
-    def reversed(self) -> ExposureViews:
+    def reversed(self) -> Self:
         """Return the views under time reversal: ends exchanged, F and E transposed, the pose inverted."""
         return replace(
             self,
@@ -123,7 +128,7 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     ------
     ValueError
         If the estimate has a rolling shutter: its F is not that of the ends as recorded, and ends corrected
-        for it are no views of one time, as each row is seen at another.
+        for it are no views of one time: points of other rows stay where a camera at another time saw them.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
@@ -131,22 +136,61 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     return views_in_order(name, estimate, order.swapped(estimate.matches.ends, estimate.matches.sampson_px))
 
 
-def in_order(ends: Array, swapped: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return the open and the close ends (N, 2) of smears (N, 2, 2), whose close end is first if swapped."""
-    ordered = np.where(swapped[:, None, None], ends[:, ::-1], ends)
-    return ordered[:, 0], ordered[:, 1]
-
-
 def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) -> ExposureViews:
     """Return both virtual images of an estimate whose ends[:, 1] are open where ``swapped`` (N,)."""
-    first, last = in_order(estimate.matches.ends, swapped)
+    points_open, points_close = open_and_close(estimate.matches.ends, swapped)
     return ExposureViews(
         name=name,
         size=estimate.grid.size,
-        points_open=first,
-        points_close=last,
+        points_open=points_open,
+        points_close=points_close,
         sigma_px=estimate.matches.sigma_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
         time=estimate.time,
+    )
+
+
+def share_in_front(views: ExposureViews) -> float:
+    """Return the share of the inliers in front of both cameras (cheirality); 0 without a translation."""
+    geometry, camera, pose = views.geometry, views.camera, views.geometry.cam2_from_cam1
+    if pose is None or not pose.translation.any() or camera is None or not geometry.inlier_mask.any():
+        return 0.0
+    rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
+    return float(before_both(pose, *rays).mean())
+
+
+def other_translation(views: ExposureViews) -> ExposureViews | None:
+    """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
+
+    None without F, and where the pose is a rotation alone. Both have the same F and E, which fix the
+    translation but for its sign.
+    """
+    geometry = views.geometry
+    if geometry.F is None:
+        return None
+    ends = np.stack([views.points_open, views.points_close], axis=1)
+    matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
+    order = motion_order(geometry, matches, views.camera, views.size)
+    if order.pose is None or not order.pose.translation.any():
+        return None
+    pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
+    swapped = replace(order, pose=pose).swapped(ends, matches.sampson_px)
+    known, covariance = geometry.cam2_from_cam1, geometry.covariance
+    if known is not None and known.translation.any():
+        known = pose
+    if covariance is not None:
+        covariance = replace(covariance, tangents=-covariance.tangents)
+    points_open, points_close = open_and_close(ends, swapped)
+    return replace(
+        views,
+        points_open=points_open,
+        points_close=points_close,
+        geometry=replace(
+            geometry,
+            E=None if geometry.E is None else -geometry.E,
+            cam2_from_cam1=known,
+            covariance=covariance,
+            swapped=geometry.swapped ^ swapped,
+        ),
     )

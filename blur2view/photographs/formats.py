@@ -1,7 +1,5 @@
 """Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -48,8 +46,8 @@ def develop(
 ) -> NDArray[np.uint16]:
     """Return a RAW photograph (H, W, 3), uint16: sRGB with the camera's white balance, not brightened.
 
-    ``check_size`` raises for sizes that cannot be used. ImageError if rawpy is not installed or LibRaw cannot
-    develop the file.
+    ``encoded`` is the file; ``as_stored`` leaves the picture as it lies; ``check_size`` raises for sizes that
+    cannot be used. ImageError if rawpy is not installed or LibRaw cannot develop the file.
     """
     try:
         import rawpy

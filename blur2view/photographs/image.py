@@ -17,14 +17,7 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import MAX_PIXELS, read_regular
 from blur2view.photographs.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
-from blur2view.photographs.video import (
-    beside_frame,
-    frame_numbers,
-    frame_of,
-    frame_path,
-    is_video,
-    read_frame,
-)
+from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 # Four cells of the network's grid: anything smaller shows no smear.
 MIN_SIDE_PX = 16
@@ -39,7 +32,7 @@ NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy o
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints what nobody listens to
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
 def read_image(
@@ -51,10 +44,10 @@ def read_image(
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
-    Whatever Pillow decodes, of 8 or 16 bits; grey, colour, palette or CMYK; RAW by rawpy and HEIC by
-    pillow-heif, if these are installed. Alpha is composited over mid-grey, embedded colour profiles are
+    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
-    are refused.
+    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
     Parameters
     ----------
@@ -90,13 +83,12 @@ def read_image(
 def read_content(path: Path, *, beside: bool = False) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    ``beside`` if it is read only to be compared with another one. ImageError if it cannot be read, EndOfVideo
-    if the video announces more frames than it has.
+    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
+    frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
-        pixels = (beside_frame if beside else read_frame)(*frame)
-        return bytes(cv2.imencode(".bmp", pixels)[1])
+        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
     if is_video(path):
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
@@ -173,14 +165,17 @@ def _may_be_list(path: Path, content: bytes) -> bool:
 
 def _pictures(photo: Image.Image) -> int:
     """Return how many frames of an animation, or pages of full size, a file holds."""
-    count: int = getattr(photo, "n_frames", 1) if photo.format in MANY_PICTURES else 1
+    if photo.format not in MANY_PICTURES:
+        return 1
+    count: int = getattr(photo, "n_frames", 1)
     if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
         pages = []
         for page in range(count):
             photo.seek(page)
             pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
         photo.seek(0)
-        return sum(kind == pages[0] for kind in pages)  # a smaller copy or a mask has a type
+        # a smaller copy or a mask has a type
+        return sum(kind == pages[0] for kind in pages)
     return count
 
 
@@ -231,8 +226,11 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
 
 def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
     """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
+    values = np.ascontiguousarray(pixels, dtype=np.float32)
     values /= white
+    if values.ndim == 2:
+        values = values[..., None]
     if values.shape[2] in (2, 4):
-        values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
+        alpha = values[..., -1:]
+        values = BACKDROP + (values[..., :-1] - BACKDROP) * alpha
     return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

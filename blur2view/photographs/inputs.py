@@ -1,7 +1,5 @@
 """What a user names, as photographs in order: files, folders, lists of names, videos."""
 
-from __future__ import annotations
-
 import codecs
 import os
 import re
@@ -22,34 +20,14 @@ MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hou
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frames:
-    """Which frames of a video are taken: one of ``every``, from the first to the last, which is included.
-
-    An integer is a frame's number, a float a time in seconds. ValueError unless ``every >= 1`` and none is
-    negative.
-    """
-
-    every: int = 1
-    first: int | float = 0
-    last: int | float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.every < 1 or self.first < 0 or (self.last is not None and self.last < 0):
-            raise ValueError(f"expected every >= 1 and no negative frame, got {self}")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """The photographs of a call, in order, each once; ``VIDEO/000120`` is a frame.
+    """The photographs of a call."""
 
-    Folders and videos that cannot be used are among them, with the reason in ``refused``. ``names`` are those
-    of results, subfolder and stem, where a photograph's place in a folder or video says so.
-    """
-
+    # in order, each once; VIDEO/000120 is a frame; folders and videos that cannot be used are among them
     paths: list[Path] = field(default_factory=list)
+    # what results are called where a place in a folder or video says so: subfolder and stem
     names: dict[Path, Path] = field(default_factory=dict)
-    refused: dict[Path, str] = field(default_factory=dict)
+    refused: dict[Path, str] = field(default_factory=dict)  # why these cannot be used
     lists: list[Path] = field(default_factory=list)  # the files that named some
 
     @property
@@ -72,22 +50,24 @@ def list_photographs(
     words: Sequence[str],
     *,
     recursive: bool = False,
-    frames: Frames | None = None,
+    frames: Callable[[Path], range] = frame_numbers,
     stdin: BinaryIO | None = None,
 ) -> Inputs:
     """Return the photographs that words name.
 
-    Words are files; folders, which stand for the photographs in them by their suffixes (``recursive``: below
-    them), without results of blur2view; videos; ``@LIST``, a file with one such word per line; ``-``, the
-    same from standard input. What a list names and is not there is looked for in the list's folder.
-    ImageError if a list cannot be read, names nothing, or is larger than one of photographs can be.
+    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below) by
+    their suffixes, without results of blur2view; videos, of which ``frames`` returns the numbers of the
+    frames that are taken; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
+    Blank lines of a list are passed over, and those that begin with # and name no file. What a list names and
+    is not there is looked for in the list's folder. ImageError if a list cannot be read, names nothing, or is
+    larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
         path = Path(word)
         try:
             if is_video(path):
-                _add_frames(found, path, frames or Frames())
+                _add_frames(found, path, frames)
             elif path.is_dir():
                 _add_folder(found, path, recursive)
             else:
@@ -136,26 +116,23 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(
             f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
         )
-    names = [name for name in (lines if "\0" in text else map(_name, lines)) if name.strip()]
+    if "\0" in text:
+        names = [name for name in lines if name.strip()]
+    else:
+        lines = [one for one in lines if one.strip() and (one.lstrip()[0] != COMMENT or os.path.lexists(one))]
+        names = [line if os.path.lexists(line) else line.strip() for line in lines]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
 
 
-def _name(line: str) -> str:
-    """Return the name that a line of a list holds, without the spaces about it; empty of a comment."""
-    if os.path.lexists(line):
-        return line
-    return "" if line.lstrip().startswith(COMMENT) else line.strip()
-
-
 _NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
-def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
+def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
     """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
     try:
-        numbers = frame_numbers(video, every=frames.every, first=frames.first, last=frames.last)
+        numbers = frames(video)
     except ImageError as error:
         found.paths.append(video)
         found.refused[video] = str(error)
@@ -167,15 +144,13 @@ def _add_frames(found: Inputs, video: Path, frames: Frames) -> None:
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder, in the order of their names; without any it stays as it is.
-
-    Pictures that blur2view drew are none. OSError if it cannot be read; nothing is added then.
-    """
-    photographs = []
-    for path in sorted(folder.rglob("*") if recursive else folder.iterdir(), key=_in_order):
-        suffix = path.suffix.lower()
-        if suffix in PHOTOGRAPH_SUFFIXES and path.is_file() and not (suffix == ".png" and is_ours(path)):
-            photographs.append(path)
+    """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read."""
+    entries = folder.rglob("*") if recursive else folder.iterdir()
+    photographs = [
+        path
+        for path in sorted(entries, key=_in_order)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+    ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         found.refuse(folder, f"holds no photograph; {more}")
@@ -190,3 +165,8 @@ def _in_order(path: Path) -> list[tuple[str, int, str]]:
     """Return what sorts names as a person does: frame_2 before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", str(path))
     return [(text, int(number or 0), number) for text, number in parts]
+
+
+def _is_result(path: Path) -> bool:
+    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
+    return path.suffix.lower() == ".png" and is_ours(path)

@@ -1,8 +1,6 @@
 """Which photographs of many to keep by their blur: the sharpest of all, or of neighbours of one view."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from itertools import groupby
 
 import cv2
@@ -29,23 +27,26 @@ def sharpest_of_each(
 ) -> set[int]:
     """Return the indices of the sharpest of every ``size`` photographs, and of each view among them.
 
-    ``lengths`` are those of their smears, pixels, None without texture; ``series`` is of which video or
-    folder each one is: none of another is counted with it. ``view`` returns the thumbnail of one by its
-    index, in order, None if there is none: what shows another view than all that are kept of its group is
-    kept, too.
+    ``lengths`` are those of their smears, pixels, None without texture. ``series`` is the video or folder of
+    each one; none of another is counted with it. ``view`` returns the thumbnail of one by its index, in
+    order, None if there is none: what shows another view than all that are kept of its group is kept, too.
     """
     kept: set[int] = set()
+    for group in _groups(series, size):
+        views = {one: view(one) for one in group}
+        left = sorted(group, key=lambda one: _rank(lengths[one]))
+        while left and (lengths[left[0]] is not None or kept.isdisjoint(group)):
+            best, *left = left
+            kept.add(best)
+            left = [one for one in left if not same_view(views[best], views[one])]
+    return kept
+
+
+def _groups(series: Sequence[Hashable], size: int) -> Iterator[list[int]]:
+    """Yield runs of at most ``size`` indices that follow one another in one series."""
     for _, run in groupby(range(len(series)), key=lambda one: series[one]):
         indices = list(run)
-        for first in range(0, len(indices), size):
-            group = indices[first : first + size]
-            views = {one: view(one) for one in group}
-            left = sorted(group, key=lambda one: _rank(lengths[one]))
-            while left and (lengths[left[0]] is not None or kept.isdisjoint(group)):
-                best, *left = left
-                kept.add(best)
-                left = [one for one in left if not same_view(views[best], views[one])]
-    return kept
+        yield from (indices[first : first + size] for first in range(0, len(indices), size))
 
 
 def _rank(length: float | None) -> float:

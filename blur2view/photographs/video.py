@@ -1,7 +1,5 @@
 """Frames of videos, read in order by OpenCV; ``VIDEO/000120`` is the path of frame 120."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -57,7 +55,13 @@ def rows_towards(video: Path) -> tuple[int, int]:
 def frame_numbers(
     video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> range:
-    """Return the numbers of frames, as of `inputs.Frames`; ImageError if there are none such."""
+    """Return the numbers of frames, one of ``every``, from the first to the last, which is included.
+
+    An integer names a frame by number, a float by seconds. ImageError if the video cannot be opened or has no
+    such frames; ValueError of a negative one, and unless ``every`` is 1 or more.
+    """
+    if every < 1 or first < 0 or (last is not None and last < 0):
+        raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     capture.release()
@@ -77,33 +81,26 @@ def frame_numbers(
     return numbers
 
 
-def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
+def read_frame(video: Path, number: int, *, beside: bool = False) -> NDArray[np.uint8]:
     """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
 
     ImageError if the video cannot be opened, ends too early or announces no such frame; EndOfVideo if it ends
-    within a second of where it says, or the frame before could not be read either.
-    """
-    return _reader(video).read(number)
-
-
-def frame_time(video: Path, number: int) -> float | None:
-    """Return the time of a frame in its video, seconds; None where that does not say. ImageError as above."""
-    _reader(video).read(number)
-    return _reader(video).recent[number][1]
-
-
-def beside_frame(video: Path, number: int) -> NDArray[np.uint8]:
-    """Return a frame that another one is compared with, as `read_frame`.
-
-    That a video is cut off is said once: not here, but where the frame itself is asked for.
+    within a second of where it says, or the frame before could not be read either. With ``beside`` another
+    one is compared with it: that a video is cut off is said once, where the frame itself is asked for.
     """
     reader = _reader(video)
     broken = reader.broken
     try:
         return reader.read(number)
     except ImageError:
-        reader.broken = broken
+        reader.broken = broken if beside else reader.broken
         raise
+
+
+def frame_time(video: Path, number: int) -> float | None:
+    """Return the time of a frame in its video, seconds; None where that does not say. ImageError as above."""
+    _reader(video).read(number)
+    return _reader(video).recent[number][1]
 
 
 class _Reader:

@@ -1,7 +1,5 @@
 """Jobs done by a Dask cluster: photographs are sent to its workers, files come back to be written here."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import warnings
@@ -19,10 +17,10 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 
 
 class Cluster:
-    """A Dask cluster by its scheduler's address, such as ``tcp://HOST:8786``; an `Engine`.
+    """A Dask cluster that is asked to do jobs; an `Engine`.
 
     A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
-    not installed, nobody answers or there is no worker.
+    not installed, no scheduler answers at the address (``tcp://HOST:8786``) or there is no worker.
     """
 
     def __init__(self, address: str) -> None:
@@ -48,7 +46,7 @@ class Cluster:
     def __call__(
         self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
     ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
-        """Yield the jobs, which must have their contents, with their outcomes, whose files are contents."""
+        """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
         pending: dict[Any, Job[Target]] = {}
         try:
             while True:

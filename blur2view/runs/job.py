@@ -1,27 +1,38 @@
 """One photograph's work: what goes to the process that does it, and what comes back."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
-import io
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from operator import methodcaller
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from blur2view.errors import Blur2ViewError, RunError, within_memory
-from blur2view.file_writing import Write, unwritable, write_together
+from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
+from blur2view.file_writing import unwritable, write_files
 from blur2view.photographs.image import read_content
+from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
-from blur2view.runs.neighbours import Neighbour
 
 Target = TypeVar("Target")
 Kept = TypeVar("Kept")
 # the next photograph's files would not fit either
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Neighbour:
+    """A photograph before or after another one in time, which decides that one's order in time."""
+
+    path: Path
+    steps: int  # from the other one to it: -1 or 1
+    content: bytes | None = None  # of the file, where it has been read already
+
+    @property
+    def encoded(self) -> bytes:
+        """Return the file's content, read if need be; ImageError if it cannot be."""
+        return read_content(self.path, beside=True) if self.content is None else self.content
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,12 +42,15 @@ class Job(Generic[Target]):
     index: int  # its place in the call
     path: Path  # as the user named it; VIDEO/000120 is a frame
     target: Target  # what the work needs besides: where its files go, or its name in a database
-    content: bytes | None = None  # of its file, where it has been read already
-    digest: str = ""  # SHA-256 of its file; empty where the content is still to be read
-    source: str = ""  # what its result depends on besides it and its neighbours, such as its features
+    refusal: Blur2ViewError | None = None  # why it cannot be begun
+    content: bytes | None = None  # of the file, where it has been read already
+    digest: str = ""  # SHA-256 of the file; empty where the content is still to be read
+    source: str = (
+        ""  # what its result depends on besides it and its neighbours, such as features in a database
+    )
     frame: int | None = None  # its number in its video
     timestamp_s: float | None = None  # its time there
-    neighbours: tuple[Neighbour, ...] = ()  # photographs that decide its order in time
+    neighbours: tuple[Neighbour, ...] = ()
 
     @property
     def encoded(self) -> bytes:
@@ -50,8 +64,8 @@ class Made(Generic[Kept]):
 
     kept: Kept  # what the command needs in the end
     summary: str  # what is printed; its first line stands for the photograph where there are many
-    row: Row  # of a table, without the photograph's name
-    files: Mapping[Path, Write] = field(default_factory=dict)  # the last marks that all are there
+    row: Row  # of a table, without the name
+    files: Mapping[Path, bytes] = field(default_factory=dict)  # to be written together, in this order
     warnings: tuple[str, ...] = ()  # each begins with the option that it is about
 
 
@@ -77,10 +91,9 @@ class Work(ABC, Generic[Target, Kept]):
 class Outcome(Generic[Kept]):
     """What comes back of one photograph."""
 
-    made: Made[Kept] | None = None  # without its files; None if it failed
+    made: Made[Kept] | None = None  # None if it failed
     digest: str = ""  # as of `Job`
-    outputs: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of every file
-    contents: Mapping[Path, bytes] = field(default_factory=dict)  # of files that are still to be written
+    outputs: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of every file that is written
     error: str = ""  # why it failed, one line
     stop: bool = False  # whether the others would fail likewise
     skipped: bool = False  # whether an earlier call did it
@@ -92,48 +105,28 @@ def failed(error: Blur2ViewError) -> Outcome[Any]:
 
 
 def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -> Outcome[Kept]:
-    """Return the outcome of one photograph, after writing its files; errors of the user's are data.
-
-    Without ``write`` the files come back as contents.
-    """
+    """Return the outcome of one photograph, its files written or not; errors of the user's are data."""
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
-            made = work(job)
-            outcome = Outcome(made=replace(made, files={}), digest=digest)
-            if write:
-                return replace(outcome, outputs=_written(made.files))
-            return replace(outcome, contents={path: _content(one) for path, one in made.files.items()})
+            outcome = Outcome(made=work(job), digest=digest)
+            return written(outcome) if write else outcome
     except Blur2ViewError as error:
         return failed(error)
 
 
-def write_contents(outcome: Outcome[Kept]) -> Outcome[Kept]:
-    """Return an outcome whose contents are written; it is a failure if they cannot be."""
-    files = {path: methodcaller("write", content) for path, content in outcome.contents.items()}
+def written(outcome: Outcome[Kept]) -> Outcome[Kept]:
+    """Return an outcome whose files are written; it is a failure if they cannot be."""
+    if outcome.made is None or not (files := outcome.made.files):
+        return outcome
     try:
-        return replace(outcome, contents={}, outputs=_written(files))
-    except Blur2ViewError as error:
-        return failed(error)
-
-
-def _content(write: Write) -> bytes:
-    """Return the content of a file."""
-    stream = io.BytesIO()
-    write(stream)
-    return stream.getvalue()
-
-
-def _written(files: Mapping[Path, Write]) -> dict[Path, str]:
-    """Return the digests of files, after writing them together."""
-    try:
-        if files:
-            write_together(files)
-        return {path: file_digest(path) for path in files}
+        write_files(files)
     except OSError as error:
         refusal = unwritable(next(iter(files)).parent, error)
-        raise (RunError(str(refusal)) if error.errno in FULL else refusal) from None
+        return failed(RunError(str(refusal)) if error.errno in FULL else refusal)
+    outputs = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    return replace(outcome, made=replace(outcome.made, files={}), outputs=outputs)
 
 
 def file_digest(path: Path) -> str:
@@ -142,3 +135,33 @@ def file_digest(path: Path) -> str:
         return hashlib.sha256().hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tuple[Neighbour, ...]]:
+    """Return the neighbours of each photograph, the earlier one first.
+
+    Of a frame those beside it in its video; with ``sequence`` of other photographs those that are named
+    beside them and lie in the same folder; if it is False none.
+    """
+    files = [path for path in paths if frame_of(path) is None] if sequence else []
+    named = dict(enumerate(files)).get
+    place = {path: index for index, path in enumerate(files)}
+    neighbours: dict[Path, tuple[Neighbour, ...]] = {}
+    for path in paths:
+        beside = {}
+        for steps in (-1, 1) if sequence is not False else ():
+            if (frame := frame_of(path)) is not None and frame[1] + steps >= 0:
+                beside[steps] = frame_path(frame[0], frame[1] + steps)
+            elif path in place and (other := named(place[path] + steps)) and other.parent == path.parent:
+                beside[steps] = other
+        neighbours[path] = tuple(Neighbour(path=other, steps=steps) for steps, other in beside.items())
+    return neighbours
+
+
+def with_contents(neighbours: Iterable[Neighbour]) -> tuple[Neighbour, ...]:
+    """Return neighbours with their contents, without those that cannot be read."""
+    read: list[Neighbour] = []
+    for one in neighbours:
+        with suppress(ImageError):
+            read.append(replace(one, content=one.encoded))
+    return tuple(read)

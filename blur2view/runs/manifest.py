@@ -1,11 +1,9 @@
 """The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
 
-A line is forced to the disk; one that was cut off is dropped when the manifest is opened again. A line of
-``"options"`` says what results depend on, the others are of a photograph each, done or failed, or of a file
-of all photographs. One call at a time has a manifest.
+A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
+manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
+each, done or failed, or of a file of all photographs. One call at a time has a manifest.
 """
-
-from __future__ import annotations
 
 import errno
 import fcntl
@@ -13,10 +11,10 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.file_writing import unwritable
@@ -42,12 +40,6 @@ class Settings:
     options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
 
     @property
-    def line(self) -> dict[str, Any]:
-        """Return the line of a manifest."""
-        head = {SIGN: self.version, "format": FORMAT, "settings": self.digest}
-        return head | {"command": self.command, "options": dict(self.options)}
-
-    @property
     def digest(self) -> str:
         """Return a name of these settings, which every line repeats."""
         text = json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True)
@@ -57,18 +49,18 @@ class Settings:
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
-    A photograph is known by its path from the manifest's folder, from wherever it is named. With ``resume``
-    it is looked up what earlier calls with these settings did. OutputError if there is a file of another
-    kind, one that cannot be read or written, or one of a call that runs.
+    A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
+    what earlier calls did with it is looked up. To be closed; an empty one is then removed. OutputError if
+    there is a file of another kind, one that cannot be read or written, or one of a call that runs.
     """
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
         self.path, self.settings, self._resume = path, settings, resume
-        self._done: dict[str, dict[str, Any]] = {}  # lines by photograph
-        self._owners: dict[str, tuple[str, str]] = {}  # photograph and its digest by result
-        self._targets: dict[str, str] = {}  # digests by file of all photographs
+        self._done: dict[str, dict[str, Any]] = {}
+        self._owners: dict[str, tuple[str, str]] = {}
+        self._targets: dict[str, str] = {}
         self._versions: set[tuple[Any, Any]] = set()
-        self._digests: dict[Path, str] = {}  # of neighbours, each read once
+        self._digests: dict[Path, str] = {}
         self._begun = self._damaged = False
         self._new = not os.path.lexists(path)
         self._file = _open_alone(path)
@@ -113,32 +105,44 @@ class Manifest:
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
         """Return the other photograph of which one of these files is a result, from the manifest's folder.
 
-        The same photograph by another name, as after the manifest's folder was moved, is no other.
+        The same one by another name, as after the manifest's folder was moved, is no other.
         """
         for output in outputs:
             owner, digest = self._owners.get(self._name(output), ("", ""))
-            if owner not in ("", self._name(path)) and os.path.lexists(output) and _digest(path) != digest:
+            if owner in ("", self._name(path)) or not os.path.lexists(output):
+                continue
+            if not _is_whole(path, digest):
                 return owner
         return None
 
     def _source(self, job: Job[Any]) -> str:
         """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
-        for path in {one.path for one in job.neighbours} - self._digests.keys():
-            self._digests[path] = "" if frame_of(path) else _digest(path) or ""
-        return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
+        return job.source + " ".join(f"{one.steps:+d}{self._digest(one.path)}" for one in job.neighbours)
+
+    def _digest(self, path: Path) -> str:
+        """Return the SHA-256 of a file, read once; empty of a frame, and of what cannot be read."""
+        if path not in self._digests:
+            try:
+                self._digests[path] = "" if frame_of(path) else file_digest(path)
+            except (OSError, ValueError):
+                self._digests[path] = ""
+        return self._digests[path]
 
     def _name(self, path: Path) -> str:
         """Return a path from the manifest's folder."""
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
     def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
-        """Return what an earlier call made of a photograph, if a line says so and its files are whole."""
+        """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
+
+        A line may hold anything: it is not found unless it gives values of the right types.
+        """
         line = self._done.pop(self._name(job.path), None)  # which may be large
         if line is None or (line.get("sha256"), line.get("source")) != (job.digest, self._source(job)):
             return None
         outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
         expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
-        if set(expected) != outputs.keys() or any(_digest(one) != digest for one, digest in outputs.items()):
+        if set(expected) != outputs.keys() or not all(map(_is_whole, outputs, outputs.values())):
             return None  # its results have other names since then, or another content
         try:
             kept = work.restored(job, line.get("kept"))
@@ -148,7 +152,7 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _digest(target) == self.digest_of(target)
+        return _is_whole(target, self.digest_of(target))
 
     def digest_of(self, target: Path) -> str:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
@@ -178,9 +182,9 @@ class Manifest:
             if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
                 raise _foreign(self.path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
             file.seek(0)
-            for line in _whole_lines(file):
+            for line in file:
                 try:
-                    self._look_up(parse_json(line))
+                    self._look_up(parse_json(line if line.endswith(b"\n") else b""))  # else it was cut off
                 except DAMAGE:
                     self._damaged = True
 
@@ -202,7 +206,10 @@ class Manifest:
 
     def _write(self, line: dict[str, Any]) -> None:
         """Append a line and wait until the disk has it."""
-        lines = [line] if self._begun else [self.settings.line, line]
+        settings = self.settings
+        about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
+        head = {SIGN: settings.version, "format": FORMAT, **about}
+        lines = [line] if self._begun else [head, line]
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
         try:
             if not self._begun:
@@ -243,12 +250,6 @@ def _foreign(path: Path, more: str = "") -> OutputError:
     return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
 
 
-def _whole_lines(file: BinaryIO) -> Iterator[bytes]:
-    """Yield the lines of a file; a last one without an end is empty."""
-    for line in file:
-        yield line if line.endswith(b"\n") else b""
-
-
 def _drop_cut_line(file: int) -> None:
     """Cut a file after its last whole line."""
     size = end = os.fstat(file).st_size
@@ -258,9 +259,9 @@ def _drop_cut_line(file: int) -> None:
         os.ftruncate(file, end)
 
 
-def _digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None of what cannot be read."""
+def _is_whole(path: Path, digest: str) -> bool:
+    """Return whether a file has this content."""
     try:
-        return file_digest(path)
+        return file_digest(path) == digest
     except (OSError, ValueError):  # of a name with a null character
-        return None
+        return False

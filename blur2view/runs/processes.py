@@ -1,17 +1,15 @@
 """Jobs done in this process or in several, each of which runs the network in one thread."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from functools import partial
 from multiprocessing import get_context, parent_process
-from typing import Protocol
+from typing import Any
 
 import cv2
 
@@ -21,15 +19,8 @@ AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to h
 PATIENCE_S = 5.0  # a process that was told to end has that long
 END = getattr(signal, "SIGUSR1", signal.SIGTERM)  # pycolmap takes SIGTERM for a crash and prints a trace
 _ENDING = threading.Event()
-
-
-class Engine(Protocol):
-    """Does jobs and yields each with its outcome when it is done, in any order."""
-
-    def __call__(
-        self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
-    ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
-        """Yield every job, which is taken when there is room for it, with its outcome."""
+Engine = Callable[[Work[Any, Any], Iterator[Job[Any]]], Generator[tuple[Job[Any], Outcome[Any]]]]
+"""Does jobs, each taken when there is room for it, and yields it with its outcome when done, in any order."""
 
 
 def in_this_process(

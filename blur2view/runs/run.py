@@ -1,7 +1,5 @@
 """A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -11,30 +9,27 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, write_contents
+from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, with_contents, written
 from blur2view.runs.manifest import Manifest
-from blur2view.runs.neighbours import with_contents
 from blur2view.runs.processes import Engine
 
-Jobs = Iterable[tuple[Job[Target], Blur2ViewError | None]]
-"""Of consecutive indices; with an error those that cannot be begun."""
 Waiting = dict[int, tuple[Job[Target], Outcome[Kept]] | None]
 """By index, until it is their turn; None for a frame that its video does not have."""
 
 
 def outcomes(
     work: Work[Target, Kept],
-    jobs: Jobs[Target],
+    jobs: Iterable[Job[Target]],
     engine: Engine,
     manifest: Manifest | None = None,
     *,
     sends: bool = False,
 ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
-    """Yield every job with its outcome in their order; the manifest has it as soon as it is done.
+    """Yield every job, of consecutive indices, with its outcome in their order.
 
-    With ``sends`` photographs are read here and sent, as to other machines. OutputError or RunError if the
-    manifest cannot be written, or no photograph can be done any more; KeyboardInterrupt comes after the
-    outcomes that are there.
+    The manifest has it as soon as it is done. With ``sends`` photographs are read here and sent, as to other
+    machines. OutputError or RunError if the manifest cannot be written, or no photograph can be done any
+    more; KeyboardInterrupt after the outcomes that are there.
     """
     waiting: Waiting[Target, Kept] = {}
     turn = 0
@@ -42,8 +37,7 @@ def outcomes(
     try:
         with closing(engine(work, left)) as done:
             for job, outcome in done:
-                if outcome.contents:
-                    outcome = write_contents(outcome)
+                outcome = written(outcome)
                 if manifest is not None and not outcome.stop:
                     manifest.append(job, outcome, work)
                 waiting[job.index] = replace(job, content=None, neighbours=()), outcome
@@ -60,17 +54,17 @@ def outcomes(
 
 def _left(
     work: Work[Target, Kept],
-    jobs: Jobs[Target],
+    jobs: Iterable[Job[Target]],
     manifest: Manifest | None,
     waiting: Waiting[Target, Kept],
     *,
     sends: bool,
 ) -> Iterator[Job[Target]]:
     """Yield the jobs that are to be done; the outcomes of the others go where they wait."""
-    for job, refusal in jobs:
+    for job in jobs:
         try:
-            if refusal is not None:
-                raise refusal
+            if job.refusal is not None:
+                raise job.refusal
             if (outcome := _found(work, job, manifest)) is not None:
                 waiting[job.index] = job, outcome
             elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
@@ -109,6 +103,6 @@ _video_digest = cache(file_digest)
 
 
 def _digest(path: Path) -> str:
-    """Return the SHA-256 of a photograph's file, of a frame that of its video, which is computed once."""
+    """Return the SHA-256 of a photograph's file, of a frame that of its video, computed once."""
     frame = frame_of(path)
     return file_digest(path) if frame is None else _video_digest(frame[0])

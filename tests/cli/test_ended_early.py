@@ -10,7 +10,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.cli import commands as cli
-from blur2view.file_writing import write_together
+from blur2view.file_writing import write_files
 from blur2view.photographs.image import read_image
 from blur2view.runs import job
 from tests.support.many_photographs import contents, finish, start, write_photographs
@@ -46,14 +46,14 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
     def full(files: Any) -> None:
         if next(room, None) is None:
             raise OSError(28, "No space left on device")
-        write_together(files)
+        write_files(files)
 
-    monkeypatch.setattr(job, "write_together", full)
+    monkeypatch.setattr(job, "write_files", full)
     assert run(folder, "-o", tmp_path / "out") == 1
     error, stopped = capsys.readouterr().err.splitlines()
     assert "No space left on device" in error
     assert stopped.startswith("blur2view: stopped after 4 of 5 photographs")
-    monkeypatch.setattr(job, "write_together", write_together)
+    monkeypatch.setattr(job, "write_files", write_files)
     read.clear()
     assert run(folder, "-o", tmp_path / "out", "--resume") == 0
     assert read == ["003.png", "004.png"]

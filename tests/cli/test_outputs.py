@@ -9,7 +9,6 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.cli import commands as cli
-from blur2view.cli import outputs as results
 from blur2view.errors import OutputError
 from blur2view.output_files import plan_outputs
 from tests.support.colour_code import colour_code, write_picture
@@ -76,10 +75,14 @@ def test_full_disk_while_overwriting_keeps_the_old_results(
     assert run(moving, "-o", out) == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
 
-    def full(text: str) -> bytes:
-        raise OSError(28, "No space left on device")
+    write = Path.write_bytes
 
-    monkeypatch.setattr(results, "methodcaller", lambda name, content: full)  # from the second file on
+    def full(self: Path, content: bytes) -> int:
+        if ".png." in self.name:  # the second file
+            raise OSError(28, "No space left on device")
+        return write(self, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     assert run(moving, "-o", out, "--overwrite", "--beta", "0.1") == 1
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
@@ -147,11 +150,11 @@ def test_folder_that_cannot_be_written_is_one_line(
 def test_full_disk_leaves_no_half_written_file(
     run: Any, still: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def full(file: Any, **arrays: object) -> None:
-        file.write(b"half")
+    def full(self: Path, content: bytes) -> int:
+        self.touch()
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     assert run(still, "-o", tmp_path / "out") == 1
     assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
     (line,) = capsys.readouterr().err.splitlines()

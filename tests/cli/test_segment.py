@@ -158,7 +158,7 @@ def test_full_disk_leaves_nothing(
     def full(contents: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(job, "write_together", full)
+    monkeypatch.setattr(job, "write_files", full)
     assert run(walker, "-o", tmp_path / "out") == 1
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "No space left" in printed

@@ -10,7 +10,7 @@ import pytest
 
 from blur2view import output_files
 from blur2view.errors import OutputError, RunError
-from blur2view.file_writing import write_atomically
+from blur2view.file_writing import write_files
 from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
 from tests.support.tables import COLUMNS, Call, table
@@ -121,12 +121,12 @@ def test_table_that_cannot_be_written_costs_no_other_result(
     frames: Path, call: Call, tmp_path: Path, command: str, words: list[str],
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    def full(path: Path, write: Any) -> None:
-        if path.suffix == ".csv":
+    def full(files: dict[Path, bytes]) -> None:
+        if any(path.suffix == ".csv" for path in files):
             raise OSError(28, "No space left on device")
-        write_atomically(path, write)
+        write_files(files)
 
-    monkeypatch.setattr(output_files, "write_atomically", full)
+    monkeypatch.setattr(output_files, "write_files", full)
     words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
     assert call(command, frames, *words, "--csv", tmp_path / "t.csv") == 1
     printed = capsys.readouterr()

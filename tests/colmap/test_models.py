@@ -84,6 +84,18 @@ def test_what_waits_for_ever_is_refused(model: Path, name: str) -> None:
         find_model(model)
 
 
+@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
+@pytest.mark.parametrize("name", ["images.bin", "points3D.txt", "other.txt"])
+def test_what_waits_though_it_says_that_it_is_empty_is_refused(
+    model: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (model / name).unlink(missing_ok=True)
+    (model / name).symlink_to("/proc/kmsg")
+    monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
+    with pytest.raises(DatabaseError, match="is no model that can be read"):
+        find_model(model)
+
+
 def test_a_name_without_an_end_is_refused(model: Path) -> None:
     data = (model / "images.bin").read_bytes()
     (model / "images.bin").write_bytes(data[:8] + data[8:72] + b"x" * 99)

@@ -8,7 +8,7 @@ import pytest
 from blur2view import Camera, ExposureViews, RigidTransform, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.exposure.end_order import forward_share, motion_order
-from blur2view.exposure.translation_sign import other_translation, share_in_front
+from blur2view.exposure.views import other_translation, share_in_front
 from blur2view.geometry.sampson import sampson
 from tests.exposure.test_time_direction import clip, views
 from tests.support.lens import distorted_points

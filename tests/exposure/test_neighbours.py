@@ -11,7 +11,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.exposure.neighbours import PhotographMatcher, detect, match_features, verified
+from blur2view.exposure.neighbours import detect, match_features, photograph_matcher, verified
 
 SHIFT = np.array([12.0, -5.0])
 
@@ -35,7 +35,7 @@ def write_pair(folder: Path, size: tuple[int, int] = (320, 240), shift: Array = 
 
 
 def test_matches_of_a_shifted_picture_are_its_shift(tmp_path: Path) -> None:
-    points1, points2 = PhotographMatcher(write_pair(tmp_path))(0, 1)
+    points1, points2 = photograph_matcher(write_pair(tmp_path))(0, 1)
     assert len(points1) > 50
     np.testing.assert_allclose(np.median(points2 - points1, axis=0), SHIFT, atol=0.1)
     assert (np.linalg.norm(points2 - points1 - SHIFT, axis=1) < 2).mean() > 0.95
@@ -44,7 +44,7 @@ def test_matches_of_a_shifted_picture_are_its_shift(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_large_pictures_are_matched_smaller_in_their_own_pixels(tmp_path: Path) -> None:
     large = 4 * SHIFT
-    points1, points2 = PhotographMatcher(write_pair(tmp_path, (1600, 1200), large))(0, 1)
+    points1, points2 = photograph_matcher(write_pair(tmp_path, (1600, 1200), large))(0, 1)
     assert points1.max() > 1000
     np.testing.assert_allclose(np.median(points2 - points1, axis=0), large, atol=0.4)
 
@@ -88,7 +88,7 @@ def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
 
 def test_a_missing_photograph_is_named(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match="gone.png"):
-        PhotographMatcher([tmp_path / "gone.png", tmp_path / "b.png"])(0, 1)
+        photograph_matcher([tmp_path / "gone.png", tmp_path / "b.png"])(0, 1)
 
 
 def write_database(path: Path, *, inliers: list[list[int]] | None, rows: list[list[int]]) -> None:

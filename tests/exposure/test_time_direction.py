@@ -20,8 +20,7 @@ from blur2view.exposure.time_direction import (
     with_gaps,
     with_time_direction,
 )
-from blur2view.exposure.translation_sign import other_translation
-from blur2view.exposure.views import ExposureViews
+from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector

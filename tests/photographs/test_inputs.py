@@ -2,16 +2,19 @@
 
 import io
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
+import numpy as np
 import pytest
 
 from blur2view.cli.outputs import png
 from blur2view.errors import ImageError
-from blur2view.photographs.inputs import Frames, Inputs, list_photographs
-from blur2view.photographs.video import frame_of, read_frame
+from blur2view.photographs.inputs import Inputs, list_photographs
+from blur2view.photographs.video import frame_numbers, frame_of, read_frame
 from tests.support.many_photographs import write_video
 
 
@@ -27,9 +30,7 @@ def folder(tmp_path: Path) -> Path:
         path = tmp_path / "in" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"x")
-    from PIL import Image
-
-    (tmp_path / "in/ours.png").write_bytes(png(Image.new("L", (4, 4))))
+    (tmp_path / "in/ours.png").write_bytes(png(np.zeros((4, 4), np.uint8)))
     return tmp_path / "in"
 
 
@@ -140,7 +141,7 @@ def test_video_that_claims_what_cannot_be_is_refused(
     claims = {key: capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS)} | claim
     damaged = SimpleNamespace(get=claims.get, release=capture.release)
     monkeypatch.setattr("blur2view.photographs.video._opened", lambda path: damaged)
-    (reason,) = listed(video, frames=Frames(first=1.0)).refused.values()
+    (reason,) = listed(video, frames=partial(frame_numbers, first=1.0)).refused.values()
     assert "convert it to MP4" in reason or "name frames by number" in reason
 
 
@@ -158,16 +159,16 @@ def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frames", "numbers"),
     [
-        (Frames(), range(25)),
-        (Frames(every=10), range(0, 25, 10)),
-        (Frames(every=4, first=3, last=12), [3, 7, 11]),
-        (Frames(first=1.2, last=1.4), [12, 13, 14]),
-        (Frames(first=20, last=99), range(20, 25)),
-        (Frames(first=2.4, last=1e308), [24]),
+        (frame_numbers, range(25)),
+        (partial(frame_numbers, every=10), range(0, 25, 10)),
+        (partial(frame_numbers, every=4, first=3, last=12), [3, 7, 11]),
+        (partial(frame_numbers, first=1.2, last=1.4), [12, 13, 14]),
+        (partial(frame_numbers, first=20, last=99), range(20, 25)),
+        (partial(frame_numbers, first=2.4, last=1e308), [24]),
     ],
 )
 def test_video_stands_for_its_frames_named_after_their_numbers(
-    tmp_path: Path, frames: Frames, numbers: range | list[int]
+    tmp_path: Path, frames: Callable[[Path], range], numbers: range | list[int]
 ) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     found = listed(video, frames=frames)
@@ -190,9 +191,9 @@ def test_frames_larger_than_any_cameras_are_refused_undecoded(
 
 def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
-    (reason,) = listed(video, frames=Frames(first=30)).refused.values()
+    (reason,) = listed(video, frames=partial(frame_numbers, first=30)).refused.values()
     assert "has 25 frames in 2.5 s, none from 30" in reason
-    (reason,) = listed(video, frames=Frames(first=1e308)).refused.values()
+    (reason,) = listed(video, frames=partial(frame_numbers, first=1e308)).refused.values()
     assert "none from 1e+308" in reason
     (tmp_path / "text.mp4").write_text("text")
     found = listed(tmp_path / "text.mp4", "a.jpg")
@@ -203,7 +204,7 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
 @pytest.mark.parametrize("wrong", [{"every": 0}, {"first": -1}, {"last": -0.5}])
 def test_impossible_frames_are_errors(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected every >= 1"):
-        Frames(**wrong)  # type: ignore[arg-type]
+        frame_numbers(Path("a.mp4"), **wrong)  # type: ignore[arg-type]
 
 
 def test_what_the_system_cannot_look_at_is_refused_and_not_the_others(

@@ -15,9 +15,8 @@ from blur2view.results.report import Entry
 from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
 from blur2view.runs import manifest as manifests
-from blur2view.runs.job import Job, Made, Outcome, Work, file_digest
+from blur2view.runs.job import Job, Made, Outcome, Work, file_digest, neighbours_of
 from blur2view.runs.manifest import FORMAT, Manifest, Settings
-from blur2view.runs.neighbours import neighbours_of
 
 SETTINGS = Settings(command="estimate", version="1", options={"seed": 0, "network": "ab"})
 ENTRY = Entry(name="a.jpg", kind="proven", verdict="CALIBRATED", text="t", median_px=3.0, content="{}")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from blur2view.photographs.video import frame_path
-from blur2view.runs.neighbours import neighbours_of
+from blur2view.runs.job import neighbours_of
 
 
 def _beside(paths: Sequence[Path], sequence: bool | None) -> list[list[tuple[int, Path]]]:

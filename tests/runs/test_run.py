@@ -54,7 +54,7 @@ def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0
     jobs = [
         Job(index=index, path=folder / f"{index}.txt", target=pause) for index, pause in enumerate(pauses)
     ]
-    found = list(outcomes(CountWork(), [(job, None) for job in jobs], engine))
+    found = list(outcomes(CountWork(), jobs, engine))
     assert [job.index for job, _ in found] == list(range(len(words)))
     return [outcome for _, outcome in found]
 
@@ -98,11 +98,11 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
 def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
     taken = 0
 
-    def jobs() -> Iterator[tuple[Job[float], None]]:
+    def jobs() -> Iterator[Job[float]]:
         nonlocal taken
         for index in range(9):
             taken += 1
-            yield Job(index=index, path=tmp_path / "a.txt", target=0.0), None
+            yield Job(index=index, path=tmp_path / "a.txt", target=0.0)
 
     (tmp_path / "a.txt").write_text("a")
     running = outcomes(CountWork(), jobs(), in_this_process)
@@ -132,7 +132,7 @@ def test_frames_that_a_video_only_announces_are_left_out(
 
     monkeypatch.setattr(video_module, "_opened", Announcing)
     jobs = [
-        (Job(index=index, path=video / f"{number:06d}", target=0.0), None)
+        Job(index=index, path=video / f"{number:06d}", target=0.0)
         for index, number in enumerate((3, 11, 12, 14, 15))
     ]
     found = list(outcomes(CountWork(), jobs, in_this_process))

@@ -29,7 +29,7 @@ import numpy as np
 
 import blur2view
 from blur2view.cli.outputs import ESTIMATE, result_contents
-from blur2view.file_writing import write_together
+from blur2view.file_writing import write_files
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.results.estimate import EstimateDocument
@@ -88,7 +88,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "matches": timed(lambda: select_matches(grid), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
         "draw and write": timed(
-            lambda: write_together(result_contents(files, EstimateDocument.of(one), one)), repeats
+            lambda: write_files(result_contents(files, EstimateDocument.of(one), one)), repeats
         ),
         "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),

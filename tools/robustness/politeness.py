@@ -7,6 +7,7 @@ import json
 import sqlite3
 import zipfile
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -167,7 +168,7 @@ def _undone(call: Call) -> Iterator[str]:
         with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
             done = sum(not row["error"] for row in csv.DictReader(table))
     elif "--db" in call.words:
-        with sqlite3.connect(call.folder / "new.db") as database:
+        with closing(sqlite3.connect(call.folder / "new.db")) as database:
             done = database.execute("SELECT count(*) FROM images").fetchone()[0] // 2
     elif "hloc" in call.words:
         done = len((out / "pairs.txt").read_text().splitlines())

@@ -57,9 +57,8 @@ def describe(parser: CommandParser) -> None:
     parser.description = help_text.paragraph(DESCRIPTION)
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
-    help_text.add_options(output, OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM)
-    shared.add_sequence(output)
-    help_text.add_options(output, shared.TIMINGS + shared.TABLE)
+    results = OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM
+    help_text.add_options(output, results + shared.SEQUENCE + shared.TIMINGS + shared.TABLE)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     parser.epilog = help_text.epilog(

@@ -3,6 +3,7 @@
 import re
 import shutil
 import textwrap
+from argparse import BooleanOptionalAction
 from collections.abc import Iterable, Sequence
 from inspect import cleandoc
 from typing import Any
@@ -29,21 +30,23 @@ MANIFEST = """
 def add_options(group: Any, text: str, **settings: dict[str, Any]) -> None:
     """Add the options of a text, of lines as "-o, --output DIR: explanation", see `entries`.
 
-    One without a value is a flag, --no-NAME one that is true without it. ``settings`` are those of
-    `argparse` by the option's name, - written as _.
+    One without a value is a flag, --no-NAME one that is true without it, --[no-]NAME both. ``settings`` are
+    those of `argparse` by the option's name, - written as _.
     """
     for names, explanation in entries(text):
         *short, last = names.split(", ")
         name, _, value = last.partition(" ")
         own = settings.get(name.lstrip("-").replace("-", "_"), {})
         kind = {} if {"action", "choices"} & own.keys() else _kind(name, value)
-        group.add_argument(*short, name, **{"help": explanation} | kind | own)
+        group.add_argument(*short, name.replace("[no-]", ""), **{"help": explanation} | kind | own)
 
 
 def _kind(name: str, value: str) -> dict[str, Any]:
     """Return what `argparse` makes of an option with such a value, empty of a flag."""
     if value:
         return {"metavar": value} | ({"type": TYPES[value]} if value in TYPES else {})
+    if name.startswith("--[no-]"):
+        return {"action": BooleanOptionalAction}
     if name.startswith("--no-"):
         return {"action": "store_false", "dest": name.removeprefix("--no-").replace("-", "_")}
     return {"action": "store_true"}

@@ -31,20 +31,13 @@ MESSAGES = {
 class CommandParser(argparse.ArgumentParser):
     """A parser whose options are described when it is used, so that other commands start faster.
 
-    Its ``--help`` has the options of `BRIEF` alone, in a few words each, ``--help-all`` everything.
-
-    Parameters
-    ----------
-    describe : callable, optional
-        Adds the options.
-    **settings
-        Those of `argparse.ArgumentParser`.
+    ``describe`` adds them. ``--help`` has those of `BRIEF` alone, in a few words each, ``--help-all`` all.
     """
 
     def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         self._describe = describe
-        self._brief = describe is not None
+        self.brief = describe is not None
 
     def described(self) -> "CommandParser":
         """Return the parser with its options."""
@@ -61,8 +54,8 @@ class CommandParser(argparse.ArgumentParser):
         return super(CommandParser, self.described()).parse_known_args(args, namespace)
 
     def format_help(self) -> str:
-        """Return the help: of a command what matters most, until `format_help_all` is asked for."""
-        if not self._brief:
+        """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
+        if not self.brief:
             return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(None, [action for action in self._actions if not action.option_strings], [])
@@ -78,10 +71,6 @@ class CommandParser(argparse.ArgumentParser):
         formatter.add_text(f"all options, files and JSON keys: {self.prog} --help-all")
         return formatter.format_help()
 
-    def format_help_all(self) -> str:
-        """Return the whole help of a command."""
-        return super().format_help()
-
     def error(self, message: str) -> NoReturn:
         """Exit with one line, in which what a terminal would obey is written as escapes."""
         for argparses, ours in MESSAGES.items():
@@ -94,7 +83,9 @@ class HelpAll(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         """Print everything and end the program."""
-        print(parser.format_help_all() if isinstance(parser, CommandParser) else "", end="")
+        if isinstance(parser, CommandParser):
+            parser.brief = False
+        parser.print_help()
         parser.exit()
 
 

@@ -47,12 +47,10 @@ def describe(parser: CommandParser) -> None:
     output = parser.add_argument_group("output")
     help_text.add_options(
         output,
-        OUTPUT,
+        OUTPUT + shared.SEQUENCE + shared.TIMINGS + shared.TABLE,
         output={"default": Path("report.html")},
         overwrite={"action": "store_true", "help": SUPPRESS},
     )
-    shared.add_sequence(output)
-    help_text.add_options(output, shared.TIMINGS + shared.TABLE)
     shared.add_verbosity(output)
     shared.add_estimating(parser, exposure=True)
     parser.epilog = help_text.epilog(

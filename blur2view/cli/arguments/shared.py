@@ -28,9 +28,9 @@ STREAM = """
     of one that fails image and error
 """
 SEQUENCE = """
---sequence: the photographs are a video in this order: those before and after each one show which end of its
-    exposure came first, so that rates are one series; with --no-sequence not even the frames of a video do
-    (default: those of a video)
+--[no-]sequence: the photographs are a video in this order: those before and after each one show which end of
+    its exposure came first, so that rates are one series; with --no-sequence not even the frames of a video
+    do (default: those of a video)
 """
 OVERWRITE = """
 --overwrite: replace results of other photographs, too (those of an earlier call of the same are anyway)
@@ -104,11 +104,6 @@ def add_photographs(parser: argparse.ArgumentParser) -> None:
         **{"from": {"dest": "first", "default": 0}},
         to={"dest": "last"},
     )
-
-
-def add_sequence(group: Any, text: str = SEQUENCE) -> None:
-    """Describe whether neighbours decide the order in time."""
-    add_options(group, text, sequence={"action": argparse.BooleanOptionalAction})
 
 
 def add_verbosity(group: Any) -> None:

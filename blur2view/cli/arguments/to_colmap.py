@@ -66,11 +66,9 @@ VIEWS = """
 --skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
 --corrected: move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at the
     pose that was estimated; not with --link
-"""
-SEQUENCE = """
---sequence: the photographs are a video in this order, so that neighbours show which view came first; with
-    --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names differ
-    by one in their number)
+--[no-]sequence: the photographs are a video in this order, so that neighbours show which view came first;
+    with --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names
+    differ by one in their number)
 """
 
 
@@ -83,7 +81,6 @@ def describe(parser: CommandParser) -> None:
     help_text.add_options(output, OUTPUT + shared.TABLE, format=formats)
     shared.add_verbosity(output)
     help_text.add_options(views, VIEWS)
-    shared.add_sequence(views, SEQUENCE)
     shared.add_estimating(parser, exposure=False)
     parser.epilog = help_text.epilog(
         help_text.table("what is written", WRITTEN),
