@@ -124,20 +124,6 @@ def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
     assert call("estimate", *words)[0] == 0 and contents(tmp_path / "out") != before
 
 
-def test_one_photograph_of_the_same_name_replaces_no_results_either(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A call of one photograph leaves no manifest that could tell whose they are."""
-    (tmp_path / "other").mkdir()
-    shutil.copy(folder / "002.png", tmp_path / "other/000.png")
-    monkeypatch.chdir(folder)
-    assert call("estimate", "000.png", "-o", tmp_path / "out")[0] == 0
-    before = contents(tmp_path / "out")
-    monkeypatch.chdir(tmp_path)
-    code, _, (line,) = call("estimate", "other/000.png", "-o", tmp_path / "out", "--resume")
-    assert code == 1 and "is the result of 000.png" in line and contents(tmp_path / "out") == before
-
-
 def test_results_that_were_moved_are_gone_on_with(call: Any, folder: Path, tmp_path: Path) -> None:
     assert call("estimate", folder, "-o", tmp_path / "out")[0] == 0
     (tmp_path / "deep").mkdir()
@@ -160,20 +146,3 @@ def test_manifests_of_equal_calls_without_timings_are_equal(
         found.append(manifest.read_bytes())
     assert found[0] == found[1] and len(found[0].splitlines()) >= 4
     assert not any("seconds" in json.loads(line) for line in found[0].splitlines())
-
-
-@pytest.mark.parametrize("words", [
-    "--format hloc -o out --csv out/features.h5",
-    "--format matches -o out --csv out/matches.txt",
-    "--format matches -o out --csv out/to-colmap.manifest.jsonl",
-    "--db new.db --csv new.db-journal",
-    "--db new.db --csv new.db-wal",
-    "--db new.db --csv new.db.manifest.jsonl",
-])  # fmt: skip
-def test_table_is_no_other_file_of_the_call(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, _, (line,) = call("to-colmap", "in", *words.split())
-    assert code == 1 and "two results would be one file; name another with --csv" in line
-    assert {path.name for path in tmp_path.iterdir()} == {"in"}

@@ -15,7 +15,6 @@ from blur2view.cli import commands as cli
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
-from blur2view.runs import job
 from blur2view.segmentation.mask import MotionLabel, segment
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import environment
@@ -146,23 +145,6 @@ def test_no_file_of_others_is_overwritten(
         assert run(walker, "-o", out, *more) == 1
         assert "a.motion.png is no result of an earlier call" in capsys.readouterr().err
     assert (out / "a.motion.png").read_bytes() == b"mine"
-
-
-def test_full_disk_leaves_nothing(
-    run: Any,
-    walker: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def full(contents: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(job, "write_files", full)
-    assert run(walker, "-o", tmp_path / "out") == 1
-    printed = capsys.readouterr().err
-    assert printed.count("\n") == 1 and "No space left" in printed
-    assert not (tmp_path / "out").exists()
 
 
 def test_same_seed_gives_the_same_bytes(run: Any, walker: Path, tmp_path: Path) -> None:
