@@ -87,13 +87,8 @@ def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
 
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(
-    command: tuple[str, ...],
-    tmp_path: Path,
-    tiny_model: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...], here: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     for name in "ab":
         exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.02)
         Image.fromarray(picture_8_bit()).save(f"{name}.png", exif=exif)

@@ -61,20 +61,19 @@ def test_list_without_its_mark_is_told(call: Any, folder: Path) -> None:
     "command", ["triage --keep keep.txt", "estimate -o out", "report --no-mask -o a.html"]
 )
 def test_folder_without_photographs_is_one_line_and_no_photograph(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+    call: Any, folder: Path, here: Path, command: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty").mkdir()
+    (here / "empty").mkdir()
     name, *words = command.split()
     code, printed, (line,) = call(name, "empty", *words, "--csv", "new/t.csv")
     assert (code, printed) == (1, "") and "empty: holds no photograph" in line
-    assert {path.name for path in tmp_path.iterdir()} == {"in", "empty"}
+    assert {path.name for path in here.iterdir()} == {"in", "empty"}
     code, _, (line,) = call(name, folder, "empty", *words, "--csv", "t.csv")
     assert code == 1 and "empty: holds no photograph" in line
-    with (tmp_path / "t.csv").open(newline="") as file:
+    with (here / "t.csv").open(newline="") as file:
         assert [row["name"] for row in csv.DictReader(file)] == ["000.png", "001.png", "002.png"]
     if name == "report":
-        assert (tmp_path / "a.html").read_text().count('<li class="card') == 3
+        assert (here / "a.html").read_text().count('<li class="card') == 3
 
 
 def test_missing_and_empty_change_no_name_below_the_folder(call: Any, folder: Path, tmp_path: Path) -> None:
