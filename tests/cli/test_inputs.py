@@ -1,6 +1,5 @@
 """What a stranger names by mistake, and from another folder: one line each that names the remedy."""
 
-import csv
 import hashlib
 import json
 import shutil
@@ -12,6 +11,7 @@ import pytest
 from blur2view.cli import commands as cli
 from blur2view.runs.job import file_digest
 from tests.support.many_photographs import contents, write_photographs
+from tests.support.tables import table
 
 
 @pytest.fixture
@@ -70,8 +70,7 @@ def test_folder_without_photographs_is_one_line_and_no_photograph(
     assert {path.name for path in here.iterdir()} == {"in", "empty"}
     code, _, (line,) = call(name, folder, "empty", *words, "--csv", "t.csv")
     assert code == 1 and "empty: holds no photograph" in line
-    with (here / "t.csv").open(newline="") as file:
-        assert [row["name"] for row in csv.DictReader(file)] == ["000.png", "001.png", "002.png"]
+    assert [row["name"] for row in table(here / "t.csv")] == ["000.png", "001.png", "002.png"]
     if name == "report":
         assert (here / "a.html").read_text().count('<li class="card') == 3
 
@@ -82,8 +81,7 @@ def test_missing_and_empty_change_no_name_below_the_folder(call: Any, folder: Pa
     named = []
     for more in ([], [tmp_path / "empty", tmp_path / "absent.png"]):
         call("triage", tmp_path / "all", *more, "--recursive", "--csv", tmp_path / "t.csv", "--resume")
-        with (tmp_path / "t.csv").open(newline="") as file:
-            named.append([row["name"] for row in csv.DictReader(file) if not row["error"]])
+        named.append([row["name"] for row in table(tmp_path / "t.csv") if not row["error"]])
     assert named == [["sub/000.png", "sub/001.png"]] * 2
 
 

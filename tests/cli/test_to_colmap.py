@@ -1,6 +1,5 @@
 """``blur2view to-colmap``: what it prints and writes, and how it fails."""
 
-import csv
 import json
 import sqlite3
 from contextlib import closing
@@ -20,6 +19,7 @@ from blur2view.photographs.inputs import Inputs
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
+from tests.support.tables import table
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
@@ -227,8 +227,7 @@ def test_table_has_the_rate_over_the_exposure_time_of_exif(
     timed, sheet = photos[0].with_name("timed.png"), tmp_path / "t.csv"
     Image.open(photos[0]).save(timed, exif=exif_of(ExposureTime=0.02))
     assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
-    with sheet.open(newline="") as file:
-        (said,) = csv.DictReader(file)
+    (said,) = table(sheet)
     rate = np.radians(float(said["rotation_deg"])) / 0.02
     assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
 
@@ -265,23 +264,19 @@ def test_names_are_below_the_folder_that_all_share() -> None:
 def test_table_and_database_call_a_photograph_the_same(
     run: Any, photos: list[Path], project: Path, tmp_path: Path
 ) -> None:
-    def named(path: Path) -> list[str]:
-        with path.open(newline="") as file:
-            return [row["name"] for row in csv.DictReader(file)]
-
     below = tmp_path / "all" / "sub"
     below.parent.mkdir()
     photos[0].parent.rename(below)
-    given, table = ["--recursive", below.parent], tmp_path / "new.csv"
-    assert run("--db", tmp_path / "new.db", "--csv", table, *given)[0] == 0
-    assert named(table) == ["sub/moving.png", "sub/still.png"]
+    given, sheet = ["--recursive", below.parent], tmp_path / "new.csv"
+    assert run("--db", tmp_path / "new.db", "--csv", sheet, *given)[0] == 0
+    assert [row["name"] for row in table(sheet)] == ["sub/moving.png", "sub/still.png"]
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         assert {image.name for image in database.read_all_images()} == {
             f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
         }
-    table = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", table, *given)[0] == 0
-    assert named(table) == ["moving.png", "still.png"]
+    sheet = tmp_path / "linked.csv"
+    assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
+    assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]
 
 
 def test_corrected_ends_lie_on_the_lines_of_the_geometry(
