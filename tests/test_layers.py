@@ -30,7 +30,6 @@ ROWS = [
     "segmentation exposure",
     "results",
     "colmap runs",
-    "mapping view_placement",  # the short public paths
     "__init__",
     "cli",
     "__main__",
@@ -166,11 +165,3 @@ def test_an_estimate_starts_without_scipy() -> None:
 def test_public_names_are_where_the_package_says() -> None:
     assert all(getattr(blur2view, name) is not None for name in blur2view.__all__)
     assert len(blur2view.__all__) > 40
-
-
-def test_short_paths_lead_to_the_rooms() -> None:
-    from blur2view import mapping, view_placement
-
-    for module in (mapping, view_placement):
-        assert all(name in vars(module) for name in module.__all__)
-    assert mapping.mapper_options is blur2view.mapper_options

@@ -22,6 +22,8 @@ from blur2view.robust.reweighted import reweighted_motion
 from blur2view.two_view.flow import FREEDOM
 
 DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
+RINGS_DEG = (2.0, 0.8, 0.3, 0.12, 0.05)  # about the best direction of the grid, and of every ring
+RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 SMEARS = 300  # looked at, or up to twice as many
 STEPS = 6  # of reweighting
 ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears
@@ -85,12 +87,17 @@ class DirectionLikelihood:
         directions = half_sphere(DIRECTIONS)
         return (directions, *self.at(directions))
 
-    @property
+    @cached_property
     def best(self) -> tuple[Array, Array]:
-        """Rotation vector and translation (3,) of the greatest likelihood on the grid."""
-        directions, rotations, costs, _ = self.grid
-        cheapest = int(np.argmin(costs))
-        return rotations[cheapest], directions[cheapest]
+        """Rotation vector and translation (3,) of the greatest likelihood."""
+        directions, _, costs, _ = self.grid
+        t = directions[int(np.argmin(costs))]
+        for radius in np.tan(np.radians(RINGS_DEG)):
+            ring = np.vstack([t, t + radius * RING @ plane_basis(t)])
+            ring /= np.linalg.norm(ring, axis=1, keepdims=True)
+            rotations, costs, _ = self.at(ring)
+            t, rotation = ring[int(np.argmin(costs))], rotations[int(np.argmin(costs))]
+        return rotation, t
 
     def region(self, pose: RigidTransform) -> TranslationRegion:
         """Return what is known of the motion, oriented as a pose of it."""

@@ -75,7 +75,7 @@ def test_swapping_ends_changes_no_pose() -> None:
 
 @pytest.mark.slow
 def test_known_intrinsics_give_the_pose() -> None:
-    """Median errors over seeds, about as large as those of the assumed camera's F, decomposed."""
+    """Median errors over seeds; the assumed camera's F, decomposed, is no better in translation."""
     table = []
     for seed in range(24):
         rng = np.random.default_rng(seed)
@@ -92,7 +92,7 @@ def test_known_intrinsics_give_the_pose() -> None:
         ])  # fmt: skip
     rotation, translation, rotation_plain, translation_plain = np.median(table, axis=0)
     assert rotation < 0.1 and translation < 4
-    assert rotation < 1.25 * rotation_plain and translation < 1.1 * translation_plain
+    assert rotation < 1.1 * rotation_plain and translation < translation_plain
 
 
 def test_decomposition_holds_the_pose_and_its_twins() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import INDEPENDENT, SharedErrors, sampson_px
 from blur2view.smears.selection import SelectOptions, select_matches
 
 
@@ -87,6 +88,12 @@ def test_of_large_photographs_every_second_cell_is_taken_and_counts_as_more() ->
 def test_cells_whose_centre_lies_beyond_the_border_are_left_out() -> None:
     cut = SmearGrid(cells=grid().cells, stride=32, shape=(384, 490))
     assert select_matches(cut).midpoint[:, 0].max() < 490
+
+
+def test_no_cell_is_believed_better_than_3_percent_of_its_length() -> None:
+    long, sure = np.full(3, 100.0), np.full(3, 0.01)
+    assert (sampson_px(long, sure, SharedErrors.of_cells(32)) >= 3).all()
+    assert (sampson_px(long, sure, INDEPENDENT) < 3).all()
 
 
 def test_a_still_image_gives_no_matches_and_says_so() -> None:

@@ -10,12 +10,16 @@ from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import SmearProblem
+from blur2view.two_view import multiple_motions
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import Fit, search_and_fit
 from blur2view.two_view.multiple_motions import (
+    BLOCKS,
     LEAST_BALANCE,
     LEAST_GAIN,
     TwoMotions,
+    blocks_of,
+    errors_by_order,
     explained,
     find_two_motions,
     independence,
@@ -71,6 +75,21 @@ def test_errors_far_below_the_stated_are_not_suspicious() -> None:
     assert find_two_motions(problem, F, backward, 0.5, stated_px, rng) is not None
     assert find_two_motions(problem, F, backward, 0.5, 10 * stated_px, rng) is None
     assert find_two_motions(problem, F, backward, 0.9, stated_px, rng) is None  # one homography explains them
+
+
+def test_where_no_F_is_found_there_are_no_two_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(multiple_motions, "_search", lambda problem, rng: None)
+    assert two("several or none", 2) is None
+
+
+def test_no_block_of_smears_fits_better_the_other_way_round() -> None:
+    problem, fit, backward = fitted(draw_scene("general", 3))
+    both = problem.weighted.residuals(fit.point.matrix())
+    found = errors_by_order(problem, fit.point.matrix(), backward)
+    other = np.where(found == both.forward, both.backward, both.forward)
+    block = blocks_of(problem.ends.mean(axis=1), BLOCKS)
+    ours, others = (np.bincount(block, weights=np.minimum(e**2, 9.0)) for e in (found, other))
+    assert len(ours) > 10 and (ours <= others).all()
 
 
 def test_shares_follow_the_truth() -> None:
