@@ -87,6 +87,13 @@ def opened(browser: "Browser", tmp_path: Path) -> Iterator["Opener"]:
 
 
 @pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the current folder, a temporary one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def moving(tmp_path: Path) -> Path:
     """Return a picture in which the tiny network sees forward motion."""
     return write_picture(tmp_path / "moving.png", colour_code(forward_motion(), 1.0))

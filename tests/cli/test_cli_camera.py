@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli import summary
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from tests.support.colour_code import colour_code, write_picture
+from tests.support.exif import exif_of
+from tests.support.tables import Call
 
 SIZE = (320, 240)
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
@@ -27,6 +29,11 @@ def smears() -> np.ndarray:
     u = TURN[1] - TURN[2] * y - (TURN[0] * y - TURN[1] * x) * x + nearness * (HEADING[0] - HEADING[2] * x)
     v = TURN[2] * x - TURN[0] - (TURN[0] * y - TURN[1] * x) * y + nearness * (HEADING[1] - HEADING[2] * y)
     return 300 * np.stack([u, v], axis=-1)
+
+
+def picture_8_bit() -> np.ndarray:
+    """Return a picture (H, W, 3) uint8 in which the tiny network sees those smears."""
+    return (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
 
 
 @pytest.fixture
@@ -80,20 +87,11 @@ def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
 
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(
-    command: tuple[str, ...],
-    tmp_path: Path,
-    tiny_model: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...], here: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    exif, picture = Image.Exif(), (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
-    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
-    exif.get_ifd(ExifTags.IFD.Exif).update(
-        {ExifTags.Base.FocalLengthIn35mmFilm.value: 32, ExifTags.Base.ExposureTime.value: 0.02}
-    )
     for name in "ab":
-        Image.fromarray(picture).save(f"{name}.png", exif=exif)
+        exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.02)
+        Image.fromarray(picture_8_bit()).save(f"{name}.png", exif=exif)
 
     def told(*words: object) -> list[str]:
         Path("new.db").unlink(missing_ok=True)
@@ -121,13 +119,8 @@ def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
 
 
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
-    exif.get_ifd(ExifTags.IFD.Exif).update(
-        {ExifTags.Base.FocalLengthIn35mmFilm.value: 32, ExifTags.Base.ExposureTime.value: 0.1}
-    )
-    picture = (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
-    Image.fromarray(picture).save(tmp_path / "photo.png", exif=exif)
+    exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.1)
+    Image.fromarray(picture_8_bit()).save(tmp_path / "photo.png", exif=exif)
     _, (taken,) = run(tmp_path / "photo.png", "--camera", "exif")
     focal = 32 * 400 / np.hypot(36, 24)
     assert np.isclose(taken["K"][0][0], focal) and taken["camera"]["known"]
@@ -150,13 +143,10 @@ def test_a_rolling_shutter_makes_two_motions(run: Any, photo: Path) -> None:
 
 
 def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: Path) -> None:
-    pixels = (np.clip(colour_code(smears(), 1.0), 0, 1) * 255).round().astype(np.uint8)
-    angles = {}
+    pixels, angles = picture_8_bit(), {}
     as_stored = {1: pixels, 3: pixels[::-1, ::-1], 6: np.rot90(pixels), 2: pixels[:, ::-1]}
     for orientation, stored in as_stored.items():
-        exif = Image.Exif()
-        exif[ExifTags.Base.Orientation] = orientation
-        exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
+        exif = exif_of(orientation=orientation, ExposureTime=0.02)
         path = tmp_path / f"{orientation}.png"
         Image.fromarray(np.ascontiguousarray(stored)).save(path, exif=exif)
         _, (document,) = run(path, "--focal", 300, "--readout", 0.03)
@@ -165,32 +155,20 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
 
 
-def test_a_readout_needs_the_exposure_time(
-    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("--readout 0.03", [" or, in the other order in time, "]),
+        ("--readout 0.03 -v", [" or, in the other order in time, "]),
+        ("-v", ["CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"]),
+    ],
+)
+def test_summary_has_the_pose_and_both_orders_of_a_rolling_shutter(
+    call: Call, photo: Path, more: str, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--readout", "0.03"]
-    assert cli.main(arguments) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "add --exposure S" in line
-
-
-def test_summaries_have_both_orders_of_a_rolling_shutter(
-    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure", "0.02"]
-    for verbosity in ([], ["-v"]):
-        assert cli.main([*words, "--readout", "0.03", *verbosity]) == 0
-        assert " or, in the other order in time, " in capsys.readouterr().out
-
-
-def test_verbose_summary_has_the_pose(
-    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure", "0.05"]
-    assert cli.main([*arguments, "-v"]) == 0
+    assert call("estimate", photo, "--focal", 300, "--exposure", "1/20", *more.split()) == 0
     text = capsys.readouterr().out
-    for words in ("CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"):
-        assert words in text
+    assert all(word in text for word in words)
 
 
 @pytest.mark.parametrize(
@@ -214,66 +192,29 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
     assert summary.rate(document) == words
 
 
-def test_an_exposure_time_is_a_number_or_a_fraction(
-    photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--exposure"]
-    assert cli.main([*arguments, "1/20", "-v"]) == 0
-    assert "rad/s in 0.05 s" in capsys.readouterr().out
-    for wrong in ("1/0", "1/x", "/20", "0.05 h", "1/2/3"):
-        with pytest.raises(SystemExit) as caught:
-            cli.main([*arguments, wrong])
-        assert caught.value.code == 2
-        assert f"expected seconds as 0.04 or 1/25, got {wrong}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ["--focal", "0"],
-        ["--focal", "-525"],
-        ["--focal", "nan"],
-        ["--focal", "1e300"],
-        ["--focal", "1e-300"],
-        ["--camera", "PINHOLE 320 240 1e300 1e300 160 120"],
-        ["--camera", "PINHOLE 320 240 300 300 1e300 120"],
-        ["--camera", "SIMPLE_RADIAL 320 240 300 160 120 1e300"],
-        ["--focal", "300", "--exposure", "1e-320"],
-        ["--max-memory", "nan"],
-        ["--focal", "wide"],
-        ["--focal", "525", "--camera", "exif"],
-        ["--exposure", "0"],
-        ["--exposure", "inf"],
-        ["--exposure", "0.05"],  # without intrinsics there is no rotation
-        ["--readout", "0.02"],
-        ["--focal", "300", "--readout", "-0.01"],
-        ["--focal", "300", "--readout", "nan"],
-        ["--focal", "300", "--readout", "25"],
-        ["--camera", "nonsense"],
-        ["--camera", "SIMPLE_RADIAL 320 240 300 160 120"],
-    ],
-)
-def test_wrong_intrinsics_are_wrong_usage(
-    wrong: list[str], photo: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("wrong", ["1/0", "1/x", "/20", "0.05 h", "1/2/3"])
+def test_an_exposure_time_is_a_number_or_a_fraction(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", str(photo), *wrong])
+        cli.main(["estimate", "a.png", "--focal", "300", "--exposure", wrong])
     assert caught.value.code == 2
-    assert capsys.readouterr().err.startswith("blur2view estimate: ")
+    assert f"expected seconds as 0.04 or 1/25, got {wrong}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("camera", "words"),
     [
-        ("PINHOLE 640 400 500 500 320 200", "is for 640x400 pixels, the photograph has 320x240"),
-        ("missing.db", "no such database"),
-        ("exif", "EXIF names no focal length"),
+        (["--focal", 300, "--readout", 0.03], "add --exposure S"),
+        (
+            ["--camera", "PINHOLE 640 400 500 500 320 200"],
+            "is for 640x400 pixels, the photograph has",
+        ),
+        (["--camera", "missing.db"], "no such database"),
+        (["--camera", "exif"], "EXIF names no focal length"),
     ],
 )
 def test_a_camera_that_cannot_be_used_is_one_line(
-    camera: str, words: str, photo: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+    camera: list[object], words: str, call: Call, photo: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["estimate", "--model", str(tiny_model), str(photo), "--camera", camera]
-    assert cli.main(arguments) == 1
+    assert call("estimate", photo, *camera) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line

@@ -148,10 +148,8 @@ def test_too_little_memory_costs_one_photograph(
 
 def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:
     """Run the program in a process of its own, without some of its standard streams."""
-    command = " ".join(map(shlex.quote, [sys.executable, "-m", "blur2view", *map(str, words)]))
-    root = str(Path(cli.__file__).parents[2])
-    environment = os.environ | {"PYTHONPATH": root}
-    return subprocess.run(f"{command} {closed}", shell=True, env=environment, capture_output=True, text=True)
+    line = f"{shlex.join(command(*words))} {closed}"
+    return subprocess.run(line, shell=True, env=environment(), capture_output=True, text=True)
 
 
 @pytest.mark.slow
@@ -193,12 +191,10 @@ def test_interrupt_of_an_import_is_no_traceback(tmp_path: Path) -> None:
     [("| true", ""), ("> /dev/full", "blur2view: cannot print (No space left on device)")],
 )
 def test_output_that_nobody_takes_is_no_traceback(
-    still: Path, tiny_model: Path, target: str, words: str, buffered: bool
+    still: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, target: str, words: str, buffered: bool
 ) -> None:
-    root = Path(cli.__file__).parents[2]
-    command = f"{sys.executable} -m blur2view estimate {still} --model {tiny_model} {target}"
-    environment = os.environ | {"PYTHONUNBUFFERED": "" if buffered else "1"}
-    done = subprocess.run(["bash", "-c", command], cwd=root, env=environment, capture_output=True, text=True)
+    monkeypatch.setenv("PYTHONUNBUFFERED", "" if buffered else "1")
+    done = program("estimate", still, "--model", tiny_model, closed=target)
     assert done.stderr.startswith(words) and done.stderr.count("\n") == bool(words)
 
 

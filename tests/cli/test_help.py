@@ -134,14 +134,6 @@ def test_option_of_another_command_is_told(
     assert caught.value.code == 2 and told in capsys.readouterr().err
 
 
-def test_wrong_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimat"])
-    assert caught.value.code == 2 and capsys.readouterr().err == (
-        "blur2view: estimat is no command; did you mean estimate? (see blur2view --help)\n"
-    )
-
-
 def test_a_shell_completes_commands_options_and_files(tmp_path: Path) -> None:
     pytest.importorskip("shtab")
     (tmp_path / "clip.mp4").touch()

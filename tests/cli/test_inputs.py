@@ -1,6 +1,5 @@
 """What a stranger names by mistake, and from another folder: one line each that names the remedy."""
 
-import csv
 import hashlib
 import json
 import shutil
@@ -12,6 +11,7 @@ import pytest
 from blur2view.cli import commands as cli
 from blur2view.runs.job import file_digest
 from tests.support.many_photographs import contents, write_photographs
+from tests.support.tables import table
 
 
 @pytest.fixture
@@ -61,20 +61,18 @@ def test_list_without_its_mark_is_told(call: Any, folder: Path) -> None:
     "command", ["triage --keep keep.txt", "estimate -o out", "report --no-mask -o a.html"]
 )
 def test_folder_without_photographs_is_one_line_and_no_photograph(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+    call: Any, folder: Path, here: Path, command: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "empty").mkdir()
+    (here / "empty").mkdir()
     name, *words = command.split()
     code, printed, (line,) = call(name, "empty", *words, "--csv", "new/t.csv")
     assert (code, printed) == (1, "") and "empty: holds no photograph" in line
-    assert {path.name for path in tmp_path.iterdir()} == {"in", "empty"}
+    assert {path.name for path in here.iterdir()} == {"in", "empty"}
     code, _, (line,) = call(name, folder, "empty", *words, "--csv", "t.csv")
     assert code == 1 and "empty: holds no photograph" in line
-    with (tmp_path / "t.csv").open(newline="") as file:
-        assert [row["name"] for row in csv.DictReader(file)] == ["000.png", "001.png", "002.png"]
+    assert [row["name"] for row in table(here / "t.csv")] == ["000.png", "001.png", "002.png"]
     if name == "report":
-        assert (tmp_path / "a.html").read_text().count('<li class="card') == 3
+        assert (here / "a.html").read_text().count('<li class="card') == 3
 
 
 def test_missing_and_empty_change_no_name_below_the_folder(call: Any, folder: Path, tmp_path: Path) -> None:
@@ -83,8 +81,7 @@ def test_missing_and_empty_change_no_name_below_the_folder(call: Any, folder: Pa
     named = []
     for more in ([], [tmp_path / "empty", tmp_path / "absent.png"]):
         call("triage", tmp_path / "all", *more, "--recursive", "--csv", tmp_path / "t.csv", "--resume")
-        with (tmp_path / "t.csv").open(newline="") as file:
-            named.append([row["name"] for row in csv.DictReader(file) if not row["error"]])
+        named.append([row["name"] for row in table(tmp_path / "t.csv") if not row["error"]])
     assert named == [["sub/000.png", "sub/001.png"]] * 2
 
 
@@ -124,20 +121,6 @@ def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
     assert call("estimate", *words)[0] == 0 and contents(tmp_path / "out") != before
 
 
-def test_one_photograph_of_the_same_name_replaces_no_results_either(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A call of one photograph leaves no manifest that could tell whose they are."""
-    (tmp_path / "other").mkdir()
-    shutil.copy(folder / "002.png", tmp_path / "other/000.png")
-    monkeypatch.chdir(folder)
-    assert call("estimate", "000.png", "-o", tmp_path / "out")[0] == 0
-    before = contents(tmp_path / "out")
-    monkeypatch.chdir(tmp_path)
-    code, _, (line,) = call("estimate", "other/000.png", "-o", tmp_path / "out", "--resume")
-    assert code == 1 and "is the result of 000.png" in line and contents(tmp_path / "out") == before
-
-
 def test_results_that_were_moved_are_gone_on_with(call: Any, folder: Path, tmp_path: Path) -> None:
     assert call("estimate", folder, "-o", tmp_path / "out")[0] == 0
     (tmp_path / "deep").mkdir()
@@ -160,20 +143,3 @@ def test_manifests_of_equal_calls_without_timings_are_equal(
         found.append(manifest.read_bytes())
     assert found[0] == found[1] and len(found[0].splitlines()) >= 4
     assert not any("seconds" in json.loads(line) for line in found[0].splitlines())
-
-
-@pytest.mark.parametrize("words", [
-    "--format hloc -o out --csv out/features.h5",
-    "--format matches -o out --csv out/matches.txt",
-    "--format matches -o out --csv out/to-colmap.manifest.jsonl",
-    "--db new.db --csv new.db-journal",
-    "--db new.db --csv new.db-wal",
-    "--db new.db --csv new.db.manifest.jsonl",
-])  # fmt: skip
-def test_table_is_no_other_file_of_the_call(
-    call: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, _, (line,) = call("to-colmap", "in", *words.split())
-    assert code == 1 and "two results would be one file; name another with --csv" in line
-    assert {path.name for path in tmp_path.iterdir()} == {"in"}

@@ -123,17 +123,6 @@ def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(
     assert "pairs.txt: holds more than views" in line
 
 
-@pytest.mark.parametrize(
-    "words",
-    [["--every", "0"], ["--jobs", "0"], ["--from", "x"], ["--to", "-3"], ["--max-failures", "0"]]
-    + [["--jobs", "2", "--dask", "tcp://a:1"]],
-)
-def test_wrong_numbers_are_wrong_usage(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", "a.jpg", *words])
-    assert caught.value.code == 2 and capsys.readouterr().err.startswith("blur2view estimate: ")
-
-
 @pytest.mark.slow
 def test_two_processes_write_the_same_bytes_as_one(tmp_path: Path, tiny_model: Path) -> None:
     write_photographs(tmp_path / "in", 6)

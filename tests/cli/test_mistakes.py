@@ -51,6 +51,37 @@ MISTAKES = [
     ("to-transforms model frames", "frames is too much"),
     ("estimate a.png --resume", "name it with -o"),
 ]
+WRONG_VALUES = {
+    "estimat": ("",),
+    "estimate a.png --beta": ("0", "2"),
+    "estimate a.png --max-error": ("-1",),
+    "estimate a.png --seed": ("-1", "x"),
+    "estimate a.png --every": ("0",),
+    "estimate a.png --from": ("x",),
+    "estimate a.png --to": ("-3",),
+    "estimate a.png --jobs": ("0", "2 --dask tcp://a:1"),
+    "estimate a.png --max-failures": ("0",),
+    "estimate a.png --max-memory": ("nan",),
+    "estimate a.png --json": ("--jsonl",),
+    "estimate a.png --focal": ("0", "-525", "nan", "1e300", "1e-300", "wide", "525 --camera exif"),
+    "estimate a.png --camera": ("nonsense",),
+    "estimate a.png --camera PINHOLE 320 240": ("1e300 1e300 160 120", "300 300 1e300 120"),
+    "estimate a.png --camera SIMPLE_RADIAL 320 240 300 160 120": ("", "1e300"),
+    "estimate a.png --exposure": ("0", "inf"),
+    "estimate a.png --focal 300 --exposure": ("1e-320",),
+    "estimate a.png --readout": ("0.02",),
+    "estimate a.png --focal 300 --readout": ("-0.01", "nan", "25"),
+    "triage a.png --resume": ("",),
+    "triage a.png --csv t.csv": ("--max-smear -1", "--every-best 2"),
+    "triage a.png --keep k": ("--max-smear nan%", "--best 0", "--best 1.5", "--best 101%"),
+    "segment a.png --masks colmap": ("",),
+    "to-colmap a.png --db new.db": ("--replace", "--no-backup", "--focal -1", "--seed -1", "-o x"),
+    "to-colmap a.png --db new.db --dask tcp://127.0.0.1:9": ("--link", "--camera project.db:1"),
+    "to-colmap a.png --db new.db --link": ("--corrected",),
+    "to-colmap a.png --db new.db --format matches -o x": ("",),
+    "to-colmap a.png --format hloc": ("", "-o x --link"),
+    "place project.db model frames -o out --fraction": ("0",),
+}
 
 
 @pytest.fixture
@@ -79,3 +110,17 @@ def test_a_mistake_costs_one_line_with_its_remedy(
     assert line.startswith("blur2view") and remedy in line
     assert sorted(folder.rglob("*")) == before
     assert (folder / "notes.txt").read_text() == (folder / "mine.html").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    "words", [f"{words} {value}" for words, values in WRONG_VALUES.items() for value in values]
+)
+def test_value_that_an_option_does_not_take_is_exit_code_2(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, camera, values = words.partition("--camera ")
+    with pytest.raises(SystemExit) as caught:
+        cli.main([*before.split(), *([camera.strip(), values.strip()] if camera else [])])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("blur2view") and words.split()[0] in line

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,30 +13,18 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import to_colmap
 from blur2view.cli import commands as cli
 from blur2view.colmap.models import find_model
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 from tests.support.colour_code import colour_code
+from tests.support.walks import Walk
 
 FRAMES, SHARE, FOCAL, SIZE, EXPOSURE_S = 7, 0.5, 300.0, (320, 256), 0.02
 TURN, MOVE = np.array([0.004, 0.02, -0.003]), np.array([0.25, 0.02, 0.05])  # a frame
 NORMAL, DISTANCE = np.array([0.25, 0.1, 1.0]), 5.0  # of the wall that the camera passes
 CENTRE = (np.array(SIZE) - 1) / 2
 NAMES = [f"frame_{k:05d}.png" for k in range(FRAMES)]
-
-
-def pose_at(time: float) -> Array:
-    """Return cam_from_world (3, 4) at a time in frames; the middle frame is at the origin."""
-    time -= FRAMES // 2
-    R = rotation_matrix(TURN * time)
-    return np.column_stack([R, R @ (MOVE * time)])
-
-
-def pixels(pose: Array, points: Array) -> Array:
-    """Return our pixels (N, 2) of points (N, 3) of the world."""
-    X = points @ pose[:, :3].T + pose[:, 3]
-    return FOCAL * X[:, :2] / X[:, 2:] + CENTRE
+WALK = Walk(names=NAMES, size=SIZE, focal=FOCAL, turn=TURN, move=MOVE)
 
 
 def on_wall(pose: Array, at: Array) -> Array:
@@ -52,49 +39,13 @@ def write_clip(path: Path) -> Path:
     grid = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1).reshape(-1, 2).astype(float)
     video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 10, SIZE)
     for k in range(FRAMES):
-        points = on_wall(pose_at(k), grid)
-        smear = pixels(pose_at(k + SHARE / 2), points) - pixels(pose_at(k - SHARE / 2), points)
+        points = on_wall(WALK.pose_at(k), grid)
+        first, last = (WALK.pixels(WALK.pose_at(k + side * SHARE / 2), points) for side in (-1, 1))
+        smear = last - first
         picture = colour_code(smear.reshape(*SIZE[::-1], 2), 1.0)
         video.write(np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8))
     video.release()
     return path
-
-
-def write_project(database: Path, models: Path) -> None:
-    """Write what COLMAP makes of the frames: features, matches, and a model of all and one of three."""
-    rng = np.random.default_rng(0)
-    points = on_wall(pose_at(FRAMES // 2), rng.uniform(20, np.array(SIZE) - 20, (150, 2)))
-    params = [FOCAL, SIZE[0] / 2, SIZE[1] / 2]
-    camera = pycolmap.Camera(
-        model="SIMPLE_PINHOLE", width=SIZE[0], height=SIZE[1], params=params, camera_id=1
-    )
-    camera.has_prior_focal_length = True
-    with pycolmap.Database.open(database) as opened:
-        opened.write_camera(camera)
-        for k, name in enumerate(NAMES, 1):
-            opened.write_image(pycolmap.Image(name=name, camera_id=1))
-            opened.write_keypoints(k, to_colmap(pixels(pose_at(k - 1), points)).astype(np.float32))
-        geometry = pycolmap.TwoViewGeometry()
-        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-        geometry.inlier_matches = np.arange(len(points), dtype=np.uint32)[:, None].repeat(2, axis=1)
-        for pair in combinations(range(1, FRAMES + 1), 2):
-            opened.write_matches(*pair, geometry.inlier_matches)
-            opened.write_two_view_geometry(*pair, geometry)
-    for folder, numbers in (("0", range(3)), ("1", range(FRAMES))):
-        model = pycolmap.Reconstruction()
-        model.add_camera_with_trivial_rig(camera)
-        for k in numbers:
-            seen = to_colmap(pixels(pose_at(k), points))
-            image = pycolmap.Image(name=NAMES[k], keypoints=seen, camera_id=1, image_id=k + 1)
-            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose_at(k)[:, :3]), pose_at(k)[:, 3])
-            model.add_image_with_trivial_frame(image, pose)
-        for index, point in enumerate(points):
-            track = pycolmap.Track()
-            for k in numbers:
-                track.add_element(k + 1, index)
-            model.add_point3D(point, track, np.array([index, 100, 200], np.uint8))
-        (models / folder).mkdir(parents=True)
-        model.write(models / folder)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +56,9 @@ def linked(tiny_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = ("--model", tiny_model, "--jobs", 1, "-q")
     assert call("triage", clip, "--best", "100%", "--extract", frames, *run) == 0
     assert sorted(path.name for path in frames.iterdir()) == NAMES
-    write_project(folder / "project.db", folder / "model")
+    at = np.random.default_rng(0).uniform(20, np.array(SIZE) - 20, (150, 2))
+    models = {folder / "model" / "0": range(3), folder / "model" / "1": range(FRAMES)}
+    WALK.write(on_wall(WALK.pose_at(FRAMES // 2), at), folder / "project.db", models)
     assert call("to-colmap", "--db", folder / "project.db", "--link", "--sequence", frames, *run) == 0
     return folder
 
@@ -149,7 +102,7 @@ def read_as_instant_ngp(path: Path) -> None:
     for k, frame in enumerate(content["frames"]):
         assert (path.parent / frame["file_path"]).is_file() and frame["sharpness"] > 0
         for key, side in (("_start", -1), ("", 0), ("_end", 1)):
-            true = in_opengl(pose_at(k + side * SHARE / 2))
+            true = in_opengl(WALK.pose_at(k + side * SHARE / 2))
             np.testing.assert_allclose(frame[f"transform_matrix{key}"], true, atol=0.02)
         moved = np.subtract(frame["transform_matrix_end"], frame["transform_matrix_start"])[:3, 3]
         assert np.linalg.norm(moved) == pytest.approx(SHARE * np.linalg.norm(MOVE), rel=0.15)
@@ -183,7 +136,7 @@ def test_views_stand_where_the_camera_was(linked: Path) -> None:
         turn = rotation_vector((last * first.inverse()).rotation.matrix())
         np.testing.assert_allclose(turn, SHARE * TURN, atol=1e-3)
         middle = model.find_image_with_name(name).cam_from_world().matrix()
-        np.testing.assert_allclose(middle, pose_at(k), atol=1e-6)
+        np.testing.assert_allclose(middle, WALK.pose_at(k), atol=1e-6)
 
 
 def test_the_same_call_replaces_what_it_wrote_and_nothing_else(
@@ -236,8 +189,6 @@ def test_what_cannot_be_placed_is_one_line(
         "video (blur2view to-colmap --link), or state --fraction")  # fmt: skip
     words = (database, tmp_path / "one", frames, "--fraction")
     assert complaint(*words, 0.5).endswith("none has enough smears at the model's points; link more frames")
-    with pytest.raises(SystemExit):
-        complaint(*words, 0)
 
 
 def test_model_of_a_mapper_is_its_largest(linked: Path) -> None:

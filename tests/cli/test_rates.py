@@ -1,6 +1,5 @@
 """Rates from a video file to a table: signs, agreement of all that one document says, streams."""
 
-import csv
 import json
 from functools import cache
 from pathlib import Path
@@ -18,6 +17,7 @@ from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.results.estimate import EstimateDocument
 from tests.support.many_photographs import contents, write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
+from tests.support.tables import table
 
 CAMERA = ("--focal", FOCAL_PX, "--exposure", EXPOSURE_S)
 AXES = ("wx", "wy", "wz")
@@ -32,11 +32,6 @@ def swinging() -> Swing:
 
 def call(*words: object) -> int:
     return cli.main(["estimate", "--jobs", "1", *map(str, words)])
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def rates_of(rows: list[Any]) -> Array:

@@ -167,34 +167,22 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(
 
 @pytest.mark.parametrize("target", [["--db", "new.db"], ["--format", "matches", "-o", "text"]])
 def test_resume_with_fewer_photographs_drops_none(
-    folder: Path,
-    tmp_path: Path,
-    tiny_model: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    target: list[str],
+    folder: Path, here: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str], target: list[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
 
     def call(*words: object) -> int:
         return cli.main(["to-colmap", *target, "--jobs", "1", "--model", str(tiny_model), *map(str, words)])
 
     photographs = [folder / name for name in ("000.png", "001.png", "002.png")]
     assert call(*photographs) == 0
-    before = contents(tmp_path)
+    before = contents(here)
     capsys.readouterr()
     told = "the views of 1 photograph (002.png) would be lost, as this call names them otherwise"
     assert call(*photographs[:2], "--resume") == 1
-    assert told in capsys.readouterr().err and contents(tmp_path) == before
+    assert told in capsys.readouterr().err and contents(here) == before
     whole = photographs[2].read_bytes()
     photographs[2].write_text("bad")
     assert call(*photographs, "--resume") == 1
     assert told in capsys.readouterr().err
     photographs[2].write_bytes(whole)
     assert call(*photographs, folder / "003.png", "--resume") == 0
-
-
-def test_resume_without_results_to_keep_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", "a.jpg", "--resume"])
-    assert caught.value.code == 2 and "-o" in capsys.readouterr().err.splitlines()[-1]

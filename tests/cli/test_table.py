@@ -92,6 +92,13 @@ def test_files_of_others_are_spared(
         ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
         ["triage", "--csv", "t.csv", "--keep", "t.csv.manifest.jsonl"],
         ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
+        ["to-colmap", "--format", "hloc", "-o", "o2", "--csv", "o2/features.h5"],
+        ["to-colmap", "--format", "matches", "-o", "o2", "--csv", "o2/matches.txt"],
+        ["to-colmap", "--format", "matches", "-o", "o2", "--csv", "o2/to-colmap.manifest.jsonl"],
+        *(
+            ["to-colmap", "--db", "a.db", "--csv", f"a.db{end}"]
+            for end in ("-journal", "-wal", ".manifest.jsonl")
+        ),
     ],
 )
 def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
@@ -101,7 +108,7 @@ def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
     monkeypatch.chdir(frames.parent)
     assert call(words[0], "frames", *words[1:]) == 1
     assert "two results would be one file" in capsys.readouterr().err
-    assert [path.name for path in frames.parent.iterdir() if path.is_file()] == []
+    assert [path.name for path in frames.parent.iterdir()] == ["frames"]
 
 
 def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path) -> None:

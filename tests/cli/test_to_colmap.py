@@ -1,6 +1,5 @@
 """``blur2view to-colmap``: what it prints and writes, and how it fails."""
 
-import csv
 import json
 import sqlite3
 from contextlib import closing
@@ -10,15 +9,17 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.sampson import sampson
 from blur2view.photographs.inputs import Inputs
-from tests.cli.test_cli_camera import SIZE, smears
+from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.support.colour_code import colour_code, write_picture
+from tests.support.exif import exif_of
+from tests.support.tables import table
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
@@ -41,7 +42,7 @@ def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
     """Return ``blur2view to-colmap`` with the tiny network: the code, stdout and stderr."""
 
     def call(*arguments: object) -> tuple[int, str, str]:
-        code = cli.main(["to-colmap", "--model", str(tiny_model), *map(str, arguments)])
+        code = cli.main(["to-colmap", "--model", str(tiny_model), "--jobs", "1", *map(str, arguments)])
         said = capsys.readouterr()
         return code, said.out, said.err
 
@@ -120,7 +121,7 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
 
 def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Path], tmp_path: Path) -> None:
     path = tmp_path / "new.db"
-    code, out, _ = run("--db", path, "--skip-degenerate", "--json", *photos)
+    code, out, _ = run("--db", path, "--skip-degenerate", "--json", "--jobs", 2, *photos)
     document = json.loads(out)
     assert code == 0
     assert [one["name"] for one in document["photographs"]] == ["moving.png"]
@@ -190,12 +191,15 @@ def test_features_on_movers_are_left_unmatched_on_demand(
     assert 0.8 * counts[0] < counts[1] < 0.95 * counts[0]  # an eighth of the picture moves
 
 
-def test_one_bad_photograph_costs_one_line(run: Any, photos: list[Path], tmp_path: Path) -> None:
+def test_a_bad_and_a_missing_photograph_cost_one_line_each(
+    run: Any, photos: list[Path], tmp_path: Path
+) -> None:
     bad = photos[0].with_name("bad.jpg")
     bad.write_text("no picture")
-    code, out, err = run("--db", tmp_path / "new.db", bad, photos[0], photos[0])
-    assert code == 1
-    assert err.count("\n") == 1 and "bad.jpg" in err  # and not the one that is named twice
+    absent = tmp_path / "absent" / "a.png"
+    code, out, err = run("--db", tmp_path / "new.db", bad, absent, photos[0], photos[0])
+    assert code == 1 and "moving.png: add" in out.splitlines()[0]  # the others change no name
+    assert err.count("\n") == 2 and "bad.jpg" in err  # and not the one that is named twice
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
@@ -207,10 +211,8 @@ def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path],
 
 def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:
     turned = photos[0].with_name("turned.jpg")
-    exif = Image.Exif()
-    exif[ExifTags.Base.Orientation] = 6  # upright it is 240 wide and 320 high
-    pixels = np.round(255 * colour_code(smears(), 1.0)).astype(np.uint8)
-    Image.fromarray(pixels).save(turned, quality=95, subsampling=0, exif=exif)
+    exif = exif_of(orientation=6)  # upright it is 240 wide and 320 high
+    Image.fromarray(picture_8_bit()).save(turned, quality=95, subsampling=0, exif=exif)
     code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
     assert (code, err) == (0, "") and "parallax proven" in out
     with pycolmap.Database.open(tmp_path / "new.db") as database:
@@ -222,27 +224,12 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
 def test_table_has_the_rate_over_the_exposure_time_of_exif(
     run: Any, photos: list[Path], tmp_path: Path
 ) -> None:
-    exif, timed, sheet = Image.Exif(), photos[0].with_name("timed.png"), tmp_path / "t.csv"
-    exif[ExifTags.Base.Orientation] = 1  # else Pillow writes none into a PNG
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.ExposureTime.value] = 0.02
-    Image.open(photos[0]).save(timed, exif=exif)
+    timed, sheet = photos[0].with_name("timed.png"), tmp_path / "t.csv"
+    Image.open(photos[0]).save(timed, exif=exif_of(ExposureTime=0.02))
     assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
-    with sheet.open(newline="") as file:
-        (said,) = csv.DictReader(file)
+    (said,) = table(sheet)
     rate = np.radians(float(said["rotation_deg"])) / 0.02
     assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
-
-
-def test_usage_errors(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    target = ["--db", str(tmp_path / "new.db")]
-    dask = ["--dask", "tcp://127.0.0.1:9"]
-    wrong = [[*dask, "--link"], [*dask, "--camera", "project.db:1"]]
-    wrong += [["--replace"], ["--no-backup"], ["--focal", "-1"], ["--seed", "-1"], ["-o", "x"]]
-    wrong = [target + more for more in (*wrong, ["--format", "matches", "-o", "x"])]
-    for words in (*wrong, [], ["--format", "hloc"], ["--format", "hloc", "-o", "x", "--link"]):
-        with pytest.raises(SystemExit) as stop:
-            run(*photos, *words)
-        assert stop.value.code == 2
 
 
 def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_path: Path) -> None:
@@ -268,11 +255,6 @@ def test_a_blank_in_one_name_leaves_the_others_done(
     assert err == f"blur2view: {blank}: --format {kind} has no names with a blank; rename it\n"
 
 
-def test_missing_photograph_changes_no_name(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    code, out, err = run("--db", tmp_path / "new.db", photos[0], tmp_path / "absent" / "a.png")
-    assert code == 1 and out.startswith("moving.png: add") and err.count("\n") == 1
-
-
 def test_names_are_below_the_folder_that_all_share() -> None:
     one, other = Path("/x/left/a.jpg"), Path("/x/right/a.jpg")
     assert colmap_names(Inputs(paths=[one])) == {one: "a.jpg"}
@@ -282,23 +264,19 @@ def test_names_are_below_the_folder_that_all_share() -> None:
 def test_table_and_database_call_a_photograph_the_same(
     run: Any, photos: list[Path], project: Path, tmp_path: Path
 ) -> None:
-    def named(path: Path) -> list[str]:
-        with path.open(newline="") as file:
-            return [row["name"] for row in csv.DictReader(file)]
-
     below = tmp_path / "all" / "sub"
     below.parent.mkdir()
     photos[0].parent.rename(below)
-    given, table = ["--recursive", below.parent], tmp_path / "new.csv"
-    assert run("--db", tmp_path / "new.db", "--csv", table, *given)[0] == 0
-    assert named(table) == ["sub/moving.png", "sub/still.png"]
+    given, sheet = ["--recursive", below.parent], tmp_path / "new.csv"
+    assert run("--db", tmp_path / "new.db", "--csv", sheet, *given)[0] == 0
+    assert [row["name"] for row in table(sheet)] == ["sub/moving.png", "sub/still.png"]
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         assert {image.name for image in database.read_all_images()} == {
             f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
         }
-    table = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", table, *given)[0] == 0
-    assert named(table) == ["moving.png", "still.png"]
+    sheet = tmp_path / "linked.csv"
+    assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
+    assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]
 
 
 def test_corrected_ends_lie_on_the_lines_of_the_geometry(
@@ -314,5 +292,3 @@ def test_corrected_ends_lie_on_the_lines_of_the_geometry(
     one, two = (end[index] for end, index in zip(ends, np.asarray(geometry.inlier_matches).T, strict=True))
     assert len(one) > 60
     assert np.median(np.sqrt(sampson(np.asarray(geometry.F), one, two))) < 1e-3
-    with pytest.raises(SystemExit):
-        run("--db", database, "--link", "--corrected", photos[0])

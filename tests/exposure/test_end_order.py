@@ -17,7 +17,7 @@ from tests.support.scenes import Scene, disturb, make_scene
 
 def found_in(scene: Scene, camera: Camera | None = None) -> tuple[SmearMatches, TwoViewGeometry]:
     sigma = np.maximum(0.5, 0.12 * scene.length_px)
-    matches = SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=scene.image_size)
+    matches = scene.matches(sigma)
     return matches, estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
 
 
@@ -60,7 +60,7 @@ def test_order_follows_F_and_not_its_transpose() -> None:
 
 def test_pose_without_translation_orders_as_its_rotation_whatever_F_beside_it_says() -> None:
     scene = make_scene(np.random.default_rng(1), count=400, length_px=30, rotation_share=25.0)
-    camera = Camera(K=scene.K, width=scene.image_size[0], height=scene.image_size[1])
+    camera = scene.camera
     matches, geometry = found_in(scene, camera)
     assert geometry.F is not None
     for rotation in (scene.R, scene.R.T):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from blur2view.camera.camera import Camera
 from blur2view.exposure.half_exposure import half_fundamental, half_geometry, half_homography, half_pose
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
@@ -66,9 +65,8 @@ def test_known_intrinsics_halve_exactly() -> None:
         F=scene.F, E=pose.essential, cam2_from_cam1=pose, config=Configuration.CALIBRATED, reason="",
         inlier_mask=none, swapped=none,
     )  # fmt: skip
-    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-    half = half_geometry(geometry, camera, IMAGE_SIZE)
-    back = half_geometry(geometry.reversed(), camera, IMAGE_SIZE)
+    half = half_geometry(geometry, scene.camera, IMAGE_SIZE)
+    back = half_geometry(geometry.reversed(), scene.camera, IMAGE_SIZE)
     assert half.F is not None and half.E is not None and back.cam2_from_cam1 is not None
     assert np.sqrt(sampson(half.F, middle, close).max()) < 1e-6
     assert half.cam2_from_cam1 is not None and half.covariance is None

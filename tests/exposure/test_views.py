@@ -14,17 +14,14 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.pipeline import Estimate, Timings
-from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
 
 
 def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
     width, height = scene.image_size
-    camera = Camera(K=scene.K, width=width, height=height) if calibrated else None
-    matches = SmearMatches(
-        ends=scene.ends, sigma_px=np.full(len(scene.ends), 0.3), image_size=scene.image_size
-    )
+    camera = scene.camera if calibrated else None
+    matches = scene.matches(0.3)
     geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
     return Estimate(
         grid=grid_of(np.zeros((-(-height // 32), -(-width // 32), 2)), stride=32, shape=(height, width)),

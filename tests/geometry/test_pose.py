@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import (
     CHI_SQUARED_90,
     PoseCovariance,
@@ -18,23 +17,15 @@ from blur2view.geometry.pose import (
 )
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tests.support.scenes import Scene, disturb, make_scene, with_outliers
 from tools.metrics import rotation_error, translation_direction_error_deg
 
 SEEDS = range(5)
 
 
-def camera_of(scene: Scene) -> Camera:
-    return Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-
-
 def solve(scene: Scene, sigma_px: float = 0.1) -> TwoViewGeometry:
-    matches = SmearMatches(
-        ends=scene.ends, sigma_px=np.full(len(scene.ends), sigma_px), image_size=IMAGE_SIZE
-    )
-    return estimate_two_view(matches, camera=camera_of(scene))
+    return estimate_two_view(scene.matches(sigma_px), camera=scene.camera)
 
 
 def true_pose(scene: Scene) -> RigidTransform:
@@ -42,7 +33,7 @@ def true_pose(scene: Scene) -> RigidTransform:
 
 
 def rays(scene: Scene) -> np.ndarray:
-    return camera_of(scene).rays(scene.ends)
+    return scene.camera.rays(scene.ends)
 
 
 def difference(one: RigidTransform, other: RigidTransform) -> float:
@@ -90,8 +81,7 @@ def test_known_intrinsics_give_the_pose() -> None:
         rng = np.random.default_rng(seed)
         scene = with_outliers(disturb(make_scene(rng, length_px=20), rng, noise_px=1.0), rng, 0.3)
         pose = solve(scene, 2.0).cam2_from_cam1
-        matches = SmearMatches(ends=scene.ends, sigma_px=np.full(len(scene.ends), 2.0), image_size=IMAGE_SIZE)
-        F = estimate_two_view(matches).F
+        F = estimate_two_view(scene.matches(2.0)).F
         assert pose is not None and F is not None
         plain = decompose_essential(scene.K.T @ F @ scene.K)[0]
         table.append([

@@ -9,12 +9,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
 from blur2view.colmap.rows import put_pair
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import translation_direction_error_deg
@@ -24,9 +22,7 @@ COUNT = 400
 
 def solved(seed: int = 0) -> tuple[Scene, TwoViewGeometry]:
     scene = make_scene(np.random.default_rng(seed), count=COUNT, length_px=30.0, rotation_share=0.5)
-    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-    matches = SmearMatches(ends=scene.ends, sigma_px=np.full(COUNT, 0.1), image_size=IMAGE_SIZE)
-    return scene, estimate_two_view(matches, camera=camera)
+    return scene, estimate_two_view(scene.matches(0.1), camera=scene.camera)
 
 
 def ordered(scene: Scene, geometry: TwoViewGeometry) -> tuple[np.ndarray, np.ndarray]:

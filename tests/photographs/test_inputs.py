@@ -82,9 +82,8 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     ids=["comments", "nulls", "like a comment", "spaces", "null and line break", "any bytes"],
 )
 def test_names_of_a_list_are_its_lines_but_blanks_and_comments(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, names: list[str]
+    here: Path, content: bytes, names: list[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     for name in ("#1.jpg", "a .jpg "):
         Path(name).touch()
     Path("list").write_bytes(content)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.camera.camera import Camera
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
 from tools.datasets.degenerate_scenes import smooth_noise, with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
@@ -56,6 +59,17 @@ class Scene:
         """The disturbed points in true order: (points1, points2)."""
         index = np.arange(len(self.ends)), self.swapped.astype(int)
         return self.ends[index], self.ends[index[0], 1 - index[1]]
+
+    @property
+    def camera(self) -> Camera:
+        """The true camera."""
+        return Camera(K=self.K, width=self.image_size[0], height=self.image_size[1])
+
+    def matches(self, sigma_px: float | Array, **more: Any) -> SmearMatches:
+        """Return the smears as matches of these standard deviations, one or (N,)."""
+        sigma = np.broadcast_to(np.asarray(sigma_px, float), len(self.ends))
+        given: dict[str, Any] = {"ends": self.ends, "sigma_px": sigma, "image_size": self.image_size}
+        return SmearMatches(**given | more)
 
 
 def make_scene(

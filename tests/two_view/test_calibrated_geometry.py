@@ -13,14 +13,8 @@ from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error
 
 
-def camera_of(scene: Scene) -> Camera:
-    return Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-
-
 def solve(scene: Scene, sigma_px: float = 0.05) -> TwoViewGeometry:
-    sigma = np.full(len(scene.ends), sigma_px)
-    matches = SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=IMAGE_SIZE)
-    return estimate_two_view(matches, camera=camera_of(scene))
+    return estimate_two_view(scene.matches(sigma_px), camera=scene.camera)
 
 
 def test_a_pure_rotation_gives_the_rotation_and_no_translation() -> None:
@@ -105,7 +99,7 @@ def test_F_beside_a_rotation_is_brought_into_its_order(reverse: bool) -> None:
         swapped=none,
     )
     matches = SmearMatches(ends=scene.ends, sigma_px=np.ones(len(none)))
-    found = in_order_of_rotation(given, matches, camera_of(scene).rays(scene.ends))
+    found = in_order_of_rotation(given, matches, scene.camera.rays(scene.ends))
     np.testing.assert_array_equal(found.F, scene.F.T if reverse else scene.F)
     ordered = np.where(found.swapped[:, None, None], scene.ends[:, ::-1], scene.ends)
     assert (along(pose, scene.K, ordered) > 0).mean() > 0.99

@@ -98,8 +98,7 @@ def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
         rng = np.random.default_rng(seed)
         scene = disturb(make_scene(rng, length_px=20), rng, noise_px=0.3)
         scene = with_second_motion(scene, (250, 180, 400, 320), np.array([-15.0, 18.0]))
-        matches = SmearMatches(ends=scene.ends, sigma_px=np.full(2000, 0.6), image_size=IMAGE_SIZE)
-        assert estimate_two_view(matches).config is Configuration.UNCALIBRATED
+        assert estimate_two_view(scene.matches(0.6)).config is Configuration.UNCALIBRATED
 
 
 @pytest.mark.slow
@@ -127,7 +126,7 @@ def test_shared_errors_leave_small_parallax_open_but_keep_F() -> None:
                 length_share=0.15,
             )
             sigma_px = 0.17 * scene.length_px + 0.1
-            matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=ALIKE)
+            matches = scene.matches(sigma_px, shared=ALIKE)
             geometry = estimate_two_view(matches)
             if np.isinf(share):
                 assert geometry.config is not Configuration.UNCALIBRATED
@@ -148,7 +147,7 @@ def test_with_overstated_errors_F_is_given_but_parallax_is_open() -> None:
             length_share=0.15,
         )
         sigma_px = 0.8 * scene.length_px
-        matches = SmearMatches(ends=scene.ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=ALIKE)
+        matches = scene.matches(sigma_px, shared=ALIKE)
         geometry = estimate_two_view(matches)
         assert geometry.config in (Configuration.PLANAR_OR_PANORAMIC, Configuration.PANORAMIC)
         assert geometry.F is not None and geometry.H is not None

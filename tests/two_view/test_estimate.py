@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
@@ -34,8 +33,7 @@ ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
 
 
 def matches_of(scene: Scene, sigma_px: float | Array = 1.0, camera: bool = True) -> SmearMatches:
-    sigma = np.broadcast_to(np.asarray(sigma_px, float), len(scene.ends))
-    return SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=IMAGE_SIZE if camera else None)
+    return scene.matches(sigma_px, image_size=IMAGE_SIZE if camera else None)
 
 
 def solve(matches: SmearMatches, seed: int = 0, **options: Any) -> TwoViewGeometry:
@@ -170,7 +168,7 @@ def test_inliers_are_within_the_cutoff_of_their_standard_deviations(
     rng = np.random.default_rng(seed)
     scene = with_outliers(disturb(make_scene(rng, length_px=40), rng, noise_px=noise_px), rng, 0.2)
     options = EstimatorOptions(max_error_px=0.01)
-    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1]) if known else None
+    camera = scene.camera if known else None
     geometry = estimate_two_view(matches_of(scene, 2 * noise_px), options, np.random.default_rng(0), camera)
     assert geometry.F is not None
     squared = serrmin(geometry.F, scene.ends)
@@ -184,7 +182,7 @@ def test_H_runs_the_way_of_the_orders(known: bool) -> None:
     checked = 0
     for seed in range(6):
         scene, matches = network_like(seed, 3.0, rotation_share=2.0)
-        camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1]) if known else None
+        camera = scene.camera if known else None
         geometry = estimate_two_view(matches, camera=camera)
         if geometry.H is None or (geometry.F is None and geometry.E is None):
             continue

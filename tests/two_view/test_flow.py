@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
 from blur2view.geometry.pose import CHI_SQUARED_90
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.robust.homography import PlaneH, RotationH
@@ -27,8 +26,7 @@ def turning(seed: int, count: int = 600) -> Scene:
 
 
 def problem_of(scene: Scene, shared: SharedErrors = INDEPENDENT) -> SmearProblem:
-    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-    return build_problem(scene.ends, np.ones(len(scene.ends)), IMAGE_SIZE, camera, shared)
+    return build_problem(scene.ends, np.ones(len(scene.ends)), IMAGE_SIZE, scene.camera, shared)
 
 
 def errors_px(scene: Scene, along: float = 0.5, across: float = 0.5) -> tuple[Array, Array]:

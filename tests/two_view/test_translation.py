@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from blur2view import Camera, SmearMatches, estimate_two_view
+from blur2view import estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.pose import RigidTransform, oriented_pose
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
@@ -25,13 +25,9 @@ from tools.metrics import translation_direction_error_deg
 ALIKE = SharedErrors(independent_share=0.1, reach=5.0, length=0.04, direction_rad=0.02)
 
 
-def camera_of(scene: Scene) -> Camera:
-    return Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-
-
 def likelihood_of(scene: Scene, sigma_px: float = 0.05) -> DirectionLikelihood:
     sigma = np.full(len(scene.ends), sigma_px)
-    problem: SmearProblem = build_problem(scene.ends, sigma, IMAGE_SIZE, camera_of(scene))
+    problem: SmearProblem = build_problem(scene.ends, sigma, IMAGE_SIZE, scene.camera)
     return DirectionLikelihood.of(problem, sigma)
 
 
@@ -141,9 +137,7 @@ def test_points_before_the_camera_move_along_the_lines(t_z: float) -> None:
 def test_the_fit_leaves_the_false_minimum(sigma_px: float) -> None:
     # without the likeliest direction as a start: 7.8 degrees off, at residuals of a hundredth of the smears
     scene = make_scene(np.random.default_rng(11), length_px=15)
-    sigma = np.full(len(scene.ends), sigma_px)
-    matches = SmearMatches(ends=scene.ends, sigma_px=sigma, image_size=IMAGE_SIZE)
-    geometry = estimate_two_view(matches, camera=camera_of(scene))
+    geometry = estimate_two_view(scene.matches(sigma_px), camera=scene.camera)
     pose = geometry.cam2_from_cam1
     assert pose is not None and geometry.model is MotionModel.CALIBRATED
     both = (flip.translation for flip in (pose, pose.inverse()))
@@ -162,10 +156,8 @@ def test_a_turning_camera_leaves_every_direction_likely_and_a_moving_one_does_no
         scene = disturb(scene, rng, direction_deg=2.0, length_share=0.05)
         sigma = 0.07 * scene.length_px
         across = 0.035 * scene.length_px
-        matches = SmearMatches(
-            ends=scene.ends, sigma_px=sigma, image_size=IMAGE_SIZE, across_px=across, shared=ALIKE
-        )
-        geometry = estimate_two_view(matches, camera=camera_of(scene))
+        matches = scene.matches(sigma, across_px=across, shared=ALIKE)
+        geometry = estimate_two_view(matches, camera=scene.camera)
         pose, covariance = geometry.cam2_from_cam1, geometry.covariance
         assert pose is not None and covariance is not None
         known.append(bool(pose.translation.any()))

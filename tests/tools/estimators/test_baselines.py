@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.smears.matches import SmearMatches
-from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
+from tests.support.scenes import disturb, make_scene
 from tools.estimators import baselines
 from tools.metrics import rho
 
@@ -39,7 +38,7 @@ def test_solver_told_order_and_camera_finds_F() -> None:
 
 def test_two_parameters_are_the_F_of_a_pure_translation() -> None:
     scene = make_scene(np.random.default_rng(4), count=300, rotation_share=0.0)
-    matches = SmearMatches(ends=scene.ends, sigma_px=np.full(300, 0.2), image_size=IMAGE_SIZE)
+    matches = scene.matches(0.2)
     F = baselines.two_parameter_fundamental(matches)
     assert F is not None and np.median(rho(F, scene.true_ends)) < 1e-3
     assert baselines.two_parameter_fundamental(matches.subset(np.arange(19))) is None
