@@ -7,21 +7,24 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.problem import SmearProblem, occupied_blocks
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.model_selection import Fit
 
 CHANCE_RHO = 0.1  # residual over length within which a smear agrees with an F
 SURE_COUNT = 150  # independent smears beyond chance: network smears have at most about 100 in all
+HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
+HELD_OUT_MATCHES = 300
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 MIN_MATCHES = 20
 MIN_LENGTH_PX = 1.0  # median smear
 MIN_DIRECTED = 0.02  # share of the image in which blur has a direction
 MAX_STILL = 0.6  # share of the measurable image
 BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
-# Share of smears that must agree with F beyond chance: with SURE_COUNT independent ones, and with fewer.
-# Of 40 fields of random smears 38 have less than 0.3, two of few independent ones 0.35 and 0.39; rendered
-# photographs and RedKitchen have 0.49 and more.
-MIN_AGREEMENT, MIN_AGREEMENT_OF_FEW = 0.2, 0.35
+MIN_AGREEMENT = 0.2  # share of smears that agree with F beyond chance
+SURE_AGREEMENT = 0.8  # and the share that needs no second test
+MIN_HELD_OUT = 0.06  # share of one half of the image that the other half predicts
 CONSTANT = 0.01  # of the length, within which displacements are one
 
 
@@ -91,17 +94,49 @@ def constant_field(matches: SmearMatches, tolerance: float = CONSTANT) -> bool:
 
 
 def consensus(
-    fit: Fit, problem: SmearProblem, matches: SmearMatches, rng: np.random.Generator
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    rng: np.random.Generator,
 ) -> tuple[bool, str]:
     """Return whether there is no consensus on the F of a fit, and the figures behind it.
 
-    F must explain more smears than chance, and more where few err independently: seven parameters fit a
-    smooth field without any geometry.
+    F must explain more smears than chance. Between MIN_AGREEMENT and SURE_AGREEMENT each half of
+    the image must also predict the other: seven parameters fit a smooth field without any geometry. They
+    do not fit SURE_COUNT smears that err independently.
     """
     beyond, share, chance = agreement(problem.pixels(fit.point.matrix()), matches, rng, problem.sigma_px)
     figures = f"{share:.0%} of {len(matches)} smears agree with the best F, {chance:.0%} would by chance"
-    few = beyond * problem.independent < SURE_COUNT
-    return beyond < (MIN_AGREEMENT_OF_FEW if few else MIN_AGREEMENT), figures
+    if beyond < MIN_AGREEMENT:
+        return True, figures
+    if beyond >= SURE_AGREEMENT or beyond * problem.independent >= SURE_COUNT:
+        return False, figures
+    held_out = halves_agreement(fit, problem, matches, rng)
+    figures += f"; each half of the image predicts {held_out:.0%} of the other beyond chance"
+    return held_out < MIN_HELD_OUT, figures
+
+
+def halves_agreement(
+    fit: Fit,
+    problem: SmearProblem,
+    matches: SmearMatches,
+    rng: np.random.Generator,
+) -> float:
+    """Return the mean agreement beyond chance of each half of the image with a fit to the other."""
+    middle = matches.midpoint
+    axis = int(np.argmax(np.ptp(middle, axis=0)))
+    side = middle[:, axis] > np.median(middle[:, axis])
+    refinement = RefineOptions(data_weight=problem.data_weight, max_iterations=HELD_OUT_STEPS)
+    beyond = []
+    for fitted in (side, ~side):
+        train = rng.permutation(np.flatnonzero(fitted))[:HELD_OUT_MATCHES]
+        if len(train) < MIN_MATCHES:
+            return 0.0
+        point, _ = refine(fit.point, problem.subset(train).weighted, refinement)
+        F = problem.pixels(point.matrix())
+        held_out = np.flatnonzero(~fitted)
+        beyond.append(agreement(F, matches.subset(held_out), rng, problem.sigma_px[held_out])[0])
+    return float(np.mean(beyond))
 
 
 def agreement(
