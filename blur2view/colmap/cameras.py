@@ -89,10 +89,10 @@ def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int
     """Return the camera of the image whose name is the longest suffix of the path, else the only one."""
     for name in suffixes(Path(image_name)) if image_name and storable(image_name) else ():
         row = database.execute("SELECT camera_id FROM images WHERE name = ?", (name,)).fetchone()
-        if row is not None and not isinstance(row[0], int):
-            raise CameraError(f"{path}: the camera of image {name} is no number; is it COLMAP's?")
-        if row is not None:
+        if row is not None and isinstance(row[0], int):
             return row[0]
+        if row is not None:  # a blob, NULL or text
+            raise CameraError(f"{path}: the camera of image {name!a} is no number; is it COLMAP's?")
     ids = _ids(database)
     if len(ids) == 1:
         return ids[0]

@@ -161,6 +161,16 @@ def test_a_camera_that_a_database_has_not(
         camera_of_database(database, camera_id, image)
 
 
+@pytest.mark.parametrize("value", ["zeroblob(99)", "'1e9x'", "9e999"])
+def test_a_camera_id_that_is_no_number_is_refused(database: Path, value: str) -> None:
+    with sqlite3.connect(database) as opened:
+        opened.execute(f"UPDATE images SET camera_id = {value}")
+        name = opened.execute("SELECT name FROM images").fetchone()[0]
+    opened.close()
+    with pytest.raises(CameraError, match="is no number"):
+        camera_of_database(database, None, name)
+
+
 def test_a_model_of_a_newer_colmap_is_named(database: Path) -> None:
     with sqlite3.connect(database) as opened:
         opened.execute("UPDATE cameras SET model = 999 WHERE camera_id = 1")
