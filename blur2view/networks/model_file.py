@@ -27,7 +27,7 @@ OPERATORS = frozenset(
     + ("ReduceMean", "Relu", "Reshape", "Shape", "Sigmoid", "Slice", "Sub", "Transpose", "Unsqueeze", "Where")
 )
 """What the exporter writes: nothing that repeats, chooses or calls."""
-SHIPPED = {"default": "smear.onnx"}
+SHIPPED = "smear.onnx"
 MAX_FILE_BYTES = 1 << 28  # the shipped network has 850 kB
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
 PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
@@ -67,10 +67,7 @@ def model_path(name: str | os.PathLike[str] | None) -> Path:
 
     A file of that name is named with its folder, ``./default``.
     """
-    name = "default" if name is None else name
-    if not isinstance(name, str) or name not in SHIPPED:
-        return Path(name)
-    return shipped_file(SHIPPED[name])
+    return shipped_file(SHIPPED) if name is None or name == "default" else Path(name)
 
 
 def shipped_file(name: str) -> Path:
@@ -80,7 +77,7 @@ def shipped_file(name: str) -> Path:
     return installed if installed.exists() else package.parent / "models" / name
 
 
-def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
+def open_session(path: Path, threads: int) -> Any:
     """Open an ONNX Runtime session or raise ModelError, which names the remedy.
 
     Nothing of the network is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of
@@ -89,14 +86,14 @@ def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
     try:
         content = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
-        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
+        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {REMEDY}") from None
     try:
         foreign = operators(content) - OPERATORS
     except ValueError:
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
     if foreign:  # a loop could run for ever
         names = ", ".join(sorted(ascii(name).strip("'") for name in foreign)[:3])
-        raise ModelError(f"{path}: has what no blur2view network has ({names:.80}); {remedy}")
+        raise ModelError(f"{path}: has what no blur2view network has ({names:.80}); {REMEDY}")
     onnxruntime = _onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
@@ -115,7 +112,7 @@ def open_session(path: Path, threads: int, remedy: str = REMEDY) -> Any:
             disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
         )
     except session_errors():
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
 
 
 @contextmanager
