@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from blur2view.results.document import Document, Matrix
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
 
 PER_SECOND, RADIANS = "rad/s", "rad"
+RATES = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,34 +143,15 @@ class BackwardDocument(Document):
         )
 
 
-class Rate(TypedDict):
-    """The angular velocity, or without an exposure time the rotation; nothing without a pose."""
+def rate_of(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, Any]:
+    """Return wx to sigma_wz and rate_unit of tables and documents: None, and no unit, without a pose.
 
-    wx: float | None
-    wy: float | None
-    wz: float | None
-    sigma_wx: float | None
-    sigma_wy: float | None
-    sigma_wz: float | None
-    rate_unit: str
-
-
-def rate_of(geometry: TwoViewGeometry, exposure_s: float | None) -> Rate:
-    """Return the rate of a geometry's pose, and its unit."""
+    The angular velocity, or without an exposure time the rotation vector.
+    """
     from blur2view.pipeline import angular_velocity
 
     velocity = angular_velocity(geometry, exposure_s or 1.0)
     if velocity is None:
-        mean, sigma, unit = [None] * 3, [None] * 3, ""
-    else:
-        mean, sigma = velocity.mean.tolist(), velocity.sigma.tolist()
-        unit = PER_SECOND if exposure_s else RADIANS
-    return Rate(
-        wx=mean[0],
-        wy=mean[1],
-        wz=mean[2],
-        sigma_wx=sigma[0],
-        sigma_wy=sigma[1],
-        sigma_wz=sigma[2],
-        rate_unit=unit,
-    )
+        return dict.fromkeys(RATES) | {"rate_unit": ""}
+    rates = dict(zip(RATES, [*velocity.mean.tolist(), *velocity.sigma.tolist()], strict=True))
+    return rates | {"rate_unit": PER_SECOND if exposure_s else RADIANS}
