@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.cli.terminal import SHORT, printable
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.rotation import rotation_vector
@@ -15,6 +15,7 @@ from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
 from blur2view.results.masks import MaskDocument
 from blur2view.results.pose import PER_SECOND, BackwardDocument
+from blur2view.results.verdicts import angle_sigma_rad
 from blur2view.segmentation.mask import MotionMask
 
 FAR_PX = 1e4  # an epipole that is farther away is given as a direction
@@ -130,9 +131,7 @@ def _angle_sigma(document: EstimateDocument) -> float:
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None or covariance is None:
         return math.nan
-    vector = rotation_vector(np.array(pose.rotation))
-    axis = vector / max(float(np.linalg.norm(vector)), TINY)
-    return math.sqrt(max(float(axis @ np.array(covariance.matrix)[:3, :3] @ axis), 0.0))
+    return angle_sigma_rad(rotation_vector(np.array(pose.rotation)), np.array(covariance.matrix))
 
 
 def rate(document: EstimateDocument) -> str:

@@ -148,11 +148,19 @@ def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     vector = np.zeros(3) if pose is None else pose.rotation_vector
     angle = float(np.linalg.norm(vector))
-    axis = vector / max(angle, TINY)
-    sigma = 0.0 if covariance is None else float(np.sqrt(axis @ covariance.matrix[:3, :3] @ axis))
+    sigma = 0.0 if covariance is None else angle_sigma_rad(vector, covariance.matrix)
     if exposure_s is None:
         return f"by {_with_deviation(np.degrees(angle), np.degrees(sigma))} degrees"
     return f"at {_with_deviation(angle / exposure_s, sigma / exposure_s)} rad/s"
+
+
+def angle_sigma_rad(vector: Array, covariance: Array) -> float:
+    """Return the standard deviation of the angle of a rotation vector (3,), radians: that along its axis.
+
+    ``covariance`` (5, 5) is of a pose, the rotation vector first.
+    """
+    axis = vector / max(float(np.linalg.norm(vector)), TINY)
+    return float(np.sqrt(max(float(axis @ covariance[:3, :3] @ axis), 0.0)))
 
 
 def _direction(geometry: TwoViewGeometry) -> str:
@@ -161,12 +169,9 @@ def _direction(geometry: TwoViewGeometry) -> str:
     if pose is None or not pose.translation.any():
         return "(direction unknown)"
     sigma = "" if covariance is None else f" (+/- {covariance.translation_sigma_deg:.0f} degrees)"
-    return f"{_way_of(pose.translation)}{sigma}"
-
-
-def _way_of(t: Array) -> str:
-    """Return in which direction a translation (3,) leads; time has no arrow, so no more is known."""
-    return "forward or back" if abs(t[2]) > np.hypot(*t[:2]) else _way(t[0], t[1])
+    x, y, z = pose.translation
+    way = "forward or back" if abs(z) > np.hypot(x, y) else _way(x, y)  # time has no arrow
+    return f"{way}{sigma}"
 
 
 def _way(x: float, y: float) -> str:
