@@ -121,21 +121,6 @@ class Row(Document):
             meaning=sentence(geometry, estimate.matches, estimate.grid.size),
         )
 
-    @classmethod
-    def restored(cls, stored: Any) -> Row:
-        """Return the row that a manifest holds, also an older one of fewer values.
-
-        One of `stored.DAMAGE` if it holds none.
-        """
-        from blur2view.results.stored import plain, restore
-
-        if isinstance(stored, dict) and "name" in stored:
-            older = {name: value for name, value in stored.items() if name != "angular_velocity_rad_s"}
-            elapsed = {"elapsed_s": older.pop("time_s")} if "time_s" in older else {}
-            stored = plain(cls()) | elapsed | older
-        row: Row = restore(cls, stored)
-        return row
-
 
 def table_text(rows: Sequence[Row]) -> str:
     """Return the table as CSV (RFC 4180, but for the ends of lines) with a header."""

@@ -137,7 +137,7 @@ class Manifest:
             return None  # its results have other names since then, or another content
         try:
             kept = work.restored(job, line.get("kept"))
-            return Made(kept=kept, summary=restore(str, line["summary"]), row=Row.restored(line["row"]))
+            return Made(kept=kept, summary=restore(str, line["summary"]), row=restore(Row, line["row"]))
         except (OSError, Blur2ViewError, *DAMAGE):
             return None
 

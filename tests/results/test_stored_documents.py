@@ -98,22 +98,6 @@ def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
     assert row.smear_px == 3 and row.rotation_deg is None
 
 
-def test_row_of_before_its_columns_had_their_names_is_read() -> None:
-    older = {
-        name: value
-        for name, value in plain(Row(name="a", smear_px=3.0)).items()
-        if name not in {"frame", "timestamp_s", "rate_unit", "time_confidence", "elapsed_s"}
-        and not name.startswith(("w", "sigma"))
-    }
-    assert Row.restored(older | {"time_s": 0.5, "angular_velocity_rad_s": 0.3}) == Row(
-        name="a", smear_px=3.0, elapsed_s=0.5
-    )
-    wrong: Any
-    for wrong in ({"time_s": "long"}, {"time_s": 0.5, "run": "os.system"}, [], {}):
-        with pytest.raises(ValueError, match="expected"):
-            Row.restored(wrong)
-
-
 @pytest.mark.parametrize("text", ["[" * 99999, "NaN", "[Infinity]", "9" * 9999, "{", b"\xff"])
 def test_text_that_is_no_JSON_is_one_kind_of_error(text: str | bytes) -> None:
     with pytest.raises(ValueError):
