@@ -17,11 +17,12 @@ from tests.support.scenes import make_scene
 from tools.datasets.synthetic_matches import layered_depth, project_smears
 
 SIZE = (160, 120)
+Result = tuple[Estimate, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def result() -> tuple[Estimate, np.ndarray, np.ndarray]:
-    """Give an estimate from an exact field, and the true ends of every pixel's smear (H, W, 2) twice."""
+def result() -> Result:
+    """Give an estimate from an exact field, and every pixel's true smear (H, W, 2)."""
     scene = make_scene(np.random.default_rng(3), count=2000, length_px=20, rotation_share=0.5)
     width, height = SIZE
     x, y = np.meshgrid(np.arange(width), np.arange(height))
@@ -43,11 +44,11 @@ def result() -> tuple[Estimate, np.ndarray, np.ndarray]:
     estimate = Estimate(
         grid=grid, matches=matches, geometry=geometry, model_id="", timings=timings, camera=camera
     )
-    return estimate, displacement, ends.reshape(height, width, 2, 2)
+    return estimate, displacement
 
 
-def test_features_move_by_half_of_their_smear(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, displacement, _ = result
+def test_features_move_by_half_of_their_smear(result: Result) -> None:
+    estimate, displacement = result
     keypoints = np.random.default_rng(5).integers(5, 100, (200, 2)).astype(float)
     views = keypoint_views("a.jpg", keypoints, estimate)
     assert views.usable is not None
@@ -66,21 +67,20 @@ def test_features_move_by_half_of_their_smear(result: tuple[Estimate, np.ndarray
     assert np.median(sampson(F, views.points_open, views.points_close)[inliers]) < 0.05
 
 
-def test_only_certain_smears_are_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = result
+def test_only_certain_smears_are_used(result: Result) -> None:
+    estimate, _ = result
     smears = estimate.grid.smears()
     sigma, length = smears.sigma_px.copy(), smears.length_px
     sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
     estimate = replace(estimate, grid=grid_of(smears.displacement, sigma))
     keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
     linked = keypoint_views("a.jpg", keypoints, estimate)
-    assert linked.usable is not None
-    assert linked.usable.tolist() == [False, True]
+    assert linked.usable is not None and linked.usable.tolist() == [False, True]
     assert not linked.geometry.inlier_mask[0]
 
 
-def test_what_lies_outside_stays_and_is_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = result
+def test_what_lies_outside_stays_and_is_not_used(result: Result) -> None:
+    estimate, _ = result
     keypoints = np.array(
         [[-3.0, 5.0], [159.4, 119.4], [159.6, 5.0], [np.nan, 4.0], [np.inf, 1e30], [50.0, 50.0]]
     )
@@ -94,27 +94,24 @@ def test_what_lies_outside_stays_and_is_not_used(result: tuple[Estimate, np.ndar
     assert linked.usable[5]
 
 
-def test_features_on_excluded_pixels_are_not_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
+def test_features_on_excluded_pixels_are_not_used(result: Result) -> None:
     keypoints = np.array([[79.4, 50.0], [79.6, 50.0], [-0.5, 3.0], [159.4, 3.0]])
     right = np.zeros(SIZE[::-1], bool)
     right[:, 80:] = True
     linked = keypoint_views("a.jpg", keypoints, result[0], excluded=right)
-    assert linked.usable is not None
-    assert linked.usable.tolist() == [True, False, True, False]
+    assert linked.usable is not None and linked.usable.tolist() == [True, False, True, False]
     assert not linked.geometry.inlier_mask[[1, 3]].any()
 
 
-def test_without_geometry_nothing_is_used(result: tuple[Estimate, np.ndarray, np.ndarray]) -> None:
-    estimate, *_ = result
+def test_without_geometry_nothing_is_used(result: Result) -> None:
+    estimate, _ = result
     unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)
     linked = keypoint_views("a.jpg", np.full((3, 2), 50.0), replace(estimate, geometry=unknown))
-    assert linked.usable is not None
-    assert not linked.usable.any() and not linked.geometry.inlier_mask.any()
+    assert linked.usable is not None and not linked.usable.any()
+    assert not linked.geometry.inlier_mask.any()
 
 
-def test_inliers_are_measured_by_their_own_errors_across(
-    result: tuple[Estimate, np.ndarray, np.ndarray],
-) -> None:
+def test_inliers_are_measured_by_their_own_errors_across(result: Result) -> None:
     exact = result[0]
     smears = exact.grid.smears()
     directions = np.full(exact.grid.shape, 1e-4)
