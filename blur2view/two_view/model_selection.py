@@ -127,6 +127,11 @@ def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionM
     return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
 
+def fit_from(F: Array, problem: SmearProblem) -> Fit:
+    """Return the richest plausible model, refined from F (3, 3)."""
+    return fit_best(*richer_starts(problem, [F]), problem)
+
+
 def fit_roughly(
     model: MotionModel,
     starts: list[Manifold],

@@ -14,7 +14,6 @@ from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import collinear
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.structure import within_errors
-from blur2view.two_view.verdict import WITHOUT_F, Structure
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
@@ -285,10 +284,3 @@ def test_within_errors_counts_on_the_stated_standard_deviations() -> None:
     assert not within_errors(scene.matches)
     assert within_errors(replace(scene.matches, sigma_px=4 * scene.matches.length_px + 1e-9))
     assert within_errors(draw_scene("no motion", 0).matches)
-
-
-def test_every_structure_has_a_configuration() -> None:
-    from blur2view.two_view.estimate import CONFIGURATIONS
-
-    assert set(CONFIGURATIONS) == set(Structure)
-    assert set(Structure) >= WITHOUT_F
