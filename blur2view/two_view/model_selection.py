@@ -185,8 +185,7 @@ def with_measured_noise(problem: SmearProblem, F: Array) -> SmearProblem:
 
 def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
     """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
-    stated = problem.rescaled(1 / problem.scale)
-    return stated.sigma_px * residual_scale(F, stated.weighted)
+    return with_measured_noise(replace(problem, scale=1.0), F).sigma_px
 
 
 def residual_scale(F: Array, matches: WeightedEnds) -> float:

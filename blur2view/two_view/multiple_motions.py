@@ -8,7 +8,7 @@ parts of the image, which mostly hold one motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,19 +124,17 @@ def find_two_motions(
     F: Array,
     backward: NDArray[np.bool_],
     on_plane: float,
-    stated_px: Array,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
     F (3, 3) is the best single one, ``backward`` (N,) the orders of the best homography (`errors_by_order`),
-    ``on_plane`` the share of smears that it explains, ``stated_px`` (N,) Sampson deviations as stated.
+    ``on_plane`` the share of smears that it explains.
     """
-    scale = float(np.median(problem.sigma_px / stated_px))
-    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
+    if on_plane > ONE_PLANE or problem.scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
         return None
     for _ in range(ATTEMPTS):
-        motions = _two_motions(problem, F, backward, stated_px, rng)
+        motions = _two_motions(problem, F, backward, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     if motions is None or motions.gain < LEAST_GAIN:
@@ -145,19 +143,15 @@ def find_two_motions(
 
 
 def _two_motions(
-    problem: SmearProblem,
-    F: Array,
-    backward: NDArray[np.bool_],
-    stated_px: Array,
-    rng: np.random.Generator,
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], rng: np.random.Generator
 ) -> TwoMotions | None:
-    """Return two F at the stated standard deviations (N,); F is the best single one.
+    """Return two F at the stated standard deviations; F is the best single one.
 
     The same F twice and no second share where one F leaves only noise after all, or next to nothing; None
     where no F is found.
     """
-    chosen = rng.permutation(len(stated_px))[:SMEARS]
-    stated, backward = problem.with_sigma(stated_px).subset(chosen), backward[chosen]
+    chosen = rng.permutation(len(problem.ends))[:SMEARS]
+    stated, backward = replace(problem.subset(chosen), scale=1.0), backward[chosen]
     one = _search(stated, rng)
     if one is None:
         return None

@@ -8,7 +8,7 @@ then F is given with the homography beside it, and parallax is undecided.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,17 +88,17 @@ def assess(
     if plane is None:
         config = Configuration.UNDEFINED if no_consensus else Configuration.UNCALIBRATED
         return Verdict(config=config, sentence="no homography fits", fit=fit, trusted=not no_consensus)
-    evidence = evidence_of(matches, problem, fit, plane, sample)
+    evidence = evidence_of(problem, fit, plane, sample)
     if not no_consensus:
         ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
         backward = np.abs(ordered.backward) < np.abs(ordered.forward)
-        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, rng)
+        motions = find_two_motions(problem, F, backward, evidence.on_plane, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
             fit = lower_cost(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
-            evidence = evidence_of(matches, problem, fit, plane, sample)
-        fit, evidence = recovered(matches, problem, fit, plane, evidence, sample, rng)
+            evidence = evidence_of(problem, fit, plane, sample)
+        fit, evidence = recovered(problem, fit, plane, evidence, sample, rng)
     count = problem.data_weight * len(sample)
     gain = problem.data_weight * evidence.gain
     figures = f"parallax gains {gain:z.0f} over one homography ({PROVEN:.0f} needed)"
@@ -142,15 +142,13 @@ def without_parallax(
     return Verdict(config=config, sentence=sentence, fit=fit, trusted=not absent, generator=generator)
 
 
-def evidence_of(
-    matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
-) -> Evidence:
+def evidence_of(problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]) -> Evidence:
     """Return the evidence for parallax.
 
     Standard deviations are those stated: what F leaves is smaller where few smears are independent, for F
     takes up errors that neighbours share.
     """
-    stated = problem.subset(sample).with_sigma(problem.noise_scale * matches.sampson_px[sample])
+    stated = replace(problem.subset(sample), scale=problem.noise_scale)
     return parallax_evidence(
         deviations(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
     )
@@ -168,7 +166,6 @@ def within_errors(matches: SmearMatches) -> bool:
 
 
 def recovered(
-    matches: SmearMatches,
     problem: SmearProblem,
     fit: Fit,
     plane: PlaneH,
@@ -182,7 +179,7 @@ def recovered(
     if F is None:
         return fit, evidence
     other = fit_from(F, problem)
-    new = evidence_of(matches, problem, other, plane, sample)
+    new = evidence_of(problem, other, plane, sample)
     better = problem.data_weight * (new.gain - evidence.gain) > CLEARLY
     return (other, new) if better else (fit, evidence)
 
