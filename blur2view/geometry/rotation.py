@@ -20,7 +20,7 @@ def plane_basis(normal: Array) -> Array:
     """Return two orthonormal vectors (2, 3) perpendicular to a vector (3,), by its reflection."""
     mirror = np.asarray(normal, float) / max(math.sqrt(normal @ normal), TINY)
     mirror[2] += math.copysign(1.0, mirror[2])
-    basis: Array = PLANE - np.outer(mirror[:2], mirror * (2 / (mirror @ mirror)))
+    basis: Array = PLANE - mirror[:2, None] * (mirror * (2 / (mirror @ mirror)))
     return basis
 
 

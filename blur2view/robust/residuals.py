@@ -161,8 +161,7 @@ class WeightedEnds:
         if self.along is None:
             return plain
         rotation, t = point.motion()
-        both = parallax_along_lines(rotation, sign * t, *self.middle)
-        odds = order_log_odds(*both, self.along)
+        odds = order_log_odds(parallax_along_lines(rotation, sign * t, *self.middle), self.along)
         return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
     def costs(self, residuals: OrderedResiduals) -> Array:

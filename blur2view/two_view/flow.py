@@ -75,9 +75,14 @@ class FlowData:
         return replace(self, low_frequency=NO_ERROR * self.low_frequency)
 
     @cached_property
+    def velocities(self) -> Array:
+        """Displacements (N, 2, 8) for unit entries of A, to first order."""
+        return velocity_basis(self.middle)
+
+    @cached_property
     def basis(self) -> Array:
         """Whitened displacements (N, 2, 8) for unit entries of A."""
-        return self.whitening @ velocity_basis(self.middle)
+        return self.whitening @ self.velocities
 
     @cached_property
     def whitened(self) -> tuple[Array, Array]:
@@ -101,7 +106,7 @@ class FlowFit(Generic[Family]):
     def predicted(self) -> Array:
         """Whitened displacements (N, 2) that the homography predicts."""
         A, middle = self.family.generator(), self.data.middle
-        moved = velocity_basis(middle) @ _entries(A)
+        moved = self.data.velocities @ _entries(A)
         third = moved @ A[:2, :2].T - middle * (moved @ A[2, :2])[:, None]
         chord = moved + (homogeneous(middle) @ (0.25 * A[2]))[:, None] * third
         return np.asarray(np.einsum("nij,nj->ni", self.data.whitening, chord))
@@ -129,7 +134,7 @@ class FlowFit(Generic[Family]):
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the homography, then the low-frequency errors."""
         _, low_frequency = self.data.whitened
-        moved = np.stack([self.data.basis @ _entries(A) for A in self.family.tangent()])
+        moved = np.stack([self.data.basis @ entries for entries in _entries(self.family.tangent())])
         jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency])
         weight = self.data.weight * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
         prior, of_family = self.family.prior()
@@ -177,5 +182,5 @@ def fit_flow(family: Family, data: FlowData) -> FlowFit[Family]:
 
 
 def _entries(A: Array) -> Array:
-    """Return the entries (8,) of a generator (3, 3) with A33 = 0, which moves points alike."""
-    return np.asarray((A - A[2, 2] * np.eye(3)).ravel()[:8])
+    """Return the entries (..., 8) of generators (..., 3, 3) with A33 = 0, which move points alike."""
+    return np.asarray((A - A[..., 2, 2, None, None] * np.eye(3)).reshape(*A.shape[:-2], 9)[..., :8])
