@@ -128,7 +128,7 @@ class LocalEstimator(SmearEstimator):
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three."""
-        middle = self.problem.ends.mean(axis=1)
+        middle = self.problem.middle
         distance = ((middle - middle[rng.integers(len(middle))]) ** 2).sum(axis=1)
         near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]
         three = near[weighted_samples(np.ones(len(near)), 3, samples, rng)]

@@ -98,6 +98,12 @@ class SmearProblem:
         )
 
     @cached_property
+    def middle(self) -> Array:
+        """Midpoints (N, 2) of the ends."""
+        middle: Array = self.ends.mean(axis=1)
+        return middle
+
+    @cached_property
     def length_px(self) -> Array:
         """Lengths (N,) in pixels."""
         length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px

@@ -52,7 +52,7 @@ class FlowData:
     @classmethod
     def of(cls, problem: SmearProblem, bulk_px: tuple[Array, Array]) -> FlowData:
         """Return the smears of a problem whose errors along and across have deviations ``bulk_px``, (N,)."""
-        middle, d = problem.ends.mean(axis=1), problem.ends[:, 1] - problem.ends[:, 0]
+        middle, d = problem.middle, problem.ends[:, 1] - problem.ends[:, 0]
         unit = d / np.maximum(np.hypot(*d.T), TINY)[:, None]
         normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
         along, across = (sigma[:, None] / problem.unit_px for sigma in bulk_px)

@@ -97,7 +97,7 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
     options = np.stack(
         [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
     )
-    block = blocks_of(problem.ends.mean(axis=1), BLOCKS)
+    block = blocks_of(problem.middle, BLOCKS)
     cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
     errors: Array = np.where(cost[0] <= cost[1], *options)
     return errors
@@ -110,7 +110,7 @@ def leaves_structure(
 
     ``level`` is the share of independent errors below which they do.
     """
-    residual, middle = errors_by_order(problem, F, backward), problem.ends.mean(axis=1)
+    residual, middle = errors_by_order(problem, F, backward), problem.middle
     if independence(residual[None], np.abs(residual) < CUTOFF, middle) < level:
         return True
     far = np.abs(problem.weighted.residuals(F).least) >= CUTOFF
@@ -172,7 +172,7 @@ def _two_motions(
     (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other))
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
-    own = independence(residual[None], np.abs(residual) < CUTOFF, stated.ends.mean(axis=1))
+    own = independence(residual[None], np.abs(residual) < CUTOFF, stated.middle)
     gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
     pair = (one, other) if first >= second else (other, one)
     first, second = float(max(first, second)), float(min(first, second))
@@ -181,7 +181,7 @@ def _two_motions(
 
 def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
     """Return the smears of the cells that an F fits worst, a share WORST_SHARE; squared residuals (N,)."""
-    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
+    cell = blocks_of(problem.middle, PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, CUTOFF**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST_SHARE * len(cell)), 30)]
 
@@ -189,7 +189,7 @@ def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
 def _by_place(problem: SmearProblem, one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, CUTOFF**2) - np.minimum(one, CUTOFF**2)
-    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
+    cell = blocks_of(problem.middle, PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 

@@ -11,10 +11,13 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import agreement, constant_field
 from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.model_selection import PARAMETERS, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import (
     IMAGE_SIZE,
@@ -200,6 +203,16 @@ def test_families_are_reported_with_their_costs() -> None:
     costs = [cost for _, cost in geometry.scores]
     assert costs == sorted(costs)
     assert geometry.model in geometry.reason
+
+
+def test_score_is_akaikes_criterion_and_the_odds_against_a_family() -> None:
+    scene = disturb(make_scene(np.random.default_rng(1)), np.random.default_rng(1), noise_px=0.5)
+    problem, fits, _ = search_and_fit(matches_of(scene), EstimatorOptions(), np.random.default_rng(0))
+    there = RefineOptions(max_iterations=0, data_weight=problem.data_weight)
+    beyond = {fit.model: fit.score - refine(fit.point, problem.weighted, there)[1] for fit in fits}
+    odds = {"translation": 1e3, "camera": 1.0, "general": 1e12}
+    expected = {name: 2 * count + 2 * np.log(odds[name]) for name, count in PARAMETERS.items()}
+    assert beyond == pytest.approx(expected)
 
 
 def assert_refused(geometry: TwoViewGeometry, config: Configuration, words: str) -> None:

@@ -87,7 +87,7 @@ def test_no_block_of_smears_fits_better_the_other_way_round() -> None:
     both = problem.weighted.residuals(fit.point.matrix())
     found = errors_by_order(problem, fit.point.matrix(), backward)
     other = np.where(found == both.forward, both.backward, both.forward)
-    block = blocks_of(problem.ends.mean(axis=1), BLOCKS)
+    block = blocks_of(problem.middle, BLOCKS)
     ours, others = (np.bincount(block, weights=np.minimum(e**2, 9.0)) for e in (found, other))
     assert len(ours) > 10 and (ours <= others).all()
 
