@@ -39,13 +39,7 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
 
 def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterator[tuple[M, float]]:
     """Yield what `refine` has reached so far: first the start, then after every step."""
-    plain = matches.residuals(start.matrix(), options.decided)
-    signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
-    both = (
-        WeightedPoint(point=start, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
-        for sign in signs
-    )
-    first = best = min(both, key=lambda state: state.cost)
+    first = best = WeightedPoint.likelier(start, matches, options)
     yield best.point, best.cost
     for step in levenberg_marquardt(first, options.max_iterations):
         if step.point.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
@@ -68,6 +62,17 @@ class WeightedPoint(Generic[M]):
     residuals: OrderedResiduals
     sign: float
     options: RefineOptions
+
+    @classmethod
+    def likelier(cls, point: M, matches: WeightedEnds, options: RefineOptions) -> WeightedPoint[M]:
+        """Return a point with the sign of the translation that explains more."""
+        plain = matches.residuals(point.matrix(), options.decided)
+        signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
+        both = (
+            cls(point=point, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
+            for sign in signs
+        )
+        return min(both, key=lambda state: state.cost)
 
     @cached_property
     def cost(self) -> float:

@@ -22,11 +22,11 @@ from blur2view.two_view.pose import in_order_of_rotation, with_pose
 from blur2view.two_view.structure import Verdict, assess
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
-LIKELY = (
+LIKELY = [
     Parallax.ABSENT,
     Parallax.UNDECIDED,
     Parallax.PROVEN,
-)  # of two orders in time, that which needs less
+]  # of two orders in time the one that needs less
 
 
 def estimate_two_view(
@@ -117,8 +117,14 @@ def as_recorded(
     nothing_moved = still(matches)
     refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
-        unseen = nothing_moved is None
-        return replace(without_F(matches, Configuration.DEGENERATE, refusal), insufficient_data=unseen)
+        return TwoViewGeometry(
+            F=None,
+            config=Configuration.DEGENERATE,
+            reason=refusal,
+            inlier_mask=np.zeros(len(matches), bool),
+            swapped=np.zeros(len(matches), bool),
+            insufficient_data=nothing_moved is None,
+        )
     if camera is not None:
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
@@ -185,8 +191,8 @@ def select_model(
         swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
         reason = f"{verdict.model}: {verdict.sentence}"
     else:
+        inlier_mask = swapped = np.zeros(len(matches), bool)
         reason = f"{verdict.sentence}: {figures}"
-        return without_F(matches, verdict.config, reason, iterations, scores)
     return TwoViewGeometry(
         F=F,
         H=None if verdict.generator is None else pixel_homography(verdict.generator, problem.T),
@@ -207,23 +213,3 @@ def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> s
     own = verdict.fit
     others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
     return f"F is of the {own.model} family (penalised cost of the others: {others})"
-
-
-def without_F(
-    matches: SmearMatches,
-    config: Configuration,
-    reason: str,
-    iterations: int = 0,
-    scores: tuple[tuple[MotionModel, float], ...] = (),
-) -> TwoViewGeometry:
-    """Return the geometry without F, with its reason."""
-    none = np.zeros(len(matches), bool)
-    return TwoViewGeometry(
-        F=None,
-        config=config,
-        reason=reason,
-        inlier_mask=none,
-        swapped=none.copy(),
-        iterations=iterations,
-        scores=scores,
-    )

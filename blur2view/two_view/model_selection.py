@@ -1,4 +1,4 @@
-"""Which family of F the smears pay for: the two-parameter F, an ordinary camera's, or the general one."""
+"""From matches to fitted families of F: the two-parameter one, an ordinary camera's, the general one."""
 
 from __future__ import annotations
 
