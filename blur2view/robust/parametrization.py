@@ -27,20 +27,24 @@ from blur2view.geometry.rotation import (
 )
 
 
-class Manifold(Protocol):
-    """What `refinement.refine` needs to know of a family of F."""
-
-    def matrix(self) -> Array:
-        """Return F of shape (3, 3), any scale."""
+class Family(Protocol):
+    """A family of matrices by k parameters, F or generators of homographies, at one of its points."""
 
     def tangent(self) -> Array:
-        """Return dF/dparameters, shape (k, 3, 3), at the present point."""
+        """Return the matrix's derivatives (k, 3, 3) in the parameters."""
 
     def step(self, delta: Array) -> Self:
         """Return the point reached by moving delta (k,) along the tangents."""
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
+
+
+class Manifold(Family, Protocol):
+    """What `refinement.refine` needs to know of a family of F."""
+
+    def matrix(self) -> Array:
+        """Return F of shape (3, 3), any scale."""
 
     def motion(self) -> tuple[Array, Array]:
         """Return rotation vector and translation (3,) of a camera with K near the identity."""

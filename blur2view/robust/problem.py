@@ -159,12 +159,6 @@ def assumed_camera_of(ends: Array) -> Array:
     return T
 
 
-def occupied_blocks(points: Array, block_px: float) -> int:
-    """Return the number of square blocks of this side that hold a point (N, 2)."""
-    column, row = np.floor(points.T / block_px).astype(int)
-    return len(np.unique(column + 1j * row))
-
-
 def build_problem(
     ends: Array,
     sigma_px: Array,

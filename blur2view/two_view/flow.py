@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
-from blur2view.robust.homography import Family, velocity_basis
+from blur2view.robust.homography import Homographies, velocity_basis
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.problem import SmearProblem
 
@@ -26,6 +26,8 @@ FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
 LOW_FREQUENCY = 6  # parameters of the errors that vary slowly
 STEPS, TOLERANCE = 12, 1e-4  # Levenberg-Marquardt steps, and the relative decrease that ends them
 NO_ERROR = 1e-9  # standard deviation that holds a low-frequency error at zero
+
+H = TypeVar("H", bound=Homographies)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,14 +94,14 @@ class FlowData:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FlowFit(Generic[Family]):
+class FlowFit(Generic[H]):
     """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better.
 
     ``low_frequency`` (6,) are the errors that vary slowly, in standard deviations.
     """
 
     data: FlowData
-    family: Family
+    family: H
     low_frequency: Array
 
     @cached_property
@@ -149,12 +151,12 @@ class FlowFit(Generic[Family]):
             prior_jacobian,
         )
 
-    def moved(self, delta: Array) -> FlowFit[Family]:
+    def moved(self, delta: Array) -> FlowFit[H]:
         """Return the fit moved by delta (k,)."""
         family, low_frequency = self.family.step(delta[:-LOW_FREQUENCY]), delta[-LOW_FREQUENCY:]
         return replace(self, family=family, low_frequency=self.low_frequency + low_frequency)
 
-    def reweighted(self) -> FlowFit[Family]:
+    def reweighted(self) -> FlowFit[H]:
         """Return itself: its weights are always its own."""
         return self
 
@@ -171,7 +173,7 @@ class FlowFit(Generic[Family]):
         return np.asarray(inverse + shift @ shift.T)
 
 
-def fit_flow(family: Family, data: FlowData) -> FlowFit[Family]:
+def fit_flow(family: H, data: FlowData) -> FlowFit[H]:
     """Return the cheapest homography of a family near a start."""
     best = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
     for step in levenberg_marquardt(best, STEPS):

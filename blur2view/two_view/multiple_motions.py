@@ -9,6 +9,7 @@ parts of the image, which mostly hold one motion.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +43,14 @@ LEAST_GAIN = 50.0  # of two motions over one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoMotions:
-    """Two F of normalised coordinates and the shares of all smears that follow the one and the other.
+    """The shares of all smears that follow two motions, and F of normalised coordinates of the larger one.
 
     ``first`` is the larger share, ``single`` that of the best single F where there is no other; ``gain`` is
     twice the log-likelihood that two F have over one, of at most SMEARS smears, times the share of
     independent errors that they leave.
     """
 
-    F: tuple[Array, Array]
+    F: Array
     first: float
     second: float
     single: float
@@ -147,7 +148,7 @@ def _two_motions(
 ) -> TwoMotions | None:
     """Return two F at the stated standard deviations; F is the best single one.
 
-    The same F twice and no second share where one F leaves only noise after all, or next to nothing; None
+    No second share where one F leaves only noise after all, or next to nothing; None
     where no F is found.
     """
     chosen = rng.permutation(len(problem.ends))[:SMEARS]
@@ -161,7 +162,7 @@ def _two_motions(
     explains = float(max(single[0], alone[0]))
     if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, FIRMLY):
         gain = 2 * (reached - likelihood)
-        return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
+        return TwoMotions(F=one, first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one))), rng)
     if other is None:
         return None
@@ -174,9 +175,8 @@ def _two_motions(
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < CUTOFF, stated.middle)
     gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
-    pair = (one, other) if first >= second else (other, one)
-    first, second = float(max(first, second)), float(min(first, second))
-    return TwoMotions(F=pair, first=first, second=second, single=explains, gain=gain)
+    (second, _), (first, larger) = sorted([(second, other), (first, one)], key=itemgetter(0))
+    return TwoMotions(F=larger, first=float(first), second=float(second), single=explains, gain=gain)
 
 
 def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:

@@ -96,7 +96,7 @@ def assess(
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
-            fit = lower_cost(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
+            fit = lower_cost(problem, fit, motions.F)  # one motion, but perhaps a better F of it
             evidence = evidence_of(problem, fit, plane, sample)
         fit, evidence = recovered(problem, fit, plane, evidence, sample, rng)
     count = problem.data_weight * len(sample)
