@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, job_of, link, names_of, only_plan, run_sql
@@ -120,7 +120,7 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
         plan = only_plan(path)
         if isinstance(plan, LinkStep):
             views = random_views(plan.image.name, len(plan.image.keypoints), np.random.default_rng(0))
-            write_links(path, [LinkJob(plan=plan, views=views)], backup=False)
+            write_links(path, [(plan, views)], backup=False)
             assert user_rows(path) == rows
             return
     except DatabaseError as error:

@@ -16,7 +16,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap import placement
-from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -87,7 +87,7 @@ def project(
     jobs = []
     for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
         assert isinstance(plan, LinkStep)
-        jobs.append(LinkJob(plan=plan, views=smears(plan.image.name, points, share, usable)))
+        jobs.append((plan, smears(plan.image.name, points, share, usable)))
     write_links(database, jobs, backup=False)
     (folder / "model").mkdir()
     model.write(folder / "model")
