@@ -56,8 +56,8 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.colmap.database import new_database
-from blur2view.colmap.database_matches import image_id_of
-from blur2view.colmap.project import open_project
+from blur2view.colmap.project import image_names, open_project
+from blur2view.colmap.rows import insertion
 from blur2view.colmap.schema import COLUMNS, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
@@ -226,22 +226,21 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
 def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
     """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
     with open_project(path) as database:
-        first, last = (image_id_of(database, name + end) for end in (OPEN, CLOSE))
+        first, last = (image_names(database).get(name + end) for end in (OPEN, CLOSE))
         if first is None or last is None:
             raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
-        camera = "SELECT camera_id FROM images WHERE image_id = ?"
-        pair = pair_id(min(first, last), max(first, last))
-        conditions: dict[str, tuple[str, tuple[int, ...]]] = {
-            "cameras": (f"camera_id IN ({camera})", (first,)),
-            "images": ("image_id IN (?, ?)", (first, last)),
-            "keypoints": ("image_id IN (?, ?)", (first, last)),
-            "matches": ("pair_id = ?", (pair,)),
-            "two_view_geometries": ("pair_id = ?", (pair,)),
+        of_views = f"image_id IN ({first}, {last})"
+        of_pair = f"pair_id = {pair_id(min(first, last), max(first, last))}"
+        conditions = {
+            "cameras": f"camera_id IN (SELECT camera_id FROM images WHERE image_id = {first})",
+            "images": of_views,
+            "keypoints": of_views,
+            "matches": of_pair,
+            "two_view_geometries": of_pair,
         }
         with new_database(copy) as target:
-            for table, (condition, values) in conditions.items():
-                columns = ", ".join(COLUMNS[table])
-                rows = database.execute(f"SELECT {columns} FROM {table} WHERE {condition}", values)
-                marks = ", ".join("?" * len(COLUMNS[table]))
-                target.executemany(f"INSERT INTO {table}({columns}) VALUES ({marks})", rows)
+            for table, condition in conditions.items():
+                columns = COLUMNS[table]
+                rows = database.execute(f"SELECT {', '.join(columns)} FROM {table} WHERE {condition}")
+                target.executemany(insertion(table, columns), rows)
     return first, last

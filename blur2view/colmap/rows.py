@@ -5,6 +5,7 @@ Every function takes a connection inside a transaction that the caller opened an
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from sqlite3 import Connection
 from typing import NamedTuple
 
@@ -144,10 +145,14 @@ def put_pair(
     )
 
 
+def insertion(table: str, columns: Collection[str]) -> str:
+    """Return the statement that inserts a row of these columns."""
+    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+
+
 def _insert(database: Connection, table: str, **row: object) -> int:
     """Insert a row, given by the names of its columns; return its id."""
-    sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
-    number = database.execute(sql, tuple(row.values())).lastrowid
+    number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
     if number is None:
-        raise RuntimeError(f"SQLite gave no id to the row of {sql!r}")
+        raise RuntimeError(f"SQLite gave no id to a row of {table}")
     return number
