@@ -226,7 +226,8 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
 def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
     """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
     with open_project(path) as database:
-        first, last = (image_names(database).get(name + end) for end in (OPEN, CLOSE))
+        ids = image_names(database)
+        first, last = (ids.get(name + end) for end in (OPEN, CLOSE))
         if first is None or last is None:
             raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
         of_views = f"image_id IN ({first}, {last})"

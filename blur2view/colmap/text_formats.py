@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from blur2view.arrays import Array
@@ -62,18 +63,25 @@ def write_matches_text(
         raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
     refuse_names(sequence, "COLMAP's text formats")
     refuse_foreign(folder)
-    paths = [folder / name for name in NAMES]
-    try:
+    matches, keypoints, images = paths = [folder / name for name in NAMES]
+    with writing_views(folder):
         for views, photograph in zip(sequence, photographs, strict=True):
             for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
-                _write(paths[1] / f"{name}.txt", keypoints_text(points))
-                _link(paths[2] / name, photograph)
-        _remove_earlier(paths[1:], {name for views in sequence for name in views.names})
-        _write(paths[0], "".join(map(matches_text, sequence)))  # last: all that it names is there
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+                _write(keypoints / f"{name}.txt", keypoints_text(points))
+                _link(images / name, photograph)
+        _remove_earlier((keypoints, images), {name for views in sequence for name in views.names})
+        _write(matches, "".join(map(matches_text, sequence)))  # last: all that it names is there
     return paths
+
+
+@contextmanager
+def writing_views(folder: Path) -> Iterator[None]:
+    """Raise what the system says of files that cannot be written as an OutputError, one line."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
 
 
 def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from blur2view.colmap.hloc_files import certainty, matches0, pair_name, write_hloc
+from blur2view.colmap.hloc_files import certainty, matches0, write_hloc
 from blur2view.errors import OutputError
 from tests.support.scenes import some_views
 
@@ -53,8 +53,6 @@ def test_certain_smears_score_higher_and_outliers_are_unmatched() -> None:
     scores = certainty(views)[np.argsort(views.sigma_px)]
     assert (np.diff(scores) <= 0).all() and scores[0] > scores[-1]
     assert matches0(some_views(count=5)).tolist() == [-1, 1, 2, -1, 4]
-    # a slash in a name nests no groups
-    assert pair_name("a/b.jpg#open", "a/b.jpg#close") == "a-b.jpg#open/a-b.jpg#close"
 
 
 def test_without_h5py_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
