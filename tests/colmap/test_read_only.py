@@ -22,18 +22,18 @@ from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
-from tests.colmap.test_placement import FRAMES, NAMES, SIZE, project
+from tests.colmap.test_placement import FRAMES, NAMES, WALK, project
 from tools.database_safety.colmap_check import check_database
 
 Folder = dict[str, bytes]
 
 
 def camera_of(path: Path) -> None:
-    assert camera_of_database(path, None, f"/data/{NAMES[0]}").width == SIZE[0]
+    assert camera_of_database(path, None, f"/data/{NAMES[0]}").width == WALK.size[0]
 
 
 def camera_option(path: Path) -> None:
-    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), SIZE, ExifValues())
+    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), WALK.size, ExifValues())
     assert camera is not None and camera.known
 
 
@@ -74,7 +74,7 @@ READERS: list[Callable[[Path], object]] = [
 def linked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder that holds "db", a linked project's database with a write-ahead log, and "model"."""
     folder = tmp_path_factory.mktemp("linked")
-    database, model = project(folder, list(range(FRAMES)))
+    database, model = project(folder)
     (folder / "db").mkdir()
     with closing(sqlite3.connect(database)) as opened:
         pose = struct.pack("<4d", 1, 0, 0, 0), struct.pack("<3d", 1, 0, 0)
