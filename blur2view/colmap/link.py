@@ -134,8 +134,9 @@ def write_links(
         return None
     with ExitStack() as undo:
         with open_project(path, write=True) as database:
+            names = image_names(database)
             for plan, _ in links:
-                _require_unchanged(path, database, plan)
+                _require_unchanged(path, database, names, plan)
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
@@ -149,9 +150,10 @@ def write_links(
     return copy
 
 
-def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep) -> None:
+def _require_unchanged(
+    path: Path, database: sqlite3.Connection, names: dict[str, int], plan: LinkStep
+) -> None:
     """Refuse a plan whose image another program has changed since."""
-    names = image_names(database)
     name = plan.image.name
     now = _plan_one(path, database, names, name, plan.step is Step.REPLACE) if name in names else None
     if not isinstance(now, LinkStep) or now.step is not plan.step or now.image.digest != plan.image.digest:

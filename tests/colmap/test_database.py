@@ -1,9 +1,7 @@
 """Fresh COLMAP databases, read back by pycolmap."""
 
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection
 from tests.support.scenes import some_views
+from tests.support.sql import run_sql
 from tools.database_safety.colmap_check import check_database
 
 SIZE, COUNT = (640, 480), 30
@@ -113,10 +112,8 @@ def test_time_direction_is_marked(tmp_path: Path) -> None:
     path = tmp_path / "new.db"
     known = replace(make_views("b.jpg"), time=TimeDirection(known=True, confidence=0.8))
     write_database(path, [make_views("a.jpg"), known])
-    with closing(sqlite3.connect(path)) as database:
-        sql = "SELECT photograph, role, config, time_known, time_confidence FROM blur2view_views"
-        rows = database.execute(sql).fetchall()
-    assert rows == [
+    columns = "photograph, role, config, time_known, time_confidence"
+    assert run_sql(path, f"SELECT {columns} FROM blur2view_views") == [
         ("a.jpg", "open", "CALIBRATED", 0, 0.0),
         ("a.jpg", "close", "CALIBRATED", 0, 0.0),
         ("b.jpg", "open", "CALIBRATED", 1, 0.8),
@@ -194,7 +191,5 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
 def test_the_check_finds_what_is_wrong(tmp_path: Path, harm: str, finding: str) -> None:
     path = tmp_path / "new.db"
     write_database(path, [make_views()])
-    with closing(sqlite3.connect(path)) as database:
-        database.execute(harm)
-        database.commit()
+    run_sql(path, "PRAGMA foreign_keys = OFF", harm)
     assert any(finding in line for line in check_database(path))

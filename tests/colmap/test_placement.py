@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +19,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.scenes import some_views
+from tests.support.sql import run_sql
 from tests.support.walks import Walk
 
 FRAMES, FEATURES, SHARE = 7, 60, 0.5
@@ -97,17 +96,14 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
 
 def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
     database, model = project(tmp_path)
-    with closing(sqlite3.connect(database)) as opened:
-        opened.execute(f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
-        opened.commit()
+    run_sql(database, f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
     assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
 
 
 def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:
     database, model = project(tmp_path, [0, 1])
-    with closing(sqlite3.connect(database)) as opened:
-        opened.execute("UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'")
-        opened.commit()
+    renumber = "UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'"
+    run_sql(database, "PRAGMA foreign_keys = OFF", renumber)
     with pytest.raises(DatabaseError, match=f"{NAMES[0]} has another id in the model; name the database"):
         place_views(database, model)
 
