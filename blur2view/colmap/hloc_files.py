@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.colmap.database import inliers
-from blur2view.colmap.text_formats import are_views, refuse_names, writing_views
+from blur2view.colmap.text_formats import are_views, writing_views
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.file_writing import write_files
@@ -45,14 +45,14 @@ def certainty(views: ExposureViews) -> NDArray[np.float16]:
 def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     """Write and return ``features.h5``, ``matches.h5`` and ``pairs.txt``, each whole or not at all.
 
-    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
+    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`. No
+    name is there twice or has a blank, at which readers of pairs cut names.
 
     Raises
     ------
     OutputError
-        If h5py is missing, a name has a blank or is there twice, or a file cannot be written or is not ours.
+        If h5py is missing, or a file cannot be written or is not ours.
     """
-    refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
     refuse_foreign(folder)
     paths = [folder / name for name in NAMES]

@@ -49,19 +49,18 @@ def write_matches_text(
     """Write and return ``matches.txt`` and the folders ``keypoints``, of texts, and ``images``, of pictures.
 
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
-    COLMAP reads the size and EXIF of every image it imports, so each view gets a symbolic link to its
-    photograph.
+    No name is there twice or has a blank (`has_blank`), at which the formats cut names. COLMAP reads the size
+    and EXIF of every image it imports, so each view gets a symbolic link to its photograph.
 
     Raises
     ------
     ValueError
         If there are not as many photographs as views.
     OutputError
-        If a name holds a blank or is there twice, or a file cannot be written or is not ours.
+        If a file cannot be written or is not ours.
     """
     if len(sequence) != len(photographs):
         raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
-    refuse_names(sequence, "COLMAP's text formats")
     refuse_foreign(folder)
     matches, keypoints, images = paths = [folder / name for name in NAMES]
     with writing_views(folder):
@@ -82,16 +81,6 @@ def writing_views(folder: Path) -> Iterator[None]:
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
-
-
-def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
-    """Raise an OutputError for a name with a blank, where formats cut it, or one that is there twice."""
-    names = [views.name for views in sequence]
-    for name in names:
-        if has_blank(name):
-            raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
-        if names.count(name) > 1:
-            raise OutputError(f"{name}: is there twice; name each photograph once")
 
 
 def has_blank(name: str) -> bool:

@@ -31,9 +31,6 @@ def write_text(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     return write_matches_text(folder, sequence, photographs)
 
 
-WRITERS = pytest.mark.parametrize("write", [write_text, write_hloc])
-
-
 def imported_matches(text: str) -> Iterator[tuple[str, str, list[tuple[int, int]]]]:
     """Read as matches_importer does: blocks of a line of two names, then pairs up to a blank line."""
     lines = iter(text.splitlines())
@@ -161,26 +158,7 @@ def test_without_h5py_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     assert not (tmp_path / "out").exists()
 
 
-@WRITERS
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        *((name, "cut names at a blank") for name in ("my photo.jpg", "tab\there.jpg", "line\nbreak.jpg")),
-        ("two.jpg", r"two\.jpg: is there twice"),
-    ],
-)
-def test_names_that_a_format_cannot_hold_are_refused_and_older_files_stay(
-    tmp_path: Path, write: Write, name: str, words: str
-) -> None:
-    out = tmp_path / "out"
-    write(out, SEQUENCE)
-    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(OutputError, match=words):
-        write(out, [*SEQUENCE, some_views(name)])
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-
-
-@WRITERS
+@pytest.mark.parametrize("write", [write_text, write_hloc])
 def test_a_folder_that_takes_no_files_is_named(tmp_path: Path, write: Write) -> None:
     (tmp_path / "out").write_text("a file")
     with pytest.raises(OutputError, match="out: cannot be written"):
