@@ -62,7 +62,7 @@ def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -
     ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
     """
     query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
-    row = database.execute(query, (pair_id(min(id1, id2), max(id1, id2)),)).fetchone()
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
     index = np.zeros((0, 2), np.int64) if row is None else matches_from_blob(*row)
     return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
 

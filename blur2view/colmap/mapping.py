@@ -196,7 +196,7 @@ def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
         if first is None or last is None:
             raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
         of_views = f"image_id IN ({first}, {last})"
-        of_pair = f"pair_id = {pair_id(min(first, last), max(first, last))}"
+        of_pair = f"pair_id = {pair_id(first, last)}"
         conditions = {
             "cameras": f"camera_id IN (SELECT camera_id FROM images WHERE image_id = {first})",
             "images": of_views,

@@ -155,10 +155,9 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
 
 def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
     """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
-    ids = sorted([image_id, *views])
     tables = ["keypoints WHERE image_id"] + (["frame_data WHERE data_id"] if has_frames(database) else [])
     wanted = [(table, view) for table in tables for view in views]
-    pairs = [pair_id(one, other) for one, other in combinations(ids, 2)]
+    pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
     wanted += [
         (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
     ]

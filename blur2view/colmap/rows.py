@@ -123,7 +123,7 @@ def put_pair(
     ``replace`` a row that is there raises sqlite3.IntegrityError.
     """
     geometry = geometry if ids[0] < ids[1] else geometry.reversed()
-    key = pair_id(min(ids), max(ids))
+    key = pair_id(*ids)
     if replace:
         for table in ("matches", "two_view_geometries"):
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))

@@ -100,10 +100,11 @@ def model_number(name: str) -> int:
 
 
 def pair_id(image1: int, image2: int) -> int:
-    """Return the key of a pair of images in both match tables; ValueError unless image1 < image2."""
-    if not 0 <= image1 < image2 < MAX_IMAGES:
-        raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
-    return MAX_IMAGES * image1 + image2
+    """Return the key of a pair of images in both match tables, in either order; ValueError of no such ids."""
+    first, last = sorted((image1, image2))
+    if not 0 <= first < last < MAX_IMAGES:
+        raise ValueError(f"image ids must differ and lie below {MAX_IMAGES}, got {image1} and {image2}")
+    return MAX_IMAGES * first + last
 
 
 def keypoints_blob(points: NDArray[np.floating]) -> bytes:

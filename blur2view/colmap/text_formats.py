@@ -54,13 +54,9 @@ def write_matches_text(
 
     Raises
     ------
-    ValueError
-        If there are not as many photographs as views.
     OutputError
         If a file cannot be written or is not ours.
     """
-    if len(sequence) != len(photographs):
-        raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
     refuse_foreign(folder)
     matches, keypoints, images = paths = [folder / name for name in NAMES]
     with writing_views(folder):
@@ -118,6 +114,7 @@ def _remove_earlier(folders: Sequence[Path], names: set[str]) -> None:
 
 
 def _write(path: Path, text: str) -> None:
+    """Write a text, whole or not at all, and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_files({path: text.encode()})
 

@@ -68,13 +68,20 @@ def test_a_backup_has_its_name_only_when_it_is_whole(path: Path, monkeypatch: py
     assert str(copy) not in opened and any(name.endswith(".bak.tmp") for name in opened)
 
 
-def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path) -> None:
+@pytest.mark.parametrize(
+    "edit",
+    [
+        "UPDATE keypoints SET rows = 20, data = substr(data, 1, 480) WHERE image_id = 2",
+        "DELETE FROM images WHERE image_id = 2",
+    ],
+)
+def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: str) -> None:
     jobs = [job_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
-    run_sql(path, "UPDATE keypoints SET rows = 20, data = substr(data, 1, 480) WHERE image_id = 2")
-    before = user_rows(path)
+    run_sql(path, edit)
+    before, names = user_rows(path), names_of(path)
     with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed meanwhile"):
         write_links(path, jobs, backup=False)
-    assert user_rows(path) == before and len(names_of(path)) == 3
+    assert user_rows(path) == before and names_of(path) == names
 
 
 def test_a_failure_midway_undoes_all(path: Path) -> None:
