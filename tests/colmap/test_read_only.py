@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -22,18 +21,19 @@ from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
 from blur2view.errors import Blur2ViewError
-from tests.colmap.test_placement import FRAMES, NAMES, SIZE, project
+from tests.colmap.test_placement import FRAMES, NAMES, WALK, project
+from tests.support.sql import run_sql
 from tools.database_safety.colmap_check import check_database
 
 Folder = dict[str, bytes]
 
 
 def camera_of(path: Path) -> None:
-    assert camera_of_database(path, None, f"/data/{NAMES[0]}").width == SIZE[0]
+    assert camera_of_database(path, None, f"/data/{NAMES[0]}").width == WALK.size[0]
 
 
 def camera_option(path: Path) -> None:
-    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), SIZE, ExifValues())
+    camera = Intrinsics(camera=stored_camera(f"{path}:1")).of(Path("a.jpg"), WALK.size, ExifValues())
     assert camera is not None and camera.known
 
 
@@ -74,14 +74,11 @@ READERS: list[Callable[[Path], object]] = [
 def linked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder that holds "db", a linked project's database with a write-ahead log, and "model"."""
     folder = tmp_path_factory.mktemp("linked")
-    database, model = project(folder, list(range(FRAMES)))
+    database, model = project(folder)
     (folder / "db").mkdir()
-    with closing(sqlite3.connect(database)) as opened:
-        pose = struct.pack("<4d", 1, 0, 0, 0), struct.pack("<3d", 1, 0, 0)
-        opened.execute("UPDATE two_view_geometries SET qvec = ?, tvec = ?", pose)
-        opened.execute("PRAGMA user_version = 4020100")
-        opened.commit()
-        assert opened.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",)
+    qvec, tvec = struct.pack("<4d", 1, 0, 0, 0).hex(), struct.pack("<3d", 1, 0, 0).hex()
+    pose = f"UPDATE two_view_geometries SET qvec = x'{qvec}', tvec = x'{tvec}'"
+    assert run_sql(database, pose, "PRAGMA journal_mode = WAL") == [("wal",)]
     database.rename(folder / "db" / "walk.db")
     return folder
 
@@ -97,8 +94,7 @@ def copied(linked: Path, tmp_path: Path) -> Path:
 
 
 def rollback_journal(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as database:
-        assert database.execute("PRAGMA journal_mode = DELETE").fetchone() == ("delete",)
+    assert run_sql(path, "PRAGMA journal_mode = DELETE") == [("delete",)]
 
 
 def killed(path: Path, sql: str) -> None:
@@ -197,13 +193,11 @@ def locked(path: Path) -> sqlite3.Connection:
 
 def foreign(path: Path) -> None:
     path.unlink()
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE images (title TEXT)")
+    run_sql(path, "CREATE TABLE images (title TEXT)")
 
 
 def newer(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA user_version = 9000000")
+    run_sql(path, "PRAGMA user_version = 9000000")
 
 
 def damaged(path: Path) -> None:
