@@ -12,7 +12,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,8 @@ class Placement:
     left: tuple[str, ...]
 
 
-class _Linked(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Linked:
     """A registered photograph and its views, as the database has them."""
 
     photograph: Any  # pycolmap.Image of the model
@@ -163,7 +164,7 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
     first, last = (_read_view(opened, ids[name], name, photograph.camera_id) for name in names)
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
     count = min(image.num_points2D() for image in (photograph, first, last))
-    return _Linked(photograph, (first, last), matched[matched < count])
+    return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
 
 
 def _read_view(opened: sqlite3.Connection, image_id: int, name: str, camera_id: int) -> Any:

@@ -35,8 +35,9 @@ A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect it
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,8 @@ PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes 
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 
 
-class ExposedPhotograph(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExposedPhotograph:
     """A photograph of a model with the poses of its exposure, world_from_camera with OpenGL's camera axes."""
 
     name: str
@@ -79,11 +81,17 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
         own, opened, closed = (images.get(name + end) for end in ("", OPEN, CLOSE))
         if opened is not None and closed is not None:
             ends = _world_from_camera(opened), _world_from_camera(closed)
-            middle = _halfway(*ends) if own is None else _world_from_camera(own)
-            smear_px = _smear_px(model, opened if own is None else own, (opened, closed))
-            exposed.append(ExposedPhotograph(name, opened.camera_id, middle, ends, smear_px))
+            one = ExposedPhotograph(
+                name=name,
+                camera_id=opened.camera_id,
+                middle=_halfway(*ends) if own is None else _world_from_camera(own),
+                ends=ends,
+                smear_px=_smear_px(model, opened if own is None else own, (opened, closed)),
+            )
+            exposed.append(one)
         elif own is not None:
-            exposed.append(ExposedPhotograph(name, own.camera_id, _world_from_camera(own)))
+            middle = _world_from_camera(own)
+            exposed.append(ExposedPhotograph(name=name, camera_id=own.camera_id, middle=middle))
     return exposed
 
 

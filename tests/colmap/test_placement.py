@@ -171,7 +171,9 @@ def test_a_frame_s_rays_are_those_of_the_middle_of_the_exposure() -> None:
     model = SimpleNamespace(cameras={1: camera}, points3D={0: SimpleNamespace(xyz=np.array([0.0, 0.0, 4.0]))})
     ends = np.array([[100.0, 60.0]]), np.array([[120.0, 60.0]])
     first, last = (pycolmap.Image(keypoints=points) for points in ends)
-    frame = placement._frame(model, placement._Linked(photograph, (first, last), np.array([0])))
+    frame = placement._frame(
+        model, placement._Linked(photograph=photograph, views=(first, last), matched=np.array([0]))
+    )
     np.testing.assert_allclose(frame.rays, [[0.15, 0.0]])
     np.testing.assert_allclose(frame.displacement, [[0.1, 0.0]])
     np.testing.assert_allclose(frame.inverse_depth, [0.25])
