@@ -24,7 +24,8 @@ NOT_COLMAPS = [
     "name a blob", "name with a null", "name very long", "name a long text", "name an integer", "view a blob",
     "view with a null", "names of any case", "replacing keypoints", "unique keypoints", "unique sums",
     "computed column", "checked column", "no row ids", "camera infinitely wide", "view of our name",
-    "pair taken", "keypoints taken", "frame taken", "counter at its end",
+    "pair taken", "keypoints taken", "frame taken", "counter at its end", "column gone", "columns to fill",
+    "own table of another",
 ]  # fmt: skip
 
 
