@@ -26,7 +26,7 @@ FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]
 
 
-def job_of(plan: LinkStep | DatabaseError, seed: int = 0) -> tuple[LinkStep, ExposureViews]:
+def link_of(plan: LinkStep | DatabaseError, seed: int = 0) -> tuple[LinkStep, ExposureViews]:
     assert isinstance(plan, LinkStep)
     rng = np.random.default_rng(seed)
     views = random_views(plan.image.name, FEATURES, rng)
@@ -36,7 +36,7 @@ def job_of(plan: LinkStep | DatabaseError, seed: int = 0) -> tuple[LinkStep, Exp
 
 def link(path: Path, *names: str, replace: bool = False, backup: bool = False, seed: int = 0) -> Path | None:
     plans = plan_links(path, [Path(name) for name in names], replace=replace)
-    return write_links(path, [job_of(plan, seed) for plan in plans], backup=backup)
+    return write_links(path, [link_of(plan, seed) for plan in plans], backup=backup)
 
 
 def only_plan(path: Path, name: str = "a_001.jpg", replace: bool = False) -> LinkStep | DatabaseError:
@@ -66,7 +66,7 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
         assert len(images) == 7
         ids = [images[name] for name in ("a_000.jpg", "a_000.jpg#open", "a_000.jpg#close")]
         first, last = (database.read_keypoints(image_id) for image_id in ids[1:])
-        views = job_of(only_plan(path, "a_000.jpg"))[1]
+        views = link_of(only_plan(path, "a_000.jpg"))[1]
         np.testing.assert_allclose(first, views.points_open + 0.5, atol=1e-4)
         np.testing.assert_allclose(last, views.points_close + 0.5, atol=1e-4)
         assert views.usable is not None
@@ -100,10 +100,8 @@ def test_a_camera_of_a_rig_keeps_its_rig(path: Path) -> None:
 
 
 def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
-    rng = np.random.default_rng(0)
-    plan, views = job_of(only_plan(path))
-    symmetric, a = np.zeros((3, 3)), rng.normal(size=3)  # a pure translation: half of it has the same F
-    F = symmetric + np.cross(np.eye(3), a)
+    plan, views = link_of(only_plan(path))
+    F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F
     views = replace(views, geometry=replace(views.geometry, F=F))
     write_links(path, [(plan, views)], backup=False)
     with pycolmap.Database.open(path) as database:
@@ -132,8 +130,8 @@ def test_replace_rewrites_our_rows_in_place(path: Path) -> None:
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         kept, new = (database.read_keypoints(names[name]) for name in ("a_000.jpg#open", "a_001.jpg#open"))
-    np.testing.assert_allclose(kept, job_of(only_plan(path, "a_000.jpg"))[1].points_open + 0.5, atol=1e-4)
-    expected = job_of(only_plan(path, replace=True), seed=1)[1].points_open
+    np.testing.assert_allclose(kept, link_of(only_plan(path, "a_000.jpg"))[1].points_open + 0.5, atol=1e-4)
+    expected = link_of(only_plan(path, replace=True), seed=1)[1].points_open
     np.testing.assert_allclose(new, expected + 0.5, atol=1e-4)
 
 
@@ -228,7 +226,7 @@ def test_a_view_that_was_deleted_is_made_again(path: Path, end: str) -> None:
     ids = names_of(path)
     first, last = ids["a_001.jpg#open"], ids["a_001.jpg#close"]
     assert (first < last) == (end == "close")  # the new one has the larger id
-    expected = job_of(only_plan(path, replace=True))[1].geometry.F
+    expected = link_of(only_plan(path, replace=True))[1].geometry.F
     with pycolmap.Database.open(path) as database:
         F = database.read_two_view_geometry(first, last).F
     assert F is not None and expected is not None

@@ -12,7 +12,7 @@ import pytest
 from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
-from tests.colmap.test_link import ROLLBACK, job_of, link, names_of, only_plan
+from tests.colmap.test_link import ROLLBACK, link_of, link, names_of, only_plan
 from tests.support.sql import run_sql
 from tools.database_safety.colmap_projects import user_rows
 from tools.database_safety.kill_writes import kill_many, random_views
@@ -76,20 +76,20 @@ def test_a_backup_has_its_name_only_when_it_is_whole(path: Path, monkeypatch: py
     ],
 )
 def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: str) -> None:
-    jobs = [job_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
+    links = [link_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
     run_sql(path, edit)
     before, names = user_rows(path), names_of(path)
     with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed meanwhile"):
-        write_links(path, jobs, backup=False)
+        write_links(path, links, backup=False)
     assert user_rows(path) == before and names_of(path) == names
 
 
 def test_a_failure_midway_undoes_all(path: Path) -> None:
     before = user_rows(path)
-    jobs = [job_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
-    run_sql(path, "INSERT INTO matches VALUES (2147483647 * 2 + 6, 0, 2, NULL)")  # of the second job
+    links = [link_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
+    run_sql(path, "INSERT INTO matches VALUES (2147483647 * 2 + 6, 0, 2, NULL)")  # of the second photograph
     with pytest.raises(DatabaseError, match="UNIQUE"):
-        write_links(path, jobs, backup=False)
+        write_links(path, links, backup=False)
     assert len(names_of(path)) == 3
     after = user_rows(path)
     assert len(after.pop("matches")) == len(before.pop("matches")) + 1 and after == before
@@ -98,13 +98,13 @@ def test_a_failure_midway_undoes_all(path: Path) -> None:
 @ROLLBACK
 def test_a_locked_database_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
-    job = job_of(only_plan(path))
+    planned = link_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(DatabaseError, match="another program uses it"):
-            write_links(path, [job], backup=False)
+            write_links(path, [planned], backup=False)
         other.execute("ROLLBACK")
-    write_links(path, [job], backup=False)
+    write_links(path, [planned], backup=False)
 
 
 def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
@@ -157,11 +157,11 @@ def test_linking_holds_the_lock_before_it_reads(path: Path) -> None:
 
 @ROLLBACK
 def test_a_writer_that_ends_soon_is_waited_for(path: Path) -> None:
-    plan = job_of(only_plan(path))
+    planned = link_of(only_plan(path))
     with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
         other.execute("BEGIN IMMEDIATE")
         end = threading.Timer(0.3, other.rollback)
         end.start()
-        write_links(path, [plan], backup=False)
+        write_links(path, [planned], backup=False)
         end.join()
     assert len(names_of(path)) == 5
