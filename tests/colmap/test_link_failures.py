@@ -12,7 +12,7 @@ import pytest
 from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
-from tests.colmap.test_link import ROLLBACK, link_of, link, names_of, only_plan
+from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.sql import run_sql
 from tools.database_safety.colmap_projects import user_rows
 from tools.database_safety.kill_writes import kill_many, random_views
