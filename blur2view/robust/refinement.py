@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.geometry.depth import parallax_along_lines
 from blur2view.geometry.sampson import entry_jacobian, residual_parts
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import Manifold
@@ -67,10 +68,15 @@ class WeightedPoint(Generic[M]):
     def likelier(cls, point: M, matches: WeightedEnds, options: RefineOptions) -> WeightedPoint[M]:
         """Return a point with the sign of the translation that explains more."""
         plain = matches.residuals(point.matrix(), options.decided)
-        signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
+        state = cls(point=point, matches=matches, residuals=plain, sign=1.0, options=options)
+        if options.decided or matches.along is None:
+            return state
+        parallax = parallax_along_lines(
+            *point.motion(), *matches.middle
+        )  # of the opposite translation less that
         both = (
-            cls(point=point, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
-            for sign in signs
+            replace(state, residuals=matches.weigh(plain, sign * parallax, options.depth_weight), sign=sign)
+            for sign in (1.0, -1.0)
         )
         return min(both, key=lambda state: state.cost)
 
@@ -104,9 +110,8 @@ class WeightedPoint(Generic[M]):
 
     def reweighted(self) -> WeightedPoint[M]:
         """Return the same point with the odds that positive depth gives the orders there."""
-        if self.options.decided:
+        if self.options.decided or self.matches.along is None:
             return self
-        depth_weight = self.options.depth_weight
-        return replace(
-            self, residuals=self.matches.weigh(self.residuals, self.point, depth_weight, self.sign)
-        )
+        parallax = self.sign * parallax_along_lines(*self.point.motion(), *self.matches.middle)
+        residuals = self.matches.weigh(self.residuals, parallax, self.options.depth_weight)
+        return replace(self, residuals=residuals)
