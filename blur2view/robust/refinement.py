@@ -71,9 +71,7 @@ class WeightedPoint(Generic[M]):
         state = cls(point=point, matches=matches, residuals=plain, sign=1.0, options=options)
         if options.decided or matches.along is None:
             return state
-        parallax = parallax_along_lines(
-            *point.motion(), *matches.middle
-        )  # of the opposite translation less that
+        parallax = parallax_along_lines(*point.motion(), *matches.middle)  # negative for the opposite sign
         both = (
             replace(state, residuals=matches.weigh(plain, sign * parallax, options.depth_weight), sign=sign)
             for sign in (1.0, -1.0)

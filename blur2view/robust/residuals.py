@@ -154,8 +154,10 @@ class WeightedEnds:
     def weigh(self, plain: OrderedResiduals, parallax: Array, weight: float) -> OrderedResiduals:
         """Return residuals with the odds of the orders by positive depth, of `parallax_along_lines` (2, N).
 
-        ``weight`` in [0, 1] tempers the odds.
+        ``weight`` in [0, 1] tempers the odds. Nothing changes without ``along``.
         """
+        if self.along is None:
+            return plain
         odds = order_log_odds(parallax, self.along)
         return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
