@@ -50,7 +50,9 @@ EXTRAS = {
     "rawpy": "raw",
     "distributed": "dask",
 }  # what one door alone needs, and the extra that brings it
-PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "shtab", "skimage", "tqdm"} | set(EXTRAS)
+PACKAGE_MAY_USE = (
+    NUMERIC | {"onnxruntime", "pycolmap", "PIL", "shtab", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
+)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
 

@@ -29,7 +29,9 @@ def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(
     assert {path.name for path in tmp_path.iterdir()} == set(names[1:])
 
 
-@pytest.mark.parametrize("long", [f"{'d' * 256}/a.jpg", f"{'n' * 250}.jpg", f"{'ä' * 126}.jpg"])
+@pytest.mark.parametrize(
+    "long", [f"{'d' * 256}/a.jpg", f"{'n' * 250}.jpg", f"{'ä' * 126}.jpg", f"{'d/' * 2500}a.jpg"]
+)
 def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
     images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
     *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",), overwrite=False)

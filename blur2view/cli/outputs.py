@@ -51,6 +51,7 @@ MASK = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 MASKS = Path("masks")
 """Folder below -o in which masks for another program lie."""
 MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
+MAX_PATH = 4095  # bytes of a whole path, on Linux
 MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 
 
@@ -125,8 +126,9 @@ def plan_outputs(
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    written = [part for path in paths for part in half_written(path).parts]
-    if any(len(part.encode(errors="replace")) > MAX_NAME for part in written):
+    written = [half_written(path).absolute() for path in paths]
+    parts = [part for path in written for part in path.parts]
+    if max(map(_bytes, parts)) > MAX_NAME or max(map(_bytes, map(str, written))) > MAX_PATH:
         return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
@@ -135,6 +137,11 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
+
+
+def _bytes(name: str) -> int:
+    """Return how many bytes a name has on disk."""
+    return len(name.encode(errors="replace"))
 
 
 def _refusal_by_owner(files: ResultFiles, image: Path, manifest: Manifest | None) -> str | None:

@@ -109,7 +109,9 @@ def _written_before(options: ToColmapOptions) -> set[str]:
 def _write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, replace: bool) -> Path | None:
     """Return the backup, if there is one, after writing everything at once."""
     if options.link:
-        return write_links(options.target, [one.job for one in made], backup=options.backup)
+        planned = [(one.photograph.plan, one.views) for one in made]
+        links = [(plan, views) for plan, views in planned if plan is not None]
+        return write_links(options.target, links, backup=options.backup)
     views = [one.views for one in made]
     if options.hloc:
         hloc_files.write_hloc(options.target, views)

@@ -18,7 +18,7 @@ from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.database_matches import DatabaseMatcher, database_names
-from blur2view.colmap.link import LinkJob, LinkStep, Step, digest, plan_links
+from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.project import storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
@@ -50,7 +50,7 @@ class NamedPhotograph:
     @property
     def source(self) -> str:
         """What views depend on besides the picture: their name, and the features that are moved."""
-        return self.name + ("" if self.plan is None else f" {digest(self.plan.image).hex()}")
+        return self.name + ("" if self.plan is None else f" {self.plan.image.digest.hex()}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,13 +59,6 @@ class PhotographViews:
 
     photograph: NamedPhotograph
     views: ExposureViews
-
-    @property
-    def job(self) -> LinkJob:
-        """The argument of `write_links`."""
-        if self.photograph.plan is None:
-            raise ValueError(f"{self.photograph.name} is not linked")
-        return LinkJob(plan=self.photograph.plan, views=self.views)
 
     def document(self, action: str | None = None) -> ViewsDocument:
         """Return the document of the views; by default the action is that of the plan."""

@@ -22,14 +22,7 @@ MOST_PARAMETERS = 32  # of a camera; no model has half as many
 
 @dataclass(frozen=True, kw_only=True)
 class StoredCamera:
-    """A camera of a COLMAP database, looked up for every photograph.
-
-    Parameters
-    ----------
-    database : Path
-    camera_id : int or None
-        None: that of the image whose name the photograph's path ends with, else the only one.
-    """
+    """A camera of a COLMAP database, looked up for every photograph as `camera_of_database` does."""
 
     database: Path
     camera_id: int | None = None

@@ -16,22 +16,19 @@ from pathlib import Path
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
     COLUMNS,
+    DEFINITIONS,
+    IMAGE_TABLES,
     MAX_IMAGES,
     NEWEST_KNOWN,
-    OWN_COLUMNS,
-    RIG_COLUMNS,
+    RIG_TABLES,
     TABLES,
-    VIEWS_TABLE,
 )
 from blur2view.errors import DatabaseError
 
 LONGEST_NAME = 4096  # bytes, of a path
-# What no other row of a table may repeat, beside its key; see `schema.TABLES`.
-UNIQUE: dict[str, set[tuple[str, ...]]] = {
-    "images": {("name",)},
-    "rigs": {("ref_sensor_id", "ref_sensor_type")},
-    "rig_sensors": {("sensor_id", "sensor_type")},
-    "frame_data": {("data_id", "sensor_type")},
+UNIQUE = {  # what no other row of a table may repeat, beside its key
+    table: {tuple(columns.split(", "))}
+    for table, columns in re.findall(r"CREATE UNIQUE INDEX \w+\s+ON (\w+)\((.*?)\)", TABLES)
 }
 # What COLMAP never writes; its names are texts of a path's length without null characters.
 ODD_ROWS = f"""
@@ -62,10 +59,7 @@ def _words(sql: str) -> set[str]:
 
 
 MADE_OF = {
-    table: {"create", "table", *_words(f"{table} {columns}")}
-    for table, columns in re.findall(
-        r"CREATE TABLE (?:IF NOT EXISTS )?(\w+) (.*?\));", TABLES + VIEWS_TABLE, re.S
-    )
+    table: {"create", "table", table, *_words(definition)} for table, definition in DEFINITIONS.items()
 }
 
 
@@ -81,13 +75,12 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
         )
     rows = database.execute("SELECT name, type, sql FROM sqlite_master").fetchall()
     schema = {name: (kind, sql) for name, kind, sql in rows}
-    required = COLUMNS | (RIG_COLUMNS if "frames" in schema or "rigs" in schema else {})
-    own = {"blur2view_views": OWN_COLUMNS} if "blur2view_views" in schema else {}
-    for table, columns in (required | own).items():
+    required = [*IMAGE_TABLES, *(RIG_TABLES if "frames" in schema or "rigs" in schema else ())]
+    for table in [*required, *({"blur2view_views"} & schema.keys())]:
         kind, sql = schema.get(table, ("", ""))
         if kind != "table":
             raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
-        _check_table(path, database, table, columns, sql)
+        _check_table(path, database, table, sql)
     if "trigger" in {kind for kind, _ in schema.values()}:
         raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
     damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
@@ -99,15 +92,13 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
         raise DatabaseError(f"{path}: {name} has values that COLMAP never writes; is it COLMAP's?")
 
 
-def _check_table(
-    path: Path, database: sqlite3.Connection, table: str, columns: tuple[str, ...], sql: str
-) -> None:
+def _check_table(path: Path, database: sqlite3.Connection, table: str, sql: str) -> None:
     """Refuse a table without our columns, with others that must be filled, or made as COLMAP makes none."""
     rows = database.execute(f"PRAGMA table_xinfo({table})").fetchall()
     have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
-    missing = [column for column in columns if column not in have]
+    missing = [column for column in COLUMNS[table] if column not in have]
     must = [name for name, (needed, default) in have.items() if needed and default is None]
-    foreign = [name for name in must if name not in columns]
+    foreign = [name for name in must if name not in COLUMNS[table]]
     if missing or foreign:
         what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
         raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")

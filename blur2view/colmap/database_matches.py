@@ -19,10 +19,7 @@ from blur2view.exposure.neighbours import NO_POINTS
 
 
 class DatabaseMatcher:
-    """Matches of photographs, by their names, of a COLMAP database, verified ones where it has them.
-
-    The database is opened for each pair, for reading only.
-    """
+    """Matches of photographs of a COLMAP database, verified ones where it has them."""
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:
         self._path, self._names = path, names
@@ -43,9 +40,12 @@ def database_names(path: Path) -> list[str]:
 
 
 def _matched_points(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:
-    id1, id2 = (image_id_of(database, name) for name in (name1, name2))
-    if id1 is None or id2 is None or id1 == id2:
+    """Return matched pixels (M, 2) of two images, none where one is missing; ValueError of damaged rows."""
+    sql = "SELECT image_id FROM images WHERE name = ?"
+    rows = [database.execute(sql, (name,)).fetchone() for name in (name1, name2)]
+    if None in rows or rows[0] == rows[1]:
         return NO_POINTS, NO_POINTS
+    id1, id2 = (int(image_id) for (image_id,) in rows)
     index = read_matches(database, "two_view_geometries", id1, id2)
     if len(index) == 0:  # not verified
         index = read_matches(database, "matches", id1, id2)
@@ -56,19 +56,13 @@ def _matched_points(database: sqlite3.Connection, name1: str, name2: str) -> tup
     return points1[finite], points2[finite]
 
 
-def image_id_of(database: sqlite3.Connection, name: str) -> int | None:
-    """Return the id of the image of this name, None if there is none."""
-    row = database.execute("SELECT image_id FROM images WHERE name = ?", (name,)).fetchone()
-    return None if row is None else int(row[0])
-
-
 def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
     """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
 
     ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
     """
     query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
-    row = database.execute(query, (pair_id(min(id1, id2), max(id1, id2)),)).fetchone()
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
     index = np.zeros((0, 2), np.int64) if row is None else matches_from_blob(*row)
     return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
 

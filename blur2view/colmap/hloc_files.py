@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.colmap.database import inliers
-from blur2view.colmap.text_formats import are_views, refuse_names
+from blur2view.colmap.text_formats import are_views, writing_views
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.file_writing import write_files
@@ -28,11 +28,6 @@ from blur2view.input_files import open_regular, read_regular
 UNMATCHED = -1
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes
 NAMES = ("features.h5", "matches.h5", "pairs.txt")
-
-
-def pair_name(name1: str, name2: str) -> str:
-    """Return the name of the group in which hloc looks for the matches of two images."""
-    return "/".join(name.replace("/", "-") for name in (name1, name2))
 
 
 def matches0(views: ExposureViews) -> NDArray[np.int32]:
@@ -50,23 +45,27 @@ def certainty(views: ExposureViews) -> NDArray[np.float16]:
 def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
     """Write and return ``features.h5``, ``matches.h5`` and ``pairs.txt``, each whole or not at all.
 
-    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
+    The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`. No
+    name is there twice or has a blank, at which readers of pairs cut names.
 
     Raises
     ------
     OutputError
-        If h5py is missing, a name has a blank or is there twice, or a file cannot be written or is not ours.
+        If h5py is missing, or a file cannot be written or is not ours.
     """
-    refuse_names(sequence, "hloc's lists of pairs")
     h5py = _h5py()
     refuse_foreign(folder)
     paths = [folder / name for name in NAMES]
-    try:
+    with writing_views(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        _write(paths, sequence, h5py)
-    except OSError as error:
-        reason = error.strerror or " ".join(str(error).split())
-        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+        # made in memory first: where a disk is full the library of HDF5 ends the process (h5py 3.16)
+        features, matches = BytesIO(), BytesIO()
+        for stream, add in ((features, _add_features), (matches, _add_matches)):
+            with h5py.File(stream, "w") as file:
+                for views in sequence:
+                    add(file, views)
+        pairs = "".join(" ".join(views.names) + "\n" for views in sequence).encode()
+        write_files(dict(zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)))
     return paths
 
 
@@ -111,20 +110,6 @@ def _h5py() -> Any:
     return h5py
 
 
-def _write(paths: Sequence[Path], sequence: Sequence[ExposureViews], h5py: Any) -> None:
-    """Write all files together; nothing is left of a failure.
-
-    HDF5 is made in memory first: where a disk is full its library ends the process (h5py 3.16).
-    """
-    features, matches = BytesIO(), BytesIO()
-    for stream, add in ((features, _add_features), (matches, _add_matches)):
-        with h5py.File(stream, "w") as file:
-            for views in sequence:
-                add(file, views)
-    pairs = "".join(" ".join(views.names) + "\n" for views in sequence).encode()
-    write_files(dict(zip(paths, (features.getvalue(), matches.getvalue(), pairs), strict=True)))
-
-
 def _add_features(file: Any, views: ExposureViews) -> None:
     """Add the keypoints of both views, float32, with the standard deviation of a coordinate in pixels."""
     for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
@@ -138,7 +123,7 @@ def _add_features(file: Any, views: ExposureViews) -> None:
 
 def _add_matches(file: Any, views: ExposureViews) -> None:
     """Add the matches from the open to the close view."""
-    group = file.create_group(pair_name(*views.names))
+    group = file.create_group("/".join(name.replace("/", "-") for name in views.names))
     matched = matches0(views)
     group.create_dataset("matches0", data=matched)
     scores = np.where(matched == UNMATCHED, np.float16(0), certainty(views))

@@ -6,7 +6,6 @@ Rows of the user are read, never written.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sqlite3
 import time
@@ -52,14 +51,6 @@ class LinkStep:
 
     step: Step
     image: ProjectImage
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinkJob:
-    """One photograph's plan with the views to write."""
-
-    plan: LinkStep
-    views: ExposureViews
 
 
 def plan_links(
@@ -116,7 +107,7 @@ def _plan_one(
             )
     if not own or replace:
         return LinkStep(step=Step.REPLACE if own else Step.ADD, image=image)
-    unchanged = len(own) == 2 and all(source == digest(image) for _, source in own.values())
+    unchanged = len(own) == 2 and all(source == image.digest for _, source in own.values())
     if unchanged and views_are_whole(database, image.image_id, ours):
         return LinkStep(step=Step.KEEP, image=image)
     if any(source is None for _, source in own.values()):
@@ -127,14 +118,10 @@ def _plan_one(
     return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
 
 
-def digest(image: ProjectImage) -> bytes:
-    """Return a digest of what the virtual views of an image are made from: its camera and its keypoints."""
-    read = f"{image.camera_id} ".encode() + image.camera + b" " + image.source
-    return hashlib.sha256(read).digest()
-
-
-def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> Path | None:
-    """Write the views of all photographs in one transaction; without jobs the file is not touched.
+def write_links(
+    path: Path, links: Sequence[tuple[LinkStep, ExposureViews]], *, backup: bool = True
+) -> Path | None:
+    """Write planned views in one transaction; without any the file is not touched.
 
     Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
 
@@ -143,37 +130,38 @@ def write_links(path: Path, jobs: Sequence[LinkJob], *, backup: bool = True) -> 
     DatabaseError
         If the database cannot be used, or an image changed since the plan. Nothing is written then.
     """
-    if not jobs:
+    if not links:
         return None
     with ExitStack() as undo:
         with open_project(path, write=True) as database:
-            for job in jobs:
-                _require_unchanged(path, database, job.plan)
+            names = image_names(database)
+            for plan, _ in links:
+                _require_unchanged(path, database, names, plan)
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
             before = rows_of_the_user(database)
-            for job in jobs:
-                _write_link(database, job)
+            for plan, views in links:
+                _write_link(database, plan.image, views)
             if rows_of_the_user(database) != before:
                 raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
     return copy
 
 
-def _require_unchanged(path: Path, database: sqlite3.Connection, plan: LinkStep) -> None:
+def _require_unchanged(
+    path: Path, database: sqlite3.Connection, names: dict[str, int], plan: LinkStep
+) -> None:
     """Refuse a plan whose image another program has changed since."""
-    names = image_names(database)
     name = plan.image.name
     now = _plan_one(path, database, names, name, plan.step is Step.REPLACE) if name in names else None
-    if not isinstance(now, LinkStep) or now.step is not plan.step or digest(now.image) != digest(plan.image):
+    if not isinstance(now, LinkStep) or now.step is not plan.step or now.image.digest != plan.image.digest:
         raise DatabaseError(f"{path}: image {name} has changed meanwhile; run again")
 
 
-def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
+def _write_link(database: sqlite3.Connection, image: ProjectImage, views: ExposureViews) -> None:
     """Write both images of a photograph and the three pairs."""
-    image, views = job.plan.image, job.views
     own = own_views(database, image.name)
     frames = has_frames(database)
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
@@ -197,7 +185,7 @@ def _write_link(database: sqlite3.Connection, job: LinkJob) -> None:
     known = {image.image_id, *(number for number, _ in own.values())}
     for pair, geometry in geometries.items():
         put_pair(database, pair, geometry, matched(views), inliers, replace=known.issuperset(pair))
-    mark_views(database, views, ids, digest(image))
+    mark_views(database, views, ids, image.digest)
 
 
 def back_up(path: Path) -> Path:

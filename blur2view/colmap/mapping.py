@@ -56,43 +56,32 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.colmap.database import new_database
-from blur2view.colmap.database_matches import image_id_of
-from blur2view.colmap.project import open_project
+from blur2view.colmap.project import image_names, open_project
+from blur2view.colmap.rows import insertion
 from blur2view.colmap.schema import COLUMNS, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 
 MIN_ANGLE_DEG = 0.02
 """Least triangulation angle: a hand that moves by 5 mm sees a point 3 m away at 0.1 degrees."""
+SEED = 0  # of a mapper's samples, so that a run with one thread repeats
+SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mapper, a few, returns what it has
 
 
-def mapper_options(
-    *,
-    linked: bool = False,
-    keep_photographs: bool = False,
-    refine_intrinsics: bool | None = None,
-    seed: int = 0,
-    max_seconds: int = -1,
-) -> Any:
+def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
     Parameters
     ----------
     linked : bool
-        False: a database of exposures alone, each of which is a model of two images. True: the views stand
-        beside the photographs of an ordinary project (``--link``). Its wide baselines then begin the model
-        and make the points, and only what would refuse the views is changed.
+        False: a database of exposures alone, each of which is a model of two images, which do not determine
+        the focal length: pass it to ``to-colmap``. True: the views stand beside the photographs of an
+        ordinary project (``--link``). Its wide baselines then begin the model, make the points and refine the
+        intrinsics, and only what would refuse the views is changed.
     keep_photographs : bool
         Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
         are, and the intrinsics. So views join the model that was there before them; smears, which err more
         than features do, cannot bend it.
-    refine_intrinsics : bool, optional
-        Whether bundle adjustment refines focal length and distortion. Default: in linked projects, as COLMAP
-        does. Two views of one exposure do not determine the focal length: pass it to ``to-colmap``.
-    seed : int
-        Of the mapper's samples, so that a run with one thread repeats; -1 leaves it to the clock.
-    max_seconds : int
-        After which the mapper ends with the model that it has; -1: no limit.
 
     Returns
     -------
@@ -102,7 +91,7 @@ def mapper_options(
     Raises
     ------
     ValueError
-        If photographs are to be kept where there are none, or intrinsics refined with them.
+        If photographs are to be kept where there are none.
 
     Examples
     --------
@@ -111,14 +100,13 @@ def mapper_options(
     """
     import pycolmap
 
-    if keep_photographs and (not linked or refine_intrinsics):
-        raise ValueError("keep_photographs is for linked projects, and keeps their intrinsics")
+    if keep_photographs and not linked:
+        raise ValueError("keep_photographs is for linked projects")
     options = pycolmap.IncrementalPipelineOptions()
-    refine = linked and not keep_photographs if refine_intrinsics is None else refine_intrinsics
+    refine = linked and not keep_photographs
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
-    options.random_seed = seed
-    options.max_runtime_seconds = max_seconds
+    options.random_seed = SEED
     options.extract_colors = False  # no file holds the pixels of a virtual image
     options.min_model_size = 3
     options.fix_existing_frames = keep_photographs
@@ -143,41 +131,18 @@ def _accept_exposures(options: Any) -> None:
     options.mapper.init_max_error = 2.0  # 4 px forgive a third of a smear
 
 
-def global_options(*, refine_intrinsics: bool = True, seed: int = 0, solver_seconds: float = 600.0) -> Any:
-    """Return options for ``pycolmap.global_mapping`` of a database with linked views.
+def global_options() -> Any:
+    """Return pycolmap.GlobalPipelineOptions for ``pycolmap.global_mapping`` of a database with linked views.
 
-    The recipe: ``blur2view to-colmap --link --db DB IMG...``, then ``pycolmap.global_mapping(DB, IMAGES, OUT,
-    global_options())``. The mapper averages rotations over all two-view geometries, of photographs and of
-    views, so those of the views must be there.
-
-    Parameters
-    ----------
-    refine_intrinsics : bool
-        Whether bundle adjustment refines focal length and distortion.
-    seed : int
-        Of the mapper's samples; -1 leaves it to the clock.
-    solver_seconds : float
-        Each bundle adjustment, of which there are a few, returns what it has after so long. pycolmap 4.2
-        has no limit for positioning or for the whole: who needs one maps in a process that can be ended.
-
-    Returns
-    -------
-    pycolmap.GlobalPipelineOptions
-
-    Raises
-    ------
-    ValueError
-        If the time is not positive.
+    The mapper averages rotations over all two-view geometries, of photographs and of views, so those of the
+    views must be there. pycolmap 4.2 limits the time of neither positioning nor the whole: who needs that
+    maps in a process that can be ended.
     """
     import pycolmap
 
-    if not solver_seconds > 0:
-        raise ValueError(f"solver_seconds must be positive, got {solver_seconds}")
     options = pycolmap.GlobalPipelineOptions()
-    options.random_seed = seed
-    options.mapper.bundle_adjustment.ceres.solver_options.max_solver_time_in_seconds = solver_seconds
-    options.mapper.bundle_adjustment.refine_focal_length = refine_intrinsics
-    options.mapper.bundle_adjustment.refine_extra_params = refine_intrinsics
+    options.random_seed = SEED
+    options.mapper.bundle_adjustment.ceres.solver_options.max_solver_time_in_seconds = SOLVER_SECONDS
     return options
 
 
@@ -226,22 +191,22 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
 def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
     """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
     with open_project(path) as database:
-        first, last = (image_id_of(database, name + end) for end in (OPEN, CLOSE))
+        ids = image_names(database)
+        first, last = (ids.get(name + end) for end in (OPEN, CLOSE))
         if first is None or last is None:
             raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
-        camera = "SELECT camera_id FROM images WHERE image_id = ?"
-        pair = pair_id(min(first, last), max(first, last))
-        conditions: dict[str, tuple[str, tuple[int, ...]]] = {
-            "cameras": (f"camera_id IN ({camera})", (first,)),
-            "images": ("image_id IN (?, ?)", (first, last)),
-            "keypoints": ("image_id IN (?, ?)", (first, last)),
-            "matches": ("pair_id = ?", (pair,)),
-            "two_view_geometries": ("pair_id = ?", (pair,)),
+        of_views = f"image_id IN ({first}, {last})"
+        of_pair = f"pair_id = {pair_id(first, last)}"
+        conditions = {
+            "cameras": f"camera_id IN (SELECT camera_id FROM images WHERE image_id = {first})",
+            "images": of_views,
+            "keypoints": of_views,
+            "matches": of_pair,
+            "two_view_geometries": of_pair,
         }
         with new_database(copy) as target:
-            for table, (condition, values) in conditions.items():
-                columns = ", ".join(COLUMNS[table])
-                rows = database.execute(f"SELECT {columns} FROM {table} WHERE {condition}", values)
-                marks = ", ".join("?" * len(COLUMNS[table]))
-                target.executemany(f"INSERT INTO {table}({columns}) VALUES ({marks})", rows)
+            for table, condition in conditions.items():
+                columns = COLUMNS[table]
+                rows = database.execute(f"SELECT {', '.join(columns)} FROM {table} WHERE {condition}")
+                target.executemany(insertion(table, columns), rows)
     return first, last

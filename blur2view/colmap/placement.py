@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.camera.colmap_geometry import rigid3d
-from blur2view.colmap.database_matches import image_id_of, read_keypoints, read_matches
+from blur2view.colmap.database_matches import read_keypoints, read_matches
 from blur2view.colmap.models import read_model
 from blur2view.colmap.project import frame_of, image_names, open_project
 from blur2view.errors import DatabaseError
@@ -62,26 +62,12 @@ class Placement:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _View:
-    """A virtual image as the database has it."""
-
-    name: str
-    image_id: int
-    frame_id: int
-    keypoints: Array  # COLMAP's pixels (N, 2)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Linked:
-    """A registered photograph and its two images in the database."""
+    """A registered photograph and its views, as the database has them."""
 
-    photograph: Any  # pycolmap.Image
-    views: tuple[_View, _View]  # open and close
+    photograph: Any  # pycolmap.Image of the model
+    views: tuple[Any, Any]  # pycolmap.Image at open and close, of no model
     matched: NDArray[np.int64]  # indices of features that have both ends
-
-    @property
-    def name(self) -> str:
-        return str(self.photograph.name)
 
 
 def place_views(
@@ -118,21 +104,24 @@ def place_views(
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
-    placed = read_model(Path(model))
-    linked = _read_linked(Path(database), placed, names)
+    reconstruction = read_model(Path(model))
+    linked = _read_linked(Path(database), reconstruction, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    frames, spreads = _frames(placed, linked, names)
+    frames, spreads = _frames(reconstruction, linked, names)
     used, scale = _fraction_and_scale(frames, fraction)
-    motions = [exposure_motion(frame, used, spread) for frame, spread in zip(frames, spreads, strict=True)]
-    for one, motion in zip(linked, motions, strict=True):
+    placed: list[str] = []
+    left: list[str] = []
+    for one, frame, spread in zip(linked, frames, spreads, strict=True):
+        motion = exposure_motion(frame, used, spread)
+        (left if motion is None else placed).append(one.photograph.name)
         if motion is not None:
-            _add_views(placed, one, motion * scale)
+            _add_views(reconstruction, one, motion * scale)
     return Placement(
-        model=placed,
+        model=reconstruction,
         fraction=used if fraction is None else fraction,
-        placed=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is not None),
-        left=tuple(one.name for one, motion in zip(linked, motions, strict=True) if motion is None),
+        placed=tuple(placed),
+        left=tuple(left),
     )
 
 
@@ -162,39 +151,30 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
             raise DatabaseError(
                 f"{database}: {others[0]} has another id in the model; name the database that is the model's"
             )
+        with_views = [name for name in wanted if {name + OPEN, name + CLOSE} <= ids.keys()]
         try:
-            linked = [_read_one(opened, registered[name]) for name in wanted]
+            return [_read_one(opened, ids, registered[name]) for name in with_views]
         except ValueError as error:
             raise DatabaseError(f"{database}: is damaged ({error}); link the photographs again") from None
-    return [one for one in linked if one is not None]
 
 
-def _read_one(opened: sqlite3.Connection, photograph: Any) -> _Linked | None:
-    """Return a photograph with its views as the database has them, None if it lacks one."""
-    first, last = (_read_view(opened, photograph.name + end) for end in (OPEN, CLOSE))
-    if first is None or last is None:
-        return None
+def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:
+    """Return a photograph with its views, of which the database has both; ValueError if a row is damaged."""
+    names = photograph.name + OPEN, photograph.name + CLOSE
+    first, last = (_read_view(opened, ids[name], name, photograph.camera_id) for name in names)
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
-    count = min(photograph.num_points2D(), len(first.keypoints), len(last.keypoints))
+    count = min(image.num_points2D() for image in (photograph, first, last))
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
 
 
-def _read_view(opened: sqlite3.Connection, name: str) -> _View | None:
-    """Return the virtual image of this name, None if there is none."""
-    image_id = image_id_of(opened, name)
-    if image_id is None:
-        return None
+def _read_view(opened: sqlite3.Connection, image_id: int, name: str, camera_id: int) -> Any:
+    """Return the pycolmap.Image of a view."""
+    import pycolmap
+
     keypoints = read_keypoints(opened, image_id)
-    return _View(name=name, image_id=image_id, frame_id=frame_of(opened, image_id), keypoints=keypoints)
-
-
-def _runs(linked: list[_Linked], names: Sequence[str] | None) -> list[list[int]]:
-    """Return runs of photographs that follow one another; a name in between that is not linked ends one."""
-    linked_names = [one.name for one in linked]
-    if names is None:
-        return consecutive_runs(linked_names)
-    place = {name: str(number) for number, name in enumerate(names)}
-    return consecutive_runs([place[name] for name in linked_names])
+    view = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
+    view.frame_id = frame_of(opened, image_id)
+    return view
 
 
 def _frames(
@@ -204,7 +184,8 @@ def _frames(
     frames = [_frame(model, one) for one in linked]
     spreads = [np.ones(6)] * len(frames)
     poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
-    for run in _runs(linked, names):
+    numbers = {name: str(number) for number, name in enumerate(names or ())}
+    for run in consecutive_runs([numbers.get(one.photograph.name, one.photograph.name) for one in linked]):
         velocity = smooth_velocities(poses[run])
         for index, own in zip(run, velocity, strict=True):
             frames[index] = replace(frames[index], velocity=own)
@@ -220,14 +201,12 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     ids = [points[int(i)].point3D_id for i in seen]
     if not all(number in model.points3D for number in ids):
         raise DatabaseError(
-            f"{one.name}: sees points that the model does not have; let COLMAP write it again"
+            f"{one.photograph.name}: sees points that the model does not have; let COLMAP write it again"
         )
     world = np.array([model.points3D[number].xyz for number in ids]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
-    first, last = (
-        normalised_points(camera, from_colmap(view.keypoints[seen])) if len(seen) else np.zeros((0, 2))
-        for view in one.views
-    )
+    pixels = np.array([[view.points2D[int(i)].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
+    first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
         rays=0.5 * (first + last)[good],
@@ -245,26 +224,18 @@ def _add_views(model: Any, one: _Linked, motion: Array) -> None:
         _observe(model, one, view.image_id)
 
 
-def _add_view(model: Any, view: _View, photograph: Any, cam_from_world: Any) -> None:
+def _add_view(model: Any, view: Any, photograph: Any, cam_from_world: Any) -> None:
     """Add one image, alone in its frame; the rig, which may have more cameras, is that of the photograph."""
     import pycolmap
 
-    frame_id = view.frame_id
-    if model.exists_frame(frame_id):  # the model is older than the project's frames
-        frame_id = 1 + max(model.frames)
-    frame = pycolmap.Frame(frame_id=frame_id, rig_id=photograph.frame.rig_id)
-    image = pycolmap.Image(
-        name=view.name,
-        keypoints=view.keypoints,
-        camera_id=photograph.camera_id,
-        image_id=view.image_id,
-    )
-    image.frame_id = frame_id
-    frame.add_data_id(image.data_id)
+    if model.exists_frame(view.frame_id):  # the model is older than the project's frames
+        view.frame_id = 1 + max(model.frames)
+    frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
+    frame.add_data_id(view.data_id)
     model.add_frame(frame)
-    model.add_image(image)
-    model.frame(frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
-    model.register_frame(frame_id)
+    model.add_image(view)
+    model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
+    model.register_frame(view.frame_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

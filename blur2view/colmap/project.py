@@ -8,6 +8,7 @@ original would lose what others write meanwhile, and would come apart from a log
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
 from collections.abc import Collection, Container, Iterator
 from contextlib import closing, contextmanager
@@ -27,29 +28,14 @@ from blur2view.errors import DatabaseError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProjectImage:
-    """One image of a project, as it was read.
-
-    Parameters
-    ----------
-    image_id, camera_id : int
-    name : str
-    prior_focal : bool
-        Whether the project takes the camera's focal length for more than a guess.
-    keypoints : ndarray of shape (N, 2)
-        Our pixels.
-    source : bytes
-        The keypoints' data as stored, to notice when they change.
-    camera : bytes
-        The camera as stored: its model, size and parameters, and whether its focal length is a prior.
-    """
+    """One image of a project, as it was read."""
 
     image_id: int
     camera_id: int
     name: str
-    prior_focal: bool
-    keypoints: NDArray[np.float64]
-    source: bytes
-    camera: bytes
+    prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
+    keypoints: NDArray[np.float64]  # our pixels (N, 2)
+    digest: bytes  # of what its views are made from, its camera and its keypoints, to notice a change
 
 
 @contextmanager
@@ -107,9 +93,8 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
     image_id, camera_id, prior, *camera = database.execute(sql, (name,)).fetchone()
     if not 0 <= image_id < MAX_IMAGES:
         raise DatabaseError(f"{path}: image {name} has the id {image_id}; COLMAP's are below {MAX_IMAGES}")
-    row = database.execute(
-        "SELECT rows, cols, data FROM keypoints WHERE image_id = ?", (image_id,)
-    ).fetchone()
+    keypoints_sql = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    row = database.execute(keypoints_sql, (image_id,)).fetchone()
     if row is None or row[0] == 0:
         raise DatabaseError(f"{path}: image {name} has no keypoints; run COLMAP's feature extraction first")
     try:
@@ -122,14 +107,14 @@ def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectIm
         raise DatabaseError(f"{path}: image {name} has no camera; the database is damaged")
     if has_frames(database) and rig_of(database, camera_id) is None:
         raise DatabaseError(f"{path}: camera {camera_id} of image {name} has no rig; the database is damaged")
+    stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + row[2]
     return ProjectImage(
         image_id=image_id,
         camera_id=camera_id,
         name=name,
         prior_focal=bool(prior),
         keypoints=keypoints,
-        source=row[2],
-        camera=repr((bool(prior), *camera)).encode("utf-8", "backslashreplace"),
+        digest=hashlib.sha256(stored).digest(),
     )
 
 
@@ -170,10 +155,9 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
 
 def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
     """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
-    ids = sorted([image_id, *views])
     tables = ["keypoints WHERE image_id"] + (["frame_data WHERE data_id"] if has_frames(database) else [])
     wanted = [(table, view) for table in tables for view in views]
-    pairs = [pair_id(one, other) for one, other in combinations(ids, 2)]
+    pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
     wanted += [
         (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
     ]

@@ -5,6 +5,7 @@ Every function takes a connection inside a transaction that the caller opened an
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from sqlite3 import Connection
 from typing import NamedTuple
 
@@ -60,18 +61,15 @@ def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumn
 
 def add_camera(database: Connection, camera: CameraColumns) -> int:
     """Insert a camera with a rig of its own; return its id."""
-    model, width, height, params, prior = camera
-    sql = "INSERT INTO cameras(model, width, height, params, prior_focal_length) VALUES (?, ?, ?, ?, ?)"
-    row = (model_number(model), width, height, matrix_blob(np.array(params)), prior)
-    camera_id = _inserted(database, sql, row)
-    sensor = (camera_id, CAMERA_SENSOR)
-    _inserted(database, "INSERT INTO rigs(ref_sensor_id, ref_sensor_type) VALUES (?, ?)", sensor)
+    stored = {"model": model_number(camera.model), "params": matrix_blob(np.array(camera.params))}
+    camera_id = _insert(database, "cameras", **camera._asdict() | stored)
+    _insert(database, "rigs", ref_sensor_id=camera_id, ref_sensor_type=CAMERA_SENSOR)
     return camera_id
 
 
 def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bool) -> int:
     """Insert an image, and a frame of its own unless the project has none; return its id."""
-    image_id = _inserted(database, "INSERT INTO images(name, camera_id) VALUES (?, ?)", (name, camera_id))
+    image_id = _insert(database, "images", name=name, camera_id=camera_id)
     if with_frame:
         _add_frame(database, image_id, camera_id)
     return image_id
@@ -86,9 +84,9 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
     )
     row = (image_id, camera_id, CAMERA_SENSOR)
     if with_frame and not database.execute(sql, row).fetchone():
-        which = "data_id = ? AND sensor_type = ?", (image_id, CAMERA_SENSOR)
-        old = database.execute(f"SELECT frame_id FROM frame_data WHERE {which[0]}", which[1]).fetchall()
-        database.execute(f"DELETE FROM frame_data WHERE {which[0]}", which[1])
+        own = "FROM frame_data WHERE data_id = ? AND sensor_type = ?"
+        old = database.execute(f"SELECT frame_id {own}", (image_id, CAMERA_SENSOR)).fetchall()
+        database.execute(f"DELETE {own}", (image_id, CAMERA_SENSOR))
         unused = "frame_id = ? AND frame_id NOT IN (SELECT frame_id FROM frame_data)"
         database.executemany(f"DELETE FROM frames WHERE {unused}", old)
         _add_frame(database, image_id, camera_id)
@@ -96,18 +94,17 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
 
 def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
     """Insert a frame that holds this image alone."""
-    frame = _inserted(database, "INSERT INTO frames(rig_id) VALUES (?)", (rig_of(database, camera_id),))
-    row = (frame, image_id, camera_id, CAMERA_SENSOR)
-    sql = "INSERT INTO frame_data(frame_id, data_id, sensor_id, sensor_type) VALUES (?, ?, ?, ?)"
-    database.execute(sql, row)
+    frame_id = _insert(database, "frames", rig_id=rig_of(database, camera_id))
+    sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
+    _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
 
 
 def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
     """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
     if replace:
         database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
-    row = (image_id, len(points), 2, keypoints_blob(to_colmap(points)))
-    database.execute("INSERT INTO keypoints(image_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
+    data = keypoints_blob(to_colmap(points))
+    _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
 
 
 def put_pair(
@@ -126,32 +123,36 @@ def put_pair(
     ``replace`` a row that is there raises sqlite3.IntegrityError.
     """
     geometry = geometry if ids[0] < ids[1] else geometry.reversed()
-    key = pair_id(min(ids), max(ids))
+    key = pair_id(*ids)
     if replace:
         for table in ("matches", "two_view_geometries"):
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
-    row = (key, len(matched), 2, matches_blob(matched))
-    database.execute("INSERT INTO matches(pair_id, rows, cols, data) VALUES (?, ?, ?, ?)", row)
+    _insert(database, "matches", pair_id=key, rows=len(matched), cols=2, data=matches_blob(matched))
     pose = geometry.cam2_from_cam1
-    columns = {
-        "pair_id": key,
-        "rows": len(inliers),
-        "cols": 2,
-        "data": matches_blob(inliers),
-        "config": list(Configuration).index(geometry.config),
-        "F": matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
-        "E": matrix_blob(geometry.E_of_pose),
-        "H": matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
-        "qvec": matrix_blob(None if pose is None else quaternion(pose.rotation)),
-        "tvec": matrix_blob(None if pose is None else pose.translation),
-    }
-    names, marks = ", ".join(columns), ", ".join("?" * len(columns))
-    database.execute(f"INSERT INTO two_view_geometries({names}) VALUES ({marks})", tuple(columns.values()))
+    _insert(
+        database,
+        "two_view_geometries",
+        pair_id=key,
+        rows=len(inliers),
+        cols=2,
+        data=matches_blob(inliers),
+        config=list(Configuration).index(geometry.config),
+        F=matrix_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
+        E=matrix_blob(geometry.E_of_pose),
+        H=matrix_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
+        qvec=matrix_blob(None if pose is None else quaternion(pose.rotation)),
+        tvec=matrix_blob(None if pose is None else pose.translation),
+    )
 
 
-def _inserted(database: Connection, sql: str, row: tuple[object, ...]) -> int:
-    """Insert a row and return its id."""
-    number = database.execute(sql, row).lastrowid
+def insertion(table: str, columns: Collection[str]) -> str:
+    """Return the statement that inserts a row of these columns."""
+    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+
+
+def _insert(database: Connection, table: str, **row: object) -> int:
+    """Insert a row, given by the names of its columns; return its id."""
+    number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
     if number is None:
-        raise RuntimeError(f"SQLite gave no id to the row of {sql!r}")
+        raise RuntimeError(f"SQLite gave no id to a row of {table}")
     return number

@@ -20,6 +20,7 @@ What the rows rely on
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -71,21 +72,22 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
-OWN_COLUMNS = ("image_id", "photograph", "role", "config", "time_known", "time_confidence", "source")
-# What our rows fill, by table; a project may have more columns as long as they may stay empty.
-COLUMNS: dict[str, tuple[str, ...]] = {
-    "cameras": ("camera_id", "model", "width", "height", "params", "prior_focal_length"),
-    "images": ("image_id", "name", "camera_id"),
-    "keypoints": ("image_id", "rows", "cols", "data"),
-    "matches": ("pair_id", "rows", "cols", "data"),
-    "two_view_geometries": (*("pair_id", "rows", "cols", "data", "config", "F", "E", "H", "qvec", "tvec"),),
+DEFINITIONS: dict[str, str] = dict(
+    re.findall(r"CREATE TABLE (?:IF NOT EXISTS )?(\w+) \((.*?)\);", TABLES + VIEWS_TABLE, re.DOTALL)
+)
+"""What the parentheses of each table hold."""
+NEWER_COLUMNS = ("camera1", "camera2")  # which older versions lack and our rows leave empty
+COLUMNS: dict[str, list[str]] = {
+    table: [
+        name
+        for name in re.findall(r"(\w+) (?:INTEGER|TEXT|REAL|BLOB)", definition)
+        if name not in NEWER_COLUMNS
+    ]
+    for table, definition in DEFINITIONS.items()
 }
-RIG_COLUMNS: dict[str, tuple[str, ...]] = {
-    "rigs": ("rig_id", "ref_sensor_id", "ref_sensor_type"),
-    "rig_sensors": ("rig_id", "sensor_id", "sensor_type", "sensor_from_rig"),
-    "frames": ("frame_id", "rig_id"),
-    "frame_data": ("frame_id", "data_id", "sensor_id", "sensor_type"),
-}
+"""The columns that our rows rely on, by table; a project may have more as long as they may stay empty."""
+IMAGE_TABLES = ("cameras", "images", "keypoints", "matches", "two_view_geometries")
+RIG_TABLES = ("rigs", "rig_sensors", "frames", "frame_data")  # of COLMAP 3.12 and newer
 
 
 def model_number(name: str) -> int:
@@ -98,10 +100,11 @@ def model_number(name: str) -> int:
 
 
 def pair_id(image1: int, image2: int) -> int:
-    """Return the key of a pair of images in both match tables; ValueError unless image1 < image2."""
-    if not 0 <= image1 < image2 < MAX_IMAGES:
-        raise ValueError(f"image ids must rise and stay below {MAX_IMAGES}, got {image1} and {image2}")
-    return MAX_IMAGES * image1 + image2
+    """Return the key of a pair of images in both match tables, in either order; ValueError of no such ids."""
+    first, last = sorted((image1, image2))
+    if not 0 <= first < last < MAX_IMAGES:
+        raise ValueError(f"image ids must differ and lie below {MAX_IMAGES}, got {image1} and {image2}")
+    return MAX_IMAGES * first + last
 
 
 def keypoints_blob(points: NDArray[np.floating]) -> bytes:

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from blur2view.arrays import Array
@@ -48,42 +49,34 @@ def write_matches_text(
     """Write and return ``matches.txt`` and the folders ``keypoints``, of texts, and ``images``, of pictures.
 
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
-    COLMAP reads the size and EXIF of every image it imports, so each view gets a symbolic link to its
-    photograph.
+    No name is there twice or has a blank (`has_blank`), at which the formats cut names. COLMAP reads the size
+    and EXIF of every image it imports, so each view gets a symbolic link to its photograph.
 
     Raises
     ------
-    ValueError
-        If there are not as many photographs as views.
     OutputError
-        If a name holds a blank or is there twice, or a file cannot be written or is not ours.
+        If a file cannot be written or is not ours.
     """
-    if len(sequence) != len(photographs):
-        raise ValueError(f"expected as many photographs as views, got {len(photographs)}, {len(sequence)}")
-    refuse_names(sequence, "COLMAP's text formats")
     refuse_foreign(folder)
-    paths = [folder / name for name in NAMES]
-    try:
+    matches, keypoints, images = paths = [folder / name for name in NAMES]
+    with writing_views(folder):
         for views, photograph in zip(sequence, photographs, strict=True):
             for name, points in zip(views.names, (views.points_open, views.points_close), strict=True):
-                _write(paths[1] / f"{name}.txt", keypoints_text(points))
-                _link(paths[2] / name, photograph)
-        _remove_earlier(paths[1:], {name for views in sequence for name in views.names})
-        _write(paths[0], "".join(map(matches_text, sequence)))  # last: all that it names is there
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
+                _write(keypoints / f"{name}.txt", keypoints_text(points))
+                _link(images / name, photograph)
+        _remove_earlier((keypoints, images), {name for views in sequence for name in views.names})
+        _write(matches, "".join(map(matches_text, sequence)))  # last: all that it names is there
     return paths
 
 
-def refuse_names(sequence: Sequence[ExposureViews], where: str) -> None:
-    """Raise an OutputError for a name with a blank, where formats cut it, or one that is there twice."""
-    names = [views.name for views in sequence]
-    for name in names:
-        if has_blank(name):
-            raise OutputError(f"{name!r}: {where} cut names at a blank; rename the photograph")
-        if names.count(name) > 1:
-            raise OutputError(f"{name}: is there twice; name each photograph once")
+@contextmanager
+def writing_views(folder: Path) -> Iterator[None]:
+    """Raise what the system says of files that cannot be written as an OutputError, one line."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{folder}: cannot be written ({reason}); choose another folder") from None
 
 
 def has_blank(name: str) -> bool:
@@ -121,6 +114,7 @@ def _remove_earlier(folders: Sequence[Path], names: set[str]) -> None:
 
 
 def _write(path: Path, text: str) -> None:
+    """Write a text, whole or not at all, and the folders above it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_files({path: text.encode()})
 

@@ -35,7 +35,6 @@ A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect it
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,18 +61,13 @@ RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedPhotograph:
-    """A photograph of a model, by its name there, with the poses of its exposure.
-
-    ``middle`` (4, 4) is world_from_camera at mid exposure, OpenGL's camera axes, ``ends`` the same at
-    shutter-open and shutter-close, None without views; ``smear_px`` the median distance between both
-    projections of the points that it observes, None without points.
-    """
+    """A photograph of a model with the poses of its exposure, world_from_camera with OpenGL's camera axes."""
 
     name: str
     camera_id: int
-    middle: Array
-    ends: tuple[Array, Array] | None = None
-    smear_px: float | None = None
+    middle: Array  # (4, 4), at mid exposure
+    ends: tuple[Array, Array] | None = None  # (4, 4) at shutter-open and shutter-close, None without views
+    smear_px: float | None = None  # median length of what it observes, None without points
 
 
 def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
@@ -82,27 +76,23 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
     A photograph that is not registered itself, but both of whose views are, has the pose halfway between.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    names = sorted({name.removesuffix(OPEN).removesuffix(CLOSE) for name in images})
-    exposed = (
-        _exposed(model, name, *(images.get(name + end) for end in ("", OPEN, CLOSE))) for name in names
-    )
-    return [one for one in exposed if one is not None]
-
-
-def _exposed(model: Any, name: str, own: Any, opened: Any, closed: Any) -> ExposedPhotograph | None:
-    """Return a photograph of these images, of which each may be missing; None if it has no pose."""
-    if opened is None or closed is None:
-        if own is None:
-            return None
-        return ExposedPhotograph(name=name, camera_id=own.camera_id, middle=_world_from_camera(own))
-    first, last = _world_from_camera(opened), _world_from_camera(closed)
-    return ExposedPhotograph(
-        name=name,
-        camera_id=opened.camera_id,
-        middle=_halfway(first, last) if own is None else _world_from_camera(own),
-        ends=(first, last),
-        smear_px=_smear_px(model, opened if own is None else own, (opened, closed)),
-    )
+    exposed = []
+    for name in sorted({name.removesuffix(OPEN).removesuffix(CLOSE) for name in images}):
+        own, opened, closed = (images.get(name + end) for end in ("", OPEN, CLOSE))
+        if opened is not None and closed is not None:
+            ends = _world_from_camera(opened), _world_from_camera(closed)
+            one = ExposedPhotograph(
+                name=name,
+                camera_id=opened.camera_id,
+                middle=_halfway(*ends) if own is None else _world_from_camera(own),
+                ends=ends,
+                smear_px=_smear_px(model, opened if own is None else own, (opened, closed)),
+            )
+            exposed.append(one)
+        elif own is not None:
+            middle = _world_from_camera(own)
+            exposed.append(ExposedPhotograph(name=name, camera_id=own.camera_id, middle=middle))
+    return exposed
 
 
 def transforms(
@@ -167,15 +157,16 @@ def point_cloud(folder: Path) -> bytes:
     table = np.zeros(len(points), kinds)
     for row, point in zip(table, points, strict=True):
         row["xyz"], row["rgb"] = point.xyz, point.color
-    properties = [f"property float {axis}" for axis in "xyz"]
-    properties += [f"property uchar {colour}" for colour in ("red", "green", "blue")]
-    start = [
+    head = [
         "ply",
         "format binary_little_endian 1.0",
         f"comment {SIGNED_BY}",
         f"element vertex {len(points)}",
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"property uchar {colour}" for colour in ("red", "green", "blue")),
+        "end_header\n",
     ]
-    return "\n".join([*start, *properties, "end_header\n"]).encode() + table.tobytes()
+    return "\n".join(head).encode() + table.tobytes()
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
@@ -227,17 +218,16 @@ def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
     return float(np.median(length[seen])) if seen.any() else None
 
 
-def _start_and_end(one: ExposedPhotograph) -> Mapping[str, Any]:
+def _start_and_end(one: ExposedPhotograph) -> dict[str, Any]:
     """Return what instant-ngp reads of an exposure."""
     if one.ends is None:
         return {}
     start, end = (pose.tolist() for pose in one.ends)
     sharp = {} if one.smear_px is None else {"sharpness": sharpness(one.smear_px)}
-    moved = {"transform_matrix_start": start, "transform_matrix_end": end}
-    return {**sharp, **moved}
+    return {**sharp, "transform_matrix_start": start, "transform_matrix_end": end}
 
 
-def _velocities(one: ExposedPhotograph, exposure_s: float) -> Mapping[str, Any]:
+def _velocities(one: ExposedPhotograph, exposure_s: float) -> dict[str, Any]:
     """Return what the fork of nerfstudio reads of an exposure."""
     linear, angular = np.zeros(3), np.zeros(3)
     if one.ends is not None:

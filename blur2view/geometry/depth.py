@@ -17,10 +17,11 @@ PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01
 MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
 
 
-def parallax_along_lines(
-    rotation: Array, t: Array, middle: Array, displacement: Array
-) -> tuple[Array, Array]:
-    """Return parallax along the epipolar lines, away from the epipole, of both orders of every smear.
+def parallax_along_lines(rotation: Array, t: Array, middle: Array, displacement: Array) -> Array:
+    """Return parallax (2, N) along the epipolar lines, away from the epipole, of every smear.
+
+    In both orders: with ends[:, 0] first and with ends[:, 1] first. Positive for points in front of the
+    camera.
 
     Parameters
     ----------
@@ -30,11 +31,6 @@ def parallax_along_lines(
         Translation, any scale; its sign decides which way is forward.
     middle, displacement : ndarray of shape (2, N)
         Midpoints and ends[:, 1] - ends[:, 0], in coordinates of a camera with K = identity.
-
-    Returns
-    -------
-    forward, backward : ndarray of shape (N,)
-        With ends[:, 0] first and with ends[:, 1] first. Positive for points in front of the camera.
     """
     x, y = middle
     spin = rotation[0] * y - rotation[1] * x
@@ -46,16 +42,19 @@ def parallax_along_lines(
     length = np.maximum(np.sqrt(line_x * line_x + line_y * line_y), TINY)
     moved = (displacement[0] * line_x + displacement[1] * line_y) / length
     rotated = (rotation_x * line_x + rotation_y * line_y) / length
-    return moved - rotated, -moved - rotated
+    both = np.empty((2, len(moved)))
+    np.subtract(moved, rotated, out=both[0])
+    np.subtract(-moved, rotated, out=both[1])
+    return both
 
 
-def order_log_odds(forward: Array, backward: Array, sigma: Array) -> Array:
-    """Return the log-probabilities (2, N) of both orders by their parallax (N,), known to a sigma.
+def order_log_odds(parallax: Array, sigma: Array) -> Array:
+    """Return the log-probabilities (2, N) of both orders by their parallax (2, N), known to a sigma (N,).
 
     An order is as probable as its parallax is positive. Where both are feasible they share, so that a motion
     gains nothing by being vague; where none is, both are improbable.
     """
-    against = np.stack([forward, backward]) * (-PROBIT_AS_LOGIT / sigma)
+    against = parallax * (-PROBIT_AS_LOGIT / sigma)
     feasible = 1 / (1 + np.exp(np.minimum(against, MOST_LOG_ODDS)))
     shared = np.maximum(*feasible) / np.add(*feasible)
     log_odds: Array = np.log(feasible * shared)

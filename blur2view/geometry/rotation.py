@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
 
-GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 PLANE: Array = np.eye(2, 3)
 GENERATORS: Array = cross_matrix(np.eye(3))  # (3, 3, 3): [e_k]x
 
@@ -20,7 +19,7 @@ def plane_basis(normal: Array) -> Array:
     """Return two orthonormal vectors (2, 3) perpendicular to a vector (3,), by its reflection."""
     mirror = np.asarray(normal, float) / max(math.sqrt(normal @ normal), TINY)
     mirror[2] += math.copysign(1.0, mirror[2])
-    basis: Array = PLANE - np.outer(mirror[:2], mirror * (2 / (mirror @ mirror)))
+    basis: Array = PLANE - mirror[:2, None] * (mirror * (2 / (mirror @ mirror)))
     return basis
 
 
@@ -44,7 +43,8 @@ def half_sphere(count: int) -> Array:
     """Return unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
     index = np.arange(count)
     z = (index + 0.5) / count
-    radius, angle = np.sqrt(1 - z * z), GOLDEN_ANGLE * index
+    golden_angle = np.pi * (3 - np.sqrt(5))
+    radius, angle = np.sqrt(1 - z * z), golden_angle * index
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 

@@ -159,6 +159,7 @@ def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: 
 def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
     """Return the signed residual (N,), lines in view 1 and 2 (3, N), root of the squared gradient (N,)."""
     line2, line1 = F @ x, F.T @ y
-    squared = np.einsum("in,in->n", line1[:2], line1[:2]) + np.einsum("in,in->n", line2[:2], line2[:2])
+    squared = (line1[0] * line1[0] + line1[1] * line1[1]) + (line2[0] * line2[0] + line2[1] * line2[1])
     root = np.sqrt(np.maximum(squared, TINY))
-    return np.einsum("in,in->n", line2, y) / root, line1, line2, root
+    product = line2 * y
+    return (product[0] + product[1] + product[2]) / root, line1, line2, root

@@ -8,6 +8,7 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
@@ -76,7 +77,8 @@ class SmearNetwork:
         """
         image = rgb_of(image)
         flat = _flat(image, STEP)
-        grid = self._cells(image, flat, options or TileOptions(), levels)
+        with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
+            grid = self._cells(image, flat, options or TileOptions(), levels)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)

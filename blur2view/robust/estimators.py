@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
 
 WIDE, SEARCH_STEPS = 3.0, 3  # Levenberg-Marquardt steps inside the loop; the final fit takes more
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them
-DIRECTIONS = 60  # of translation tried with every sample of three
+DIRECTIONS = 80  # of translation tried with every sample of three
+DIRECTIONS_OF_PART = 60  # and with one from a part of the image
 FIT_ERROR_PX = 1.0  # the paper's, on the root of SErrMin, for the stop on fit
 PART = 5  # samples come from the fifth of the smears nearest to one of them
 
@@ -41,12 +42,9 @@ class SmearEstimator:
     """
 
     problem: SmearProblem
-    directions: int = 80
-
-    @property
-    def sample_size(self) -> int:
-        """Three: with a camera guessed from the points, if need be, three smears and a direction do."""
-        return 3
+    sample_size: ClassVar[int] = (
+        3  # with a camera guessed from the points, if need be, three smears and a direction do
+    )
 
     @property
     def count(self) -> int:
@@ -73,7 +71,7 @@ class SmearEstimator:
         """Return candidates (M, 3, 3) of samples of three and, where no camera is assumed, of seven."""
         ends, limit = self.problem.ends, 3 * np.array(self.problem.prior.rotation)
         three = weighted_samples(self.quality, 3, samples, rng)
-        models = small_rotation_hypotheses(ends[three], half_sphere(self.directions), limit)
+        models = small_rotation_hypotheses(ends[three], half_sphere(DIRECTIONS), limit)
         if self.problem.has_camera:
             return models
         seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
@@ -128,9 +126,9 @@ class LocalEstimator(SmearEstimator):
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three."""
-        middle = self.problem.ends.mean(axis=1)
+        middle = self.problem.middle
         distance = ((middle - middle[rng.integers(len(middle))]) ** 2).sum(axis=1)
         near = np.argsort(distance, kind="stable")[: max(len(middle) // PART, 30)]
         three = near[weighted_samples(np.ones(len(near)), 3, samples, rng)]
         limit = 3 * np.array(self.problem.prior.rotation)
-        return small_rotation_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS), limit)
+        return small_rotation_hypotheses(self.problem.ends[three], half_sphere(DIRECTIONS_OF_PART), limit)

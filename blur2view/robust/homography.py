@@ -10,37 +10,25 @@ normalised as `problem.build_problem` does: for a known camera, those of K = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, Self, TypeVar
+from typing import Protocol
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
-from blur2view.robust.parametrization import CameraPrior, no_prior
+from blur2view.robust.parametrization import CameraPrior, Family, no_prior
 from blur2view.robust.residuals import OrderedResiduals, WeightedEnds
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
 
-class Homographies(Protocol):
+class Homographies(Family, Protocol):
     """A family of homographies near the identity, by the generator A."""
 
     def generator(self) -> Array:
         """Return A of shape (3, 3)."""
-
-    def tangent(self) -> Array:
-        """Return dA/dparameters, shape (k, 3, 3), at the present point."""
-
-    def step(self, delta: Array) -> Self:
-        """Return the point reached by adding delta (k,) to the parameters."""
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
-
-
-Family = TypeVar("Family", bound=Homographies)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,31 +24,22 @@ SEARCH = RansacOptions(max_iterations=96, confidence=0.99, batch=48)
 FINAL_STEPS = 4  # of reweighted least squares on exact residuals; the search ends near the optimum
 
 
-def four_smears(basis: Array, displacement: Array) -> Array:
-    """Return entries of A for every sample of four smears and sign pattern, to first order.
+def solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
+    """Return least-squares solutions of basis @ a = +-displacement for every sample and sign pattern.
 
     Parameters
     ----------
-    basis : ndarray of shape (B, 4, 2, 8)
-        `velocity_basis` at the midpoints.
-    displacement : ndarray of shape (B, 4, 2)
+    basis : ndarray of shape (B, m, 2, k)
+        `velocity_basis` at the midpoints of B samples of m smears, for entries of A or a part of them.
+    displacement : ndarray of shape (B, m, 2)
+    signs : ndarray of shape (P, m)
+        A smear's order reversed is another pattern; -A, the order of time, is left out.
 
     Returns
     -------
-    ndarray of shape (8 B, 8)
-        A smear's order reversed is another pattern; -A, the order of time, is left out. Degenerate samples
-        (three midpoints on a line) give meaningless entries.
+    ndarray of shape (B P, k)
+        Degenerate samples (three midpoints on a line) give meaningless entries.
     """
-    return _solve_signed(basis, displacement, FOUR_SIGNS)
-
-
-def two_smears(basis: Array, displacement: Array) -> Array:
-    """Return entries (2 B, 8) of A = [w]x by least squares from samples of two, as of `four_smears`."""
-    return _solve_signed(basis @ ROTATIONS, displacement, TWO_SIGNS) @ ROTATIONS.T
-
-
-def _solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
-    """Return least-squares solutions (B P, k) of basis (B, m, 2, k) @ a = +-displacement, P sign patterns."""
     rows = basis.reshape(len(basis), -1, basis.shape[-1])  # (B, 2m, k)
     right = (signs[:, :, None] * displacement[:, None]).reshape(len(basis), len(signs), -1)  # (B, P, 2m)
     gram = np.swapaxes(rows, 1, 2) @ rows
@@ -66,13 +57,8 @@ class HomographyEstimator:
     """
 
     matches: WeightedEnds
-    quality: Array  # (N,) sampling weights
     has_camera: bool
-
-    @property
-    def sample_size(self) -> int:
-        """Four: enough for every homography."""
-        return 4
+    sample_size: ClassVar[int] = 4  # enough for every homography
 
     @property
     def count(self) -> int:
@@ -100,11 +86,12 @@ class HomographyEstimator:
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
-        four = weighted_samples(self.quality, 4, samples, rng)
-        models = four_smears(self.basis[four], self.displacement[four])
+        four = weighted_samples(np.ones(self.count), 4, samples, rng)
+        models = solve_signed(self.basis[four], self.displacement[four], FOUR_SIGNS)
         if self.has_camera:
-            two = weighted_samples(self.quality, 2, samples, rng)
-            models = np.concatenate([models, two_smears(self.basis[two], self.displacement[two])])
+            two = weighted_samples(np.ones(self.count), 2, samples, rng)
+            rotations = solve_signed(self.basis[two] @ ROTATIONS, self.displacement[two], TWO_SIGNS)
+            models = np.concatenate([models, rotations @ ROTATIONS.T])
         return models[np.isfinite(models).all(axis=1)]
 
     def residuals(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
@@ -148,8 +135,7 @@ def find_plane(matches: WeightedEnds, has_camera: bool, rng: np.random.Generator
     ValueError
         If there are fewer than four smears.
     """
-    weights = np.ones(len(matches.ends))
-    estimator = HomographyEstimator(matches=matches, quality=weights, has_camera=has_camera)
+    estimator = HomographyEstimator(matches=matches, has_camera=has_camera)
     entries = ransac(estimator, SEARCH, rng).model
     return None if entries is None else refine_plane(PlaneH(entries=entries), estimator)
 

@@ -62,9 +62,10 @@ def levenberg_marquardt(start: P, max_iterations: int) -> Iterator[Step[P]]:
     point, damping = start, FIRST
     for _ in range(max_iterations):
         normal, gradient = point.normal_equations()
-        scale = np.diag(np.diag(normal) + 1e-12)
+        scale = normal.diagonal() + 1e-12
         while damping < GREATEST:
-            damped = normal + damping * scale
+            damped = normal.copy()
+            damped.ravel()[:: len(scale) + 1] += damping * scale
             delta = np.asarray(np.linalg.solve(damped, -gradient), float)
             trial = point.moved(delta)
             if trial.cost <= point.cost:

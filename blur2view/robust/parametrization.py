@@ -27,20 +27,24 @@ from blur2view.geometry.rotation import (
 )
 
 
-class Manifold(Protocol):
-    """What `refinement.refine` needs to know of a family of F."""
-
-    def matrix(self) -> Array:
-        """Return F of shape (3, 3), any scale."""
+class Family(Protocol):
+    """A family of matrices by k parameters, F or generators of homographies, at one of its points."""
 
     def tangent(self) -> Array:
-        """Return dF/dparameters, shape (k, 3, 3), at the present point."""
+        """Return the matrix's derivatives (k, 3, 3) in the parameters."""
 
     def step(self, delta: Array) -> Self:
         """Return the point reached by moving delta (k,) along the tangents."""
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
+
+
+class Manifold(Family, Protocol):
+    """What `refinement.refine` needs to know of a family of F."""
+
+    def matrix(self) -> Array:
+        """Return F of shape (3, 3), any scale."""
 
     def motion(self) -> tuple[Array, Array]:
         """Return rotation vector and translation (3,) of a camera with K near the identity."""
@@ -176,19 +180,25 @@ class CameraF:
         """Rotation vector (3,), radians."""
         return rotation_vector(self.R)
 
-    def _inverse(self) -> Array:
+    @cached_property
+    def cross(self) -> Array:
+        """[t]x (3, 3)."""
+        return cross_matrix(self.t)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """K^-1 (3, 3)."""
         g = math.exp(self.log_focal)
         cx, cy = self.principal.tolist()
         return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3), not of unit norm."""
-        inverse = self._inverse()
-        return inverse.T @ cross_matrix(self.t) @ self.R @ inverse
+        return self.inverse.T @ self.cross @ self.R @ self.inverse
 
     def tangent(self) -> Array:
         """Return dF of shape (8, 3, 3)."""
-        inverse, cross = self._inverse(), cross_matrix(self.t)
+        inverse, cross = self.inverse, self.cross
         E = cross @ self.R
         lens = np.zeros((3, 3, 3))  # d(K^-1) K in log g, cx, cy
         lens[0, [0, 1], [0, 1]] = -1.0

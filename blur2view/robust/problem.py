@@ -38,8 +38,8 @@ class SmearProblem:
     ----------
     ends : ndarray of shape (N, 2, 2)
         Ends under ``T``.
-    sigma_px : ndarray of shape (N,)
-        Standard deviation of the Sampson distance in pixels.
+    stated_px : ndarray of shape (N,)
+        Standard deviation of the Sampson distance in pixels, as stated.
     T : ndarray of shape (3, 3)
         Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
     has_camera : bool
@@ -50,16 +50,21 @@ class SmearProblem:
         Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
         the intrinsics are known.
     scale : float
-        What the standard deviations as given were multiplied by since.
+        Of the standard deviations, over those stated.
     """
 
     ends: Array
-    sigma_px: Array
+    stated_px: Array
     T: Array
     has_camera: bool
     shared: SharedErrors = INDEPENDENT
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
     scale: float = 1.0
+
+    @cached_property
+    def sigma_px(self) -> Array:
+        """Standard deviations (N,) of the Sampson distance in pixels."""
+        return self.stated_px * self.scale
 
     @property
     def unit_px(self) -> float:
@@ -93,6 +98,12 @@ class SmearProblem:
         )
 
     @cached_property
+    def middle(self) -> Array:
+        """Midpoints (N, 2) of the ends."""
+        middle: Array = self.ends.mean(axis=1)
+        return middle
+
+    @cached_property
     def length_px(self) -> Array:
         """Lengths (N,) in pixels."""
         length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1) * self.unit_px
@@ -114,15 +125,11 @@ class SmearProblem:
 
     def rescaled(self, factor: float) -> SmearProblem:
         """Return the problem with all standard deviations multiplied by a factor."""
-        return replace(self, sigma_px=self.sigma_px * factor, scale=self.scale * factor)
-
-    def with_sigma(self, sigma_px: Array) -> SmearProblem:
-        """Return the problem with other standard deviations (N,), as given."""
-        return replace(self, sigma_px=sigma_px, scale=1.0)
+        return replace(self, scale=self.scale * factor)
 
     def subset(self, index: NDArray[np.int_] | slice) -> SmearProblem:
         """Return the problem of some smears; the share of independent ones stays."""
-        return replace(self, ends=self.ends[index], sigma_px=self.sigma_px[index])
+        return replace(self, ends=self.ends[index], stated_px=self.stated_px[index])
 
     @cached_property
     def thinned(self) -> SmearProblem:
@@ -152,12 +159,6 @@ def assumed_camera_of(ends: Array) -> Array:
     return T
 
 
-def occupied_blocks(points: Array, block_px: float) -> int:
-    """Return the number of square blocks of this side that hold a point (N, 2)."""
-    column, row = np.floor(points.T / block_px).astype(int)
-    return len(np.unique(column + 1j * row))
-
-
 def build_problem(
     ends: Array,
     sigma_px: Array,
@@ -176,7 +177,7 @@ def build_problem(
         T = assumed_camera(image_size) if image_size is not None else assumed_camera_of(ends)
     problem = SmearProblem(
         ends=ends * np.diag(T)[:2] + T[:2, 2],
-        sigma_px=sigma_px,
+        stated_px=sigma_px,
         T=T,
         has_camera=camera is not None or image_size is not None,
         shared=shared,

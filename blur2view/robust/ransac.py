@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,7 @@ Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
 class Estimator(Protocol):
     """What the loop asks of a problem."""
 
-    @property
-    def sample_size(self) -> int:
-        """Size of a minimal sample."""
+    sample_size: ClassVar[int]  # of a minimal sample
 
     @property
     def count(self) -> int:

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.geometry.depth import parallax_along_lines
 from blur2view.geometry.sampson import entry_jacobian, residual_parts
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.parametrization import Manifold
@@ -39,13 +40,7 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
 
 def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterator[tuple[M, float]]:
     """Yield what `refine` has reached so far: first the start, then after every step."""
-    plain = matches.residuals(start.matrix(), options.decided)
-    signs = (1.0,) if options.decided or matches.along is None else (1.0, -1.0)
-    both = (
-        WeightedPoint(point=start, matches=matches, residuals=plain, sign=sign, options=options).reweighted()
-        for sign in signs
-    )
-    first = best = min(both, key=lambda state: state.cost)
+    first = best = WeightedPoint.likelier(start, matches, options)
     yield best.point, best.cost
     for step in levenberg_marquardt(first, options.max_iterations):
         if step.point.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
@@ -68,6 +63,20 @@ class WeightedPoint(Generic[M]):
     residuals: OrderedResiduals
     sign: float
     options: RefineOptions
+
+    @classmethod
+    def likelier(cls, point: M, matches: WeightedEnds, options: RefineOptions) -> WeightedPoint[M]:
+        """Return a point with the sign of the translation that explains more."""
+        plain = matches.residuals(point.matrix(), options.decided)
+        state = cls(point=point, matches=matches, residuals=plain, sign=1.0, options=options)
+        if options.decided or matches.along is None:
+            return state
+        parallax = parallax_along_lines(*point.motion(), *matches.middle)  # negative for the opposite sign
+        both = (
+            replace(state, residuals=matches.weigh(plain, sign * parallax, options.depth_weight), sign=sign)
+            for sign in (1.0, -1.0)
+        )
+        return min(both, key=lambda state: state.cost)
 
     @cached_property
     def cost(self) -> float:
@@ -99,9 +108,8 @@ class WeightedPoint(Generic[M]):
 
     def reweighted(self) -> WeightedPoint[M]:
         """Return the same point with the odds that positive depth gives the orders there."""
-        if self.options.decided:
+        if self.options.decided or self.matches.along is None:
             return self
-        depth_weight = self.options.depth_weight
-        return replace(
-            self, residuals=self.matches.weigh(self.residuals, self.point, depth_weight, self.sign)
-        )
+        parallax = self.sign * parallax_along_lines(*self.point.motion(), *self.matches.middle)
+        residuals = self.matches.weigh(self.residuals, parallax, self.options.depth_weight)
+        return replace(self, residuals=residuals)

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.depth import order_log_odds, parallax_along_lines
+from blur2view.geometry.depth import order_log_odds
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.sampson import residual_parts
-from blur2view.robust.parametrization import Manifold
 
 CUTOFF = 3.0
 """Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
@@ -152,17 +151,14 @@ class WeightedEnds:
         both = (parts[0] / sigma).reshape(2, -1)
         return OrderedResiduals(both=both, prior=prior, decided=decided, parts=parts)
 
-    def weigh(self, plain: OrderedResiduals, point: Manifold, weight: float, sign: float) -> OrderedResiduals:
-        """Return residuals with the odds of the orders by positive depth, under a point of a family.
+    def weigh(self, plain: OrderedResiduals, parallax: Array, weight: float) -> OrderedResiduals:
+        """Return residuals with the odds of the orders by positive depth, of `parallax_along_lines` (2, N).
 
-        ``sign`` is that of the point's translation; ``weight`` in [0, 1] tempers the odds. Nothing changes
-        without ``along``.
+        ``weight`` in [0, 1] tempers the odds. Nothing changes without ``along``.
         """
         if self.along is None:
             return plain
-        rotation, t = point.motion()
-        both = parallax_along_lines(rotation, sign * t, *self.middle)
-        odds = order_log_odds(*both, self.along)
+        odds = order_log_odds(parallax, self.along)
         return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
     def costs(self, residuals: OrderedResiduals) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.sampson import serrmin
-from blur2view.robust.problem import SmearProblem, occupied_blocks
+from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
@@ -76,7 +76,7 @@ def _uncovered(matches: SmearMatches) -> str | None:
         return None
     block_px = max(matches.image_size) / BLOCKS
     blocks = np.ceil(np.array(matches.image_size) / block_px).prod()
-    coverage = occupied_blocks(matches.midpoint, block_px) / blocks
+    coverage = len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks
     if coverage >= MIN_COVERAGE:
         return None
     return (

@@ -19,29 +19,14 @@ from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.model_selection import Fit, measured_sigma_px, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import in_order_of_rotation, with_pose
-from blur2view.two_view.structure import assess, models_of
-from blur2view.two_view.verdict import Structure, Verdict
-
-# An F goes with PARALLAX and what is undecided, and with SEVERAL the one that most smears follow.
-CONFIGURATIONS = {
-    Structure.NOTHING: Configuration.UNDEFINED,
-    Structure.STILL: Configuration.DEGENERATE,
-    Structure.ROTATION: Configuration.PANORAMIC,
-    Structure.PLANE: Configuration.PLANAR,
-    Structure.ROTATION_OR_PLANE: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.UNDECIDED: Configuration.PLANAR_OR_PANORAMIC,
-    Structure.ROTATION_UNDECIDED: Configuration.PANORAMIC,
-    Structure.PLANE_UNDECIDED: Configuration.PLANAR,
-    Structure.PARALLAX: Configuration.UNCALIBRATED,
-    Structure.SEVERAL: Configuration.MULTIPLE,
-}
+from blur2view.two_view.structure import Verdict, assess
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
-LIKELY = (
+LIKELY = [
     Parallax.ABSENT,
     Parallax.UNDECIDED,
     Parallax.PROVEN,
-)  # of two orders in time, that which needs less
+]  # of two orders in time the one that needs less
 
 
 def estimate_two_view(
@@ -132,8 +117,14 @@ def as_recorded(
     nothing_moved = still(matches)
     refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
-        unseen = nothing_moved is None
-        return replace(without_F(matches, Configuration.DEGENERATE, refusal), insufficient_data=unseen)
+        return TwoViewGeometry(
+            F=None,
+            config=Configuration.DEGENERATE,
+            reason=refusal,
+            inlier_mask=np.zeros(len(matches), bool),
+            swapped=np.zeros(len(matches), bool),
+            insufficient_data=nothing_moved is None,
+        )
     if camera is not None:
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)
@@ -185,25 +176,27 @@ def select_model(
     best = min(fits, key=lambda fit: fit.score)
     no_consensus, figures = consensus(best, problem, matches, rng)
     verdict = assess(matches, problem, fits, rng, no_consensus)
-    scores = models_of(fits, verdict)
-    config, F = CONFIGURATIONS[verdict.structure], verdict.F
-    tolerance_px = options.tolerance_px(problem.sigma_px)
-    if F is not None:
-        F, tolerance_px = problem.pixels(F), options.tolerance_px(measured_sigma_px(F, problem))
-        inlier_mask, swapped = serrmin(F, matches.ends) < tolerance_px**2, swapped_order(F, matches.ends)
+    costs = {fit.model: fit.score for fit in [*fits, verdict.fit]}
+    scores = tuple(sorted(costs.items(), key=lambda score: score[1]))
+    F = None
+    if verdict.trusted:
+        normalised = verdict.fit.point.matrix()
+        F = problem.pixels(normalised)
+        within_px = options.tolerance_px(measured_sigma_px(normalised, problem))
+        inlier_mask, swapped = serrmin(F, matches.ends) < within_px**2, swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.generator is not None:
         ordered = transfer_orders(verdict.generator, problem.weighted)
-        inlier_mask = np.abs(ordered.least) * problem.sigma_px < tolerance_px
+        inlier_mask = np.abs(ordered.least) * problem.sigma_px < options.tolerance_px(problem.sigma_px)
         swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
-        reason = f"{verdict.structure}: {verdict.sentence}"
+        reason = f"{verdict.model}: {verdict.sentence}"
     else:
+        inlier_mask = swapped = np.zeros(len(matches), bool)
         reason = f"{verdict.sentence}: {figures}"
-        return without_F(matches, config, reason, iterations, scores)
     return TwoViewGeometry(
         F=F,
         H=None if verdict.generator is None else pixel_homography(verdict.generator, problem.T),
-        config=config,
+        config=verdict.config,
         reason=reason,
         inlier_mask=inlier_mask,
         swapped=swapped,
@@ -215,28 +208,8 @@ def select_model(
 
 def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
     """Return the clause that names the model of F, with the others' costs above its own."""
-    if verdict.structure is Structure.SEVERAL:
+    if verdict.config is Configuration.MULTIPLE:
         return "F is the best single one"
     own = verdict.fit
     others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
     return f"F is of the {own.model} family (penalised cost of the others: {others})"
-
-
-def without_F(
-    matches: SmearMatches,
-    config: Configuration,
-    reason: str,
-    iterations: int = 0,
-    scores: tuple[tuple[MotionModel, float], ...] = (),
-) -> TwoViewGeometry:
-    """Return the geometry without F, with its reason."""
-    none = np.zeros(len(matches), bool)
-    return TwoViewGeometry(
-        F=None,
-        config=config,
-        reason=reason,
-        inlier_mask=none,
-        swapped=none.copy(),
-        iterations=iterations,
-        scores=scores,
-    )

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
-from blur2view.robust.homography import Family, velocity_basis
+from blur2view.robust.homography import Homographies, velocity_basis
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
 from blur2view.robust.problem import SmearProblem
 
@@ -26,6 +26,8 @@ FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
 LOW_FREQUENCY = 6  # parameters of the errors that vary slowly
 STEPS, TOLERANCE = 12, 1e-4  # Levenberg-Marquardt steps, and the relative decrease that ends them
 NO_ERROR = 1e-9  # standard deviation that holds a low-frequency error at zero
+
+H = TypeVar("H", bound=Homographies)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +54,7 @@ class FlowData:
     @classmethod
     def of(cls, problem: SmearProblem, bulk_px: tuple[Array, Array]) -> FlowData:
         """Return the smears of a problem whose errors along and across have deviations ``bulk_px``, (N,)."""
-        middle, d = problem.ends.mean(axis=1), problem.ends[:, 1] - problem.ends[:, 0]
+        middle, d = problem.middle, problem.ends[:, 1] - problem.ends[:, 0]
         unit = d / np.maximum(np.hypot(*d.T), TINY)[:, None]
         normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
         along, across = (sigma[:, None] / problem.unit_px for sigma in bulk_px)
@@ -75,9 +77,14 @@ class FlowData:
         return replace(self, low_frequency=NO_ERROR * self.low_frequency)
 
     @cached_property
+    def velocities(self) -> Array:
+        """Displacements (N, 2, 8) for unit entries of A, to first order."""
+        return velocity_basis(self.middle)
+
+    @cached_property
     def basis(self) -> Array:
         """Whitened displacements (N, 2, 8) for unit entries of A."""
-        return self.whitening @ velocity_basis(self.middle)
+        return self.whitening @ self.velocities
 
     @cached_property
     def whitened(self) -> tuple[Array, Array]:
@@ -87,21 +94,21 @@ class FlowData:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FlowFit(Generic[Family]):
+class FlowFit(Generic[H]):
     """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better.
 
     ``low_frequency`` (6,) are the errors that vary slowly, in standard deviations.
     """
 
     data: FlowData
-    family: Family
+    family: H
     low_frequency: Array
 
     @cached_property
     def predicted(self) -> Array:
         """Whitened displacements (N, 2) that the homography predicts."""
         A, middle = self.family.generator(), self.data.middle
-        moved = velocity_basis(middle) @ _entries(A)
+        moved = self.data.velocities @ _entries(A)
         third = moved @ A[:2, :2].T - middle * (moved @ A[2, :2])[:, None]
         chord = moved + (homogeneous(middle) @ (0.25 * A[2]))[:, None] * third
         return np.asarray(np.einsum("nij,nj->ni", self.data.whitening, chord))
@@ -129,7 +136,7 @@ class FlowFit(Generic[Family]):
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the homography, then the low-frequency errors."""
         _, low_frequency = self.data.whitened
-        moved = np.stack([self.data.basis @ _entries(A) for A in self.family.tangent()])
+        moved = np.stack([self.data.basis @ entries for entries in _entries(self.family.tangent())])
         jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency])
         weight = self.data.weight * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
         prior, of_family = self.family.prior()
@@ -144,12 +151,12 @@ class FlowFit(Generic[Family]):
             prior_jacobian,
         )
 
-    def moved(self, delta: Array) -> FlowFit[Family]:
+    def moved(self, delta: Array) -> FlowFit[H]:
         """Return the fit moved by delta (k,)."""
         family, low_frequency = self.family.step(delta[:-LOW_FREQUENCY]), delta[-LOW_FREQUENCY:]
         return replace(self, family=family, low_frequency=self.low_frequency + low_frequency)
 
-    def reweighted(self) -> FlowFit[Family]:
+    def reweighted(self) -> FlowFit[H]:
         """Return itself: its weights are always its own."""
         return self
 
@@ -166,7 +173,7 @@ class FlowFit(Generic[Family]):
         return np.asarray(inverse + shift @ shift.T)
 
 
-def fit_flow(family: Family, data: FlowData) -> FlowFit[Family]:
+def fit_flow(family: H, data: FlowData) -> FlowFit[H]:
     """Return the cheapest homography of a family near a start."""
     best = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
     for step in levenberg_marquardt(best, STEPS):
@@ -177,5 +184,5 @@ def fit_flow(family: Family, data: FlowData) -> FlowFit[Family]:
 
 
 def _entries(A: Array) -> Array:
-    """Return the entries (8,) of a generator (3, 3) with A33 = 0, which moves points alike."""
-    return np.asarray((A - A[2, 2] * np.eye(3)).ravel()[:8])
+    """Return the entries (..., 8) of generators (..., 3, 3) with A33 = 0, which move points alike."""
+    return np.asarray((A - A[..., 2, 2, None, None] * np.eye(3)).reshape(*A.shape[:-2], 9)[..., :8])

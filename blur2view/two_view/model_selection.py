@@ -1,4 +1,4 @@
-"""Which family of F the smears pay for: the two-parameter F, an ordinary camera's, or the general one."""
+"""From matches to fitted families of F: the two-parameter one, an ordinary camera's, the general one."""
 
 from __future__ import annotations
 
@@ -34,14 +34,9 @@ PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GEN
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
-ODDS_AGAINST_GENERAL = 1e12
 # A camera that does not rotate is rare too: at even odds the two-parameter F won a third of the frames of
 # RedKitchen, at a median rho of 0.066 where the camera's had 0.057.
-ODDS_AGAINST_TRANSLATION = 1e3
-ODDS_AGAINST = {
-    MotionModel.GENERAL: ODDS_AGAINST_GENERAL,
-    MotionModel.TRANSLATION: ODDS_AGAINST_TRANSLATION,
-}
+ODDS_AGAINST = {MotionModel.GENERAL: 1e12, MotionModel.TRANSLATION: 1e3, MotionModel.CAMERA: 1.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +122,11 @@ def richer_starts(problem: SmearProblem, matrices: list[Array]) -> tuple[MotionM
     return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
 
+def fit_from(F: Array, problem: SmearProblem) -> Fit:
+    """Return the richest plausible model, refined from F (3, 3)."""
+    return fit_best(*richer_starts(problem, [F]), problem)
+
+
 def fit_roughly(
     model: MotionModel,
     starts: list[Manifold],
@@ -168,8 +168,7 @@ def fit_best(
         trials = [(next(run, reached), run) for reached, run in trials]
     reached, run = min(trials, key=lambda trial: trial[0][1])
     *_, (point, cost) = [reached, *run]
-    odds = ODDS_AGAINST.get(model, 1.0)
-    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(odds)) * problem.has_camera
+    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * problem.has_camera
     return Fit(model=model, point=point, score=score)
 
 
@@ -180,8 +179,7 @@ def with_measured_noise(problem: SmearProblem, F: Array) -> SmearProblem:
 
 def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
     """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
-    stated = problem.rescaled(1 / problem.scale)
-    return stated.sigma_px * residual_scale(F, stated.weighted)
+    return with_measured_noise(replace(problem, scale=1.0), F).sigma_px
 
 
 def residual_scale(F: Array, matches: WeightedEnds) -> float:

@@ -8,7 +8,8 @@ parts of the image, which mostly hold one motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +43,14 @@ LEAST_GAIN = 50.0  # of two motions over one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoMotions:
-    """Two F of normalised coordinates and the shares of all smears that follow the one and the other.
+    """The shares of all smears that follow two motions, and F of normalised coordinates of the larger one.
 
     ``first`` is the larger share, ``single`` that of the best single F where there is no other; ``gain`` is
     twice the log-likelihood that two F have over one, of at most SMEARS smears, times the share of
     independent errors that they leave.
     """
 
-    F: tuple[Array, Array]
+    F: Array
     first: float
     second: float
     single: float
@@ -97,7 +98,7 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
     options = np.stack(
         [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
     )
-    block = blocks_of(problem.ends.mean(axis=1), BLOCKS)
+    block = blocks_of(problem.middle, BLOCKS)
     cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
     errors: Array = np.where(cost[0] <= cost[1], *options)
     return errors
@@ -110,7 +111,7 @@ def leaves_structure(
 
     ``level`` is the share of independent errors below which they do.
     """
-    residual, middle = errors_by_order(problem, F, backward), problem.ends.mean(axis=1)
+    residual, middle = errors_by_order(problem, F, backward), problem.middle
     if independence(residual[None], np.abs(residual) < CUTOFF, middle) < level:
         return True
     far = np.abs(problem.weighted.residuals(F).least) >= CUTOFF
@@ -124,19 +125,17 @@ def find_two_motions(
     F: Array,
     backward: NDArray[np.bool_],
     on_plane: float,
-    stated_px: Array,
     rng: np.random.Generator,
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
     F (3, 3) is the best single one, ``backward`` (N,) the orders of the best homography (`errors_by_order`),
-    ``on_plane`` the share of smears that it explains, ``stated_px`` (N,) Sampson deviations as stated.
+    ``on_plane`` the share of smears that it explains.
     """
-    scale = float(np.median(problem.sigma_px / stated_px))
-    if on_plane > ONE_PLANE or scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
+    if on_plane > ONE_PLANE or problem.scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
         return None
     for _ in range(ATTEMPTS):
-        motions = _two_motions(problem, F, backward, stated_px, rng)
+        motions = _two_motions(problem, F, backward, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     if motions is None or motions.gain < LEAST_GAIN:
@@ -145,19 +144,15 @@ def find_two_motions(
 
 
 def _two_motions(
-    problem: SmearProblem,
-    F: Array,
-    backward: NDArray[np.bool_],
-    stated_px: Array,
-    rng: np.random.Generator,
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], rng: np.random.Generator
 ) -> TwoMotions | None:
-    """Return two F at the stated standard deviations (N,); F is the best single one.
+    """Return two F at the stated standard deviations; F is the best single one.
 
-    The same F twice and no second share where one F leaves only noise after all, or next to nothing; None
+    No second share where one F leaves only noise after all, or next to nothing; None
     where no F is found.
     """
-    chosen = rng.permutation(len(stated_px))[:SMEARS]
-    stated, backward = problem.with_sigma(stated_px).subset(chosen), backward[chosen]
+    chosen = rng.permutation(len(problem.ends))[:SMEARS]
+    stated, backward = replace(problem.subset(chosen), scale=1.0), backward[chosen]
     one = _search(stated, rng)
     if one is None:
         return None
@@ -167,7 +162,7 @@ def _two_motions(
     explains = float(max(single[0], alone[0]))
     if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, FIRMLY):
         gain = 2 * (reached - likelihood)
-        return TwoMotions(F=(one, one), first=float(alone[0]), second=0.0, single=explains, gain=gain)
+        return TwoMotions(F=one, first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one))), rng)
     if other is None:
         return None
@@ -178,16 +173,15 @@ def _two_motions(
     (first, second), reached_by_two = explained(stated, [one, other])
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other))
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
-    own = independence(residual[None], np.abs(residual) < CUTOFF, stated.ends.mean(axis=1))
+    own = independence(residual[None], np.abs(residual) < CUTOFF, stated.middle)
     gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
-    pair = (one, other) if first >= second else (other, one)
-    first, second = float(max(first, second)), float(min(first, second))
-    return TwoMotions(F=pair, first=first, second=second, single=explains, gain=gain)
+    (second, _), (first, larger) = sorted([(second, other), (first, one)], key=itemgetter(0))
+    return TwoMotions(F=larger, first=float(first), second=float(second), single=explains, gain=gain)
 
 
 def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
     """Return the smears of the cells that an F fits worst, a share WORST_SHARE; squared residuals (N,)."""
-    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
+    cell = blocks_of(problem.middle, PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, CUTOFF**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST_SHARE * len(cell)), 30)]
 
@@ -195,7 +189,7 @@ def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
 def _by_place(problem: SmearProblem, one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, CUTOFF**2) - np.minimum(one, CUTOFF**2)
-    cell = blocks_of(problem.ends.mean(axis=1), PLACES)
+    cell = blocks_of(problem.middle, PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 

@@ -55,18 +55,7 @@ class CalibratedFit:
         order or kind is uncertain weighs less.
         """
         options = RefineOptions(data_weight=self.problem.shared.all_correlation)
-        plain = self.problem.weighted.residuals(self.point.matrix())
-        states = (
-            WeightedPoint(
-                point=self.point,
-                matches=self.problem.weighted,
-                residuals=plain,
-                sign=sign,
-                options=options,
-            ).reweighted()
-            for sign in (1.0, -1.0)
-        )
-        state = min(states, key=lambda state: state.cost)
+        state = WeightedPoint.likelier(self.point, self.problem.weighted, options)
         normal, _ = state.normal_equations()
         rows = []
         for k in POSE:

@@ -8,24 +8,23 @@ then F is given with the homography beside it, and parallax is undecided.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.geometry.two_view_geometry import Configuration, MotionModel
 from blur2view.robust.homography import PlaneH, RotationH, transfer_orders
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.problem import TELLING, SmearProblem
 from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
-from blur2view.two_view.model_selection import Fit, fit_best, richer_starts, with_measured_noise
+from blur2view.two_view.model_selection import Fit, fit_best, fit_from, with_measured_noise
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
 from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
 from blur2view.two_view.plane_parallax import plane_and_parallax
-from blur2view.two_view.verdict import Structure, Verdict
 
 SAMPLE = 400  # smears that the tests look at, at most
 # Gain that proves parallax. Of 138 rendered rotations and planes (`tools.datasets.motion_kinds`, seeds from
@@ -42,37 +41,31 @@ EXTRA = 5  # parameters of any homography beyond those of a rotation
 SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be astray
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Homographies:
-    """The homography of most smears and, where a camera may be assumed, the rotation, on one noise.
+HOMOGRAPHIES = {
+    Configuration.PANORAMIC: MotionModel.ROTATION,
+    Configuration.PLANAR: MotionModel.PLANE,
+    Configuration.PLANAR_OR_PANORAMIC: MotionModel.ROTATION_OR_PLANE,
+}
 
-    ``rotation_gain`` is what any homography gains over the rotation, ``needed`` what it must by Schwarz's
-    criterion and a margin; no rotation without a camera.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """What the smears show, why, and the models behind it.
+
+    ``fit`` is the F of least cost (of normalised coordinates), reported where ``trusted``; ``generator`` that
+    of the homography, if one explains the smears.
     """
 
-    plane: PlaneH
-    rotation: RotationH | None
-    rotation_gain: float
-    needed: float
+    config: Configuration
+    sentence: str
+    fit: Fit
+    trusted: bool = False
+    generator: Array | None = None
 
     @property
-    def is_rotation(self) -> bool | None:
-        """Whether a rotation explains the smears as well as any homography; None without a camera."""
-        return None if self.rotation is None else self.rotation_gain < self.needed
-
-    @property
-    def generator(self) -> Array:
-        """A (3, 3) of the homography that is reported."""
-        if self.rotation is not None and self.is_rotation:
-            return self.rotation.generator()
-        return self.plane.generator()
-
-    @property
-    def sentence(self) -> str:
-        """What any homography gains over a rotation."""
-        if self.rotation is None:
-            return "without an image size a rotation cannot be told from a plane"
-        return f"any homography gains {self.rotation_gain:z.0f} over a rotation ({self.needed:.0f} needed)"
+    def model(self) -> MotionModel:
+        """Model of F or, without F, of the homography."""
+        return self.fit.model if self.trusted else HOMOGRAPHIES.get(self.config, MotionModel.NONE)
 
 
 def assess(
@@ -89,32 +82,33 @@ def assess(
     fit = min(fits, key=lambda fit: fit.score)
     if no_consensus and within_errors(matches):
         sentence = "no motion, the smears are no longer than their errors"
-        return Verdict(structure=Structure.STILL, sentence=sentence, fit=fit)
+        return Verdict(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
     sample = np.sort(rng.permutation(len(matches))[:SAMPLE])
     plane = find_plane(problem.subset(sample).weighted, problem.has_camera, rng)
     if plane is None:
-        structure = Structure.NOTHING if no_consensus else Structure.PARALLAX
-        return Verdict(structure=structure, sentence="no homography fits", fit=fit)
-    evidence = evidence_of(matches, problem, fit, plane, sample)
+        config = Configuration.UNDEFINED if no_consensus else Configuration.UNCALIBRATED
+        return Verdict(config=config, sentence="no homography fits", fit=fit, trusted=not no_consensus)
+    evidence = evidence_of(problem, fit, plane, sample)
     if not no_consensus:
         ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
         backward = np.abs(ordered.backward) < np.abs(ordered.forward)
-        motions = find_two_motions(problem, F, backward, evidence.on_plane, matches.sampson_px, rng)
+        motions = find_two_motions(problem, F, backward, evidence.on_plane, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
-            fit = lower_cost(problem, fit, motions.F[0])  # one motion, but perhaps a better F of it
-            evidence = evidence_of(matches, problem, fit, plane, sample)
-        fit, evidence = recovered(matches, problem, fit, plane, evidence, sample, rng)
+            fit = lower_cost(problem, fit, motions.F)  # one motion, but perhaps a better F of it
+            evidence = evidence_of(problem, fit, plane, sample)
+        fit, evidence = recovered(problem, fit, plane, evidence, sample, rng)
     count = problem.data_weight * len(sample)
     gain = problem.data_weight * evidence.gain
     figures = f"parallax gains {gain:z.0f} over one homography ({PROVEN:.0f} needed)"
     if not no_consensus and gain >= PROVEN:
-        return Verdict(structure=Structure.PARALLAX, sentence=f"parallax is proven: {figures}", fit=fit)
+        sentence = f"parallax is proven: {figures}"
+        return Verdict(config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, trusted=True)
     little = PROVEN * float(np.interp(problem.data_weight, (0, 1), NO_GAIN))
     absent = count >= TELLING and gain < little and evidence.on_plane >= LEAST_ON_PLANE
     if no_consensus and not absent:
-        return Verdict(structure=Structure.NOTHING, sentence="no consensus", fit=fit)
+        return Verdict(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit)
     return without_parallax(matches, problem, fit, plane, sample, absent, figures)
 
 
@@ -127,48 +121,34 @@ def without_parallax(
     absent: bool,
     figures: str,
 ) -> Verdict:
-    """Return the verdict of a rotation, a plane, or either; F stays unless parallax is absent."""
-    alternatives = no_parallax(matches, problem, plane, sample)
-    names = {
-        True: (Structure.ROTATION, Structure.ROTATION_UNDECIDED),
-        False: (Structure.PLANE, Structure.PLANE_UNDECIDED),
-        None: (Structure.ROTATION_OR_PLANE, Structure.UNDECIDED),
-    }
-    structure = names[alternatives.is_rotation][0 if absent else 1]
-    prefix = "there is no parallax" if absent else "parallax is undecided"
-    sentence = f"{prefix}: {figures}; {alternatives.sentence}"
-    return Verdict(structure=structure, sentence=sentence, fit=fit, generator=alternatives.generator)
+    """Return the verdict of a rotation, a plane, or either, from a first homography.
 
-
-def no_parallax(
-    matches: SmearMatches, problem: SmearProblem, plane: PlaneH, sample: NDArray[np.int_]
-) -> Homographies:
-    """Return the homography and the rotation that explain most smears, from a first homography."""
-    part = matches.subset(sample)
-    along, across = part.bulk_px
+    F stays beside it unless parallax is absent. Without a camera there are no rotations.
+    """
+    along, across = matches.subset(sample).bulk_px
     data = FlowData.of(problem.subset(sample), (problem.noise_scale * along, problem.noise_scale * across))
     any_homography = fit_flow(plane, data)
-    if not problem.has_camera:
-        return Homographies(plane=any_homography.family, rotation=None, rotation_gain=0.0, needed=0.0)
-    start = RotationH.from_generator(any_homography.family.generator(), problem.prior)
-    rotation = fit_flow(start, data)
-    return Homographies(
-        plane=any_homography.family,
-        rotation=rotation.family,
-        rotation_gain=rotation.cost - any_homography.cost,
-        needed=MARGIN + EXTRA * float(np.log(max(problem.data_weight * len(sample), np.e))),
-    )
+    generator, config = any_homography.family.generator(), Configuration.PLANAR_OR_PANORAMIC
+    comparison = "without an image size a rotation cannot be told from a plane"
+    if problem.has_camera:
+        rotation = fit_flow(RotationH.from_generator(generator, problem.prior), data)
+        gain = rotation.cost - any_homography.cost
+        needed = MARGIN + EXTRA * float(np.log(max(problem.data_weight * len(sample), np.e)))
+        comparison = f"any homography gains {gain:z.0f} over a rotation ({needed:.0f} needed)"
+        config = Configuration.PANORAMIC if gain < needed else Configuration.PLANAR
+        generator = rotation.family.generator() if gain < needed else generator
+    prefix = "there is no parallax" if absent else "parallax is undecided"
+    sentence = f"{prefix}: {figures}; {comparison}"
+    return Verdict(config=config, sentence=sentence, fit=fit, trusted=not absent, generator=generator)
 
 
-def evidence_of(
-    matches: SmearMatches, problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]
-) -> Evidence:
+def evidence_of(problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]) -> Evidence:
     """Return the evidence for parallax.
 
     Standard deviations are those stated: what F leaves is smaller where few smears are independent, for F
     takes up errors that neighbours share.
     """
-    stated = problem.subset(sample).with_sigma(problem.noise_scale * matches.sampson_px[sample])
+    stated = replace(problem.subset(sample), scale=problem.noise_scale)
     return parallax_evidence(
         deviations(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
     )
@@ -186,7 +166,6 @@ def within_errors(matches: SmearMatches) -> bool:
 
 
 def recovered(
-    matches: SmearMatches,
     problem: SmearProblem,
     fit: Fit,
     plane: PlaneH,
@@ -199,9 +178,8 @@ def recovered(
     F = plane_and_parallax(plane.generator(), problem, off_plane, rng)
     if F is None:
         return fit, evidence
-    model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem)
-    new = evidence_of(matches, problem, other, plane, sample)
+    other = fit_from(F, problem)
+    new = evidence_of(problem, other, plane, sample)
     better = problem.data_weight * (new.gain - evidence.gain) > CLEARLY
     return (other, new) if better else (fit, evidence)
 
@@ -217,7 +195,7 @@ def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
         f"{motions.first:.0%} and {motions.second:.0%} of {count} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
     )
-    return Verdict(structure=Structure.SEVERAL, sentence=sentence, fit=fit)
+    return Verdict(config=Configuration.MULTIPLE, sentence=sentence, fit=fit, trusted=True)
 
 
 def lower_cost(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
@@ -225,15 +203,8 @@ def lower_cost(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
 
     Standard deviations are those that the given one left; the other, if better, is refined at its own.
     """
-    model, points = richer_starts(problem, [F])
-    other = fit_best(model, points, problem)
+    other = fit_from(F, problem)
     if other.score >= fit.score:
         return fit
     own = with_measured_noise(problem, other.point.matrix())
     return fit_best(other.model, [other.point], own)
-
-
-def models_of(fits: list[Fit], verdict: Verdict) -> tuple[tuple[MotionModel, float], ...]:
-    """Return the penalised cost of every model of F, best first."""
-    costs = {fit.model: fit.score for fit in [*fits, verdict.fit]}
-    return tuple(sorted(costs.items(), key=lambda score: score[1]))

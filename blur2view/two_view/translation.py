@@ -66,7 +66,7 @@ class DirectionLikelihood:
         Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
         """
         ends = self.problem.ends
-        middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+        middle, displacement = self.problem.middle, ends[:, 1] - ends[:, 0]
         length = np.maximum(np.hypot(*displacement.T), TINY)
         along, across = unit_lines(directions, middle)  # (G, 2, N)
         flow = rotation_flow(middle) / length

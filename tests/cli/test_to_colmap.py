@@ -86,7 +86,9 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
 ) -> None:
     path = tmp_path / "new.db"
     assert run("--db", path, *CAMERA, *photos)[0] == 0
-    pycolmap.incremental_mapping(path, photos[0].parent, tmp_path, mapper_options(max_seconds=1))
+    options = mapper_options()
+    options.max_runtime_seconds = 1
+    pycolmap.incremental_mapping(path, photos[0].parent, tmp_path, options)
     assert run("--db", path, *CAMERA, *photos)[0] == 0
     for sql in (
         "INSERT INTO images SELECT 9, 'theirs.png', camera_id FROM images LIMIT 1",

@@ -1,9 +1,7 @@
 """Fresh COLMAP databases, read back by pycolmap."""
 
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,27 +16,25 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection
+from tests.support.scenes import some_views
+from tests.support.sql import run_sql
 from tools.database_safety.colmap_check import check_database
 
-SIZE = (640, 480)
+SIZE, COUNT = (640, 480), 30
 CAMERA = Camera.from_focal(525.0, SIZE)
+POSE = RigidTransform(
+    rotation=rotation_matrix(np.array([0.01, -0.02, 0.03])), translation=np.array([0.6, 0, 0.8])
+)
 
 
-def make_views(name: str = "a.jpg", camera: Camera | None = CAMERA, count: int = 30) -> ExposureViews:
-    rng = np.random.default_rng(0)
-    pose = RigidTransform(
-        rotation=rotation_matrix(np.array([0.01, -0.02, 0.03])), translation=np.array([0.6, 0, 0.8])
+def make_views(name: str = "a.jpg", camera: Camera | None = CAMERA) -> ExposureViews:
+    """Return views with a geometry that has all of its parts."""
+    plain = some_views(name, COUNT)
+    geometry = replace(
+        plain.geometry, E=POSE.essential, H=np.eye(3), cam2_from_cam1=POSE, config=Configuration.CALIBRATED
     )
-    geometry = TwoViewGeometry(
-        F=rng.normal(size=(3, 3)), E=pose.essential, H=np.eye(3), cam2_from_cam1=pose, reason="",
-        config=Configuration.CALIBRATED, inlier_mask=rng.random(count) < 0.7, swapped=np.zeros(count, bool),
-    )  # fmt: skip
-    first = rng.uniform(0, 400, (count, 2))
-    return ExposureViews(
-        name=name, size=SIZE, points_open=first, points_close=first + 5, sigma_px=np.ones(count),
-        geometry=geometry, camera=camera,
-    )  # fmt: skip
+    return replace(plain, size=SIZE, camera=camera, geometry=geometry)
 
 
 def without_geometry(views: ExposureViews) -> ExposureViews:
@@ -64,7 +60,7 @@ def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
     assert (camera.model_name, camera.has_prior_focal_length) == ("SIMPLE_PINHOLE", True)
     np.testing.assert_allclose(camera.params, [525, 320, 240])
     np.testing.assert_allclose(keypoints, views.points_close + 0.5, atol=1e-4)
-    np.testing.assert_array_equal(matches, np.stack([np.arange(30)] * 2, axis=1))
+    np.testing.assert_array_equal(matches, np.stack([np.arange(COUNT)] * 2, axis=1))
     used, expected = np.flatnonzero(views.geometry.inlier_mask), views.geometry.to_pycolmap()
     np.testing.assert_array_equal(found.inlier_matches, np.stack([used, used], axis=1))
     for name in ("F", "E", "H"):
@@ -84,7 +80,7 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
         assert len(found.inlier_matches) == len(database.read_matches(1, 2)) == 0
         assert found.config == int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
         assert found.F is None and found.cam2_from_cam1 is None
-        assert len(database.read_keypoints(1)) == 30
+        assert len(database.read_keypoints(1)) == COUNT
 
 
 def test_equal_cameras_are_shared(tmp_path: Path) -> None:
@@ -116,10 +112,8 @@ def test_time_direction_is_marked(tmp_path: Path) -> None:
     path = tmp_path / "new.db"
     known = replace(make_views("b.jpg"), time=TimeDirection(known=True, confidence=0.8))
     write_database(path, [make_views("a.jpg"), known])
-    with closing(sqlite3.connect(path)) as database:
-        sql = "SELECT photograph, role, config, time_known, time_confidence FROM blur2view_views"
-        rows = database.execute(sql).fetchall()
-    assert rows == [
+    columns = "photograph, role, config, time_known, time_confidence"
+    assert run_sql(path, f"SELECT {columns} FROM blur2view_views") == [
         ("a.jpg", "open", "CALIBRATED", 0, 0.0),
         ("a.jpg", "close", "CALIBRATED", 0, 0.0),
         ("b.jpg", "open", "CALIBRATED", 1, 0.8),
@@ -197,7 +191,5 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
 def test_the_check_finds_what_is_wrong(tmp_path: Path, harm: str, finding: str) -> None:
     path = tmp_path / "new.db"
     write_database(path, [make_views()])
-    with closing(sqlite3.connect(path)) as database:
-        database.execute(harm)
-        database.commit()
+    run_sql(path, "PRAGMA foreign_keys = OFF", harm)
     assert any(finding in line for line in check_database(path))

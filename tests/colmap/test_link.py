@@ -1,8 +1,6 @@
 """Views added to a project of the user: what is written, and that nothing of the user's changes."""
 
-import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +11,13 @@ import pytest
 from blur2view.camera.colmap_geometry import fundamental_to_colmap
 from blur2view.colmap.database import write_database
 from blur2view.colmap.database_matches import DatabaseMatcher
-from blur2view.colmap.link import LinkJob, LinkStep, Step, plan_links, write_links
+from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import image_names, longest_suffix, open_project
 from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
+from tests.support.sql import run_sql
 from tools.database_safety.colmap_check import check_database
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.database_safety.kill_writes import random_views
@@ -26,17 +26,17 @@ FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]
 
 
-def job_of(plan: LinkStep | DatabaseError, seed: int = 0) -> LinkJob:
+def link_of(plan: LinkStep | DatabaseError, seed: int = 0) -> tuple[LinkStep, ExposureViews]:
     assert isinstance(plan, LinkStep)
     rng = np.random.default_rng(seed)
     views = random_views(plan.image.name, FEATURES, rng)
     usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
-    return LinkJob(plan=plan, views=replace(views, usable=usable))
+    return plan, replace(views, usable=usable)
 
 
 def link(path: Path, *names: str, replace: bool = False, backup: bool = False, seed: int = 0) -> Path | None:
     plans = plan_links(path, [Path(name) for name in names], replace=replace)
-    return write_links(path, [job_of(plan, seed) for plan in plans], backup=backup)
+    return write_links(path, [link_of(plan, seed) for plan in plans], backup=backup)
 
 
 def only_plan(path: Path, name: str = "a_001.jpg", replace: bool = False) -> LinkStep | DatabaseError:
@@ -66,7 +66,7 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
         assert len(images) == 7
         ids = [images[name] for name in ("a_000.jpg", "a_000.jpg#open", "a_000.jpg#close")]
         first, last = (database.read_keypoints(image_id) for image_id in ids[1:])
-        views = job_of(only_plan(path, "a_000.jpg")).views
+        views = link_of(only_plan(path, "a_000.jpg"))[1]
         np.testing.assert_allclose(first, views.points_open + 0.5, atol=1e-4)
         np.testing.assert_allclose(last, views.points_close + 0.5, atol=1e-4)
         assert views.usable is not None
@@ -84,9 +84,12 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
 
 
 def test_a_camera_of_a_rig_keeps_its_rig(path: Path) -> None:
-    run_sql(path, "UPDATE rigs SET ref_sensor_id = 9")  # the camera is the second of a rig
-    run_sql(path, "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras")
-    run_sql(path, "INSERT INTO rig_sensors VALUES (1, 1, 0, NULL)")
+    run_sql(
+        path,
+        "UPDATE rigs SET ref_sensor_id = 9",  # the camera is the second of a rig
+        "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
+        "INSERT INTO rig_sensors VALUES (1, 1, 0, NULL)",
+    )
     before = user_rows(path)
     link(path, "a_000.jpg")
     assert user_rows(path) == before and check_database(path) == []
@@ -97,13 +100,10 @@ def test_a_camera_of_a_rig_keeps_its_rig(path: Path) -> None:
 
 
 def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
-    rng = np.random.default_rng(0)
-    plan = only_plan(path)
-    job = job_of(plan)
-    symmetric, a = np.zeros((3, 3)), rng.normal(size=3)  # a pure translation: half of it has the same F
-    F = symmetric + np.cross(np.eye(3), a)
-    views = replace(job.views, geometry=replace(job.views.geometry, F=F))
-    write_links(path, [LinkJob(plan=job.plan, views=views)], backup=False)
+    plan, views = link_of(only_plan(path))
+    F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F
+    views = replace(views, geometry=replace(views.geometry, F=F))
+    write_links(path, [(plan, views)], backup=False)
     with pycolmap.Database.open(path) as database:
         geometries = [database.read_two_view_geometry(*pair).F for pair in ((2, 4), (2, 5), (4, 5))]
     to_open, to_close, whole = (unit_norm(np.asarray(found, float)) for found in geometries)
@@ -130,8 +130,8 @@ def test_replace_rewrites_our_rows_in_place(path: Path) -> None:
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         kept, new = (database.read_keypoints(names[name]) for name in ("a_000.jpg#open", "a_001.jpg#open"))
-    np.testing.assert_allclose(kept, job_of(only_plan(path, "a_000.jpg")).views.points_open + 0.5, atol=1e-4)
-    expected = job_of(only_plan(path, replace=True), seed=1).views.points_open
+    np.testing.assert_allclose(kept, link_of(only_plan(path, "a_000.jpg"))[1].points_open + 0.5, atol=1e-4)
+    expected = link_of(only_plan(path, replace=True), seed=1)[1].points_open
     np.testing.assert_allclose(new, expected + 0.5, atol=1e-4)
 
 
@@ -201,22 +201,17 @@ def test_views_follow_the_camera_of_their_photograph(path: Path) -> None:
     )
     assert "add --replace" in str(only_plan(path))
     link(path, "a_001.jpg", replace=True)
-    with closing(sqlite3.connect(path)) as database:
-        cameras = database.execute("SELECT camera_id FROM images WHERE name LIKE '%#%'").fetchall()
-        sensors = database.execute("SELECT sensor_id FROM frame_data WHERE data_id > 3").fetchall()
-        frames = database.execute("SELECT count(*) FROM frames").fetchone()
-    assert frames == (5,)
-    assert cameras == sensors == [(9,), (9,)]
+    assert run_sql(path, "SELECT count(*) FROM frames") == [(5,)]
+    cameras = run_sql(path, "SELECT camera_id FROM images WHERE name LIKE '%#%'")
+    assert cameras == run_sql(path, "SELECT sensor_id FROM frame_data WHERE data_id > 3") == [(9,), (9,)]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_matches_of_points_that_are_nowhere_are_left_out(path: Path, value: float) -> None:
-    with closing(sqlite3.connect(path)) as database:
-        (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = 1").fetchone()
-        points = np.frombuffer(data, "<f4").copy()
-        points[::12] = value
-        database.execute("UPDATE keypoints SET data = ? WHERE image_id = 1", (points.tobytes(),))
-        database.commit()
+    ((data,),) = run_sql(path, "SELECT data FROM keypoints WHERE image_id = 1")
+    points = np.frombuffer(data, "<f4").copy()
+    points[::12] = value
+    run_sql(path, f"UPDATE keypoints SET data = x'{points.tobytes().hex()}' WHERE image_id = 1")
     found = DatabaseMatcher(path, ["a_000.jpg", "a_001.jpg"])(0, 1)
     assert 0 < len(found[0]) == len(found[1]) < FEATURES
     assert np.isfinite(found).all()
@@ -231,21 +226,13 @@ def test_a_view_that_was_deleted_is_made_again(path: Path, end: str) -> None:
     ids = names_of(path)
     first, last = ids["a_001.jpg#open"], ids["a_001.jpg#close"]
     assert (first < last) == (end == "close")  # the new one has the larger id
-    expected = job_of(only_plan(path, replace=True)).views.geometry.F
+    expected = link_of(only_plan(path, replace=True))[1].geometry.F
     with pycolmap.Database.open(path) as database:
         F = database.read_two_view_geometry(first, last).F
     assert F is not None and expected is not None
     np.testing.assert_allclose(unit_norm(np.asarray(F, float)), fundamental_to_colmap(expected))
-    assert {name: rows for name, rows in user_rows(path).items() if name in ("images", "keypoints")} == {
-        name: before[name] for name in ("images", "keypoints")
-    }
-
-
-def run_sql(path: Path, *edits: str) -> None:
-    with closing(sqlite3.connect(path, isolation_level=None)) as database:
-        database.execute("PRAGMA foreign_keys = ON")
-        for sql in edits:
-            database.execute(sql)
+    after = user_rows(path)
+    assert (after["images"], after["keypoints"]) == (before["images"], before["keypoints"])
 
 
 def test_a_photograph_is_found_by_the_longest_ending(tmp_path: Path) -> None:

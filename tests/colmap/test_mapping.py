@@ -1,5 +1,6 @@
 """COLMAP's mappers on exposures: nothing with their defaults, the camera's motion with our options."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,9 +8,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.database import write_database
 from blur2view.colmap.mapping import MIN_ANGLE_DEG, global_options, mapper_options
-from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
+from blur2view.geometry.pose import RigidTransform
+from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, some_views
 from tools.metrics import rotation_error, translation_direction_error_deg
 
 COUNT = 500
@@ -24,30 +26,14 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def database(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a database of both views, written by pycolmap itself."""
+    """Return a database of both views."""
+    (first, last), t = scene.ordered, scene.t / np.linalg.norm(scene.t)
+    pose = RigidTransform(rotation=scene.R, translation=t)
+    plain = some_views("a", COUNT)
+    geometry = replace(plain.geometry, F=scene.F, cam2_from_cam1=pose, inlier_mask=np.ones(COUNT, bool))
     path = tmp_path_factory.mktemp("mapping") / "exposure.db"
-    params = [scene.K[0, 0], scene.K[1, 1], *to_colmap(scene.K[:2, 2])]
-    camera = pycolmap.Camera(model="PINHOLE", width=IMAGE_SIZE[0], height=IMAGE_SIZE[1], params=params)
-    camera.has_prior_focal_length = True
-    with pycolmap.Database.open(path) as db:
-        camera.camera_id = db.write_camera(camera)
-        rig = pycolmap.Rig()
-        rig.add_ref_sensor(camera.sensor_id)
-        rig_id = db.write_rig(rig)
-        ids = []
-        for name, points in zip(("a#open", "a#close"), scene.ordered, strict=True):
-            ids.append(db.write_image(pycolmap.Image(name=name, camera_id=camera.camera_id)))
-            frame = pycolmap.Frame()
-            frame.rig_id = rig_id
-            frame.add_data_id(pycolmap.data_t(camera.sensor_id, ids[-1]))
-            db.write_frame(frame)
-            db.write_keypoints(ids[-1], to_colmap(points).astype(np.float32))
-        matches = np.arange(COUNT, dtype=np.uint32)[:, None].repeat(2, axis=1)
-        db.write_matches(ids[0], ids[1], matches)
-        geometry = pycolmap.TwoViewGeometry()
-        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-        geometry.inlier_matches = matches
-        db.write_two_view_geometry(ids[0], ids[1], geometry)
+    views = replace(plain, size=IMAGE_SIZE, points_open=first, points_close=last, camera=scene.camera)
+    write_database(path, [replace(views, geometry=geometry)])
     return path
 
 
@@ -96,23 +82,15 @@ def test_linked_projects_keep_colmaps_angles() -> None:
     assert options.triangulation.ignore_two_view_tracks
     assert options.mapper.init_min_tri_angle == defaults.mapper.init_min_tri_angle > MIN_ANGLE_DEG
     assert options.ba_refine_focal_length and not mapper_options().ba_refine_focal_length
-    assert not mapper_options(linked=True, refine_intrinsics=False).ba_refine_focal_length
     kept = mapper_options(linked=True, keep_photographs=True)
     assert kept.fix_existing_frames and not kept.ba_refine_focal_length and not options.fix_existing_frames
-    for wrong in ({"linked": False}, {"linked": True, "refine_intrinsics": True}):
-        with pytest.raises(ValueError, match="keep_photographs"):
-            mapper_options(keep_photographs=True, **wrong)
+    with pytest.raises(ValueError, match="keep_photographs"):
+        mapper_options(keep_photographs=True)
 
 
 def test_options_are_valid() -> None:
     assert mapper_options().check() and mapper_options(linked=True).check()
-    assert isinstance(global_options(), pycolmap.GlobalPipelineOptions)
-    assert not global_options(refine_intrinsics=False).mapper.bundle_adjustment.refine_focal_length
-
-
-def test_mapping_can_be_limited_in_time() -> None:
-    assert mapper_options(max_seconds=7).max_runtime_seconds == 7
-    solver = global_options(solver_seconds=5).mapper.bundle_adjustment.ceres.solver_options
-    assert solver.max_solver_time_in_seconds == 5
-    with pytest.raises(ValueError, match="positive"):
-        global_options(solver_seconds=0)
+    adjustment = global_options().mapper.bundle_adjustment
+    assert (
+        adjustment.refine_focal_length and adjustment.ceres.solver_options.max_solver_time_in_seconds == 600
+    )

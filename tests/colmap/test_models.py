@@ -10,39 +10,24 @@ import pytest
 
 from blur2view.colmap.models import find_model
 from blur2view.errors import DatabaseError
+from tests.support.walks import Walk
 
-NAMES = ("a.jpg", "b.jpg", "a.jpg#open")
+WALK = Walk(
+    names=("a.jpg", "b.jpg", "a.jpg#open"),
+    size=(100, 80),
+    focal=99.0,
+    turn=np.zeros(3),
+    move=np.array([0.1, 0, 0]),
+    rig=True,
+)
 
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     """Return the folder of a model of two photographs and a view, in binary files."""
-    model, points = (
-        pycolmap.Reconstruction(),
-        np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3)),
-    )
-    cameras = [
-        pycolmap.Camera(model="SIMPLE_PINHOLE", width=100, height=80, params=[99, 50, 40], camera_id=number)
-        for number in (1, 2, 3)
-    ]
-    rig = pycolmap.Rig(rig_id=1)  # of two cameras that take nothing
-    rig.add_ref_sensor(cameras[0].sensor_id)
-    rig.add_sensor(cameras[1].sensor_id, pycolmap.Rigid3d())
-    for camera in cameras[:2]:
-        model.add_camera(camera)
-    model.add_rig(rig)
-    model.add_camera_with_trivial_rig(cameras[2])
-    for number, name in enumerate(NAMES, 1):
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(), np.array([0.1 * number, 0, 0]))
-        image = pycolmap.Image(name=name, keypoints=np.ones((9, 2)), camera_id=3, image_id=number)
-        model.add_image_with_trivial_frame(image, pose)
-    for index, point in enumerate(points):
-        track = pycolmap.Track()
-        for number in range(1, len(NAMES) + 1):
-            track.add_element(number, index)
-        model.add_point3D(point, track, np.zeros(3, np.uint8))
-    model.write_binary(tmp_path)
-    return tmp_path
+    points = np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3))
+    WALK.write(points, tmp_path / "walk.db", {tmp_path / "model": range(3)})
+    return tmp_path / "model"
 
 
 def test_a_whole_model_is_read_in_both_forms(model: Path) -> None:
@@ -76,21 +61,18 @@ def test_a_count_that_no_file_holds_is_refused_before_memory_is_taken(
         find_model(model)
 
 
-@pytest.mark.parametrize("name", ["images.bin", "points3D.bin", "frames.txt"])
-def test_what_waits_for_ever_is_refused(model: Path, name: str) -> None:
-    (model / name).unlink(missing_ok=True)
-    os.mkfifo(model / name)
-    with pytest.raises(DatabaseError, match="is no model that can be read"):
-        find_model(model)
-
-
-@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
-@pytest.mark.parametrize("name", ["images.bin", "points3D.txt", "other.txt"])
-def test_what_waits_though_it_says_that_it_is_empty_is_refused(
-    model: Path, monkeypatch: pytest.MonkeyPatch, name: str
+@pytest.mark.parametrize("name", ["images.bin", "points3D.bin", "points3D.txt", "other.txt"])
+@pytest.mark.parametrize("kind", ["pipe", "empty by its own account"])
+def test_what_waits_for_ever_is_refused(
+    model: Path, monkeypatch: pytest.MonkeyPatch, name: str, kind: str
 ) -> None:
     (model / name).unlink(missing_ok=True)
-    (model / name).symlink_to("/proc/kmsg")
+    if kind == "pipe":
+        os.mkfifo(model / name)
+    elif Path("/proc/kmsg").exists():
+        (model / name).symlink_to("/proc/kmsg")
+    else:
+        pytest.skip("Linux alone has such files")
     monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
     with pytest.raises(DatabaseError, match="is no model that can be read"):
         find_model(model)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,99 +12,52 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap import placement
-from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 from tests.support.scenes import some_views
+from tests.support.sql import run_sql
+from tests.support.walks import Walk
 
-FRAMES, FEATURES, SHARE, FOCAL = 7, 60, 0.5, 200.0
-SIZE = (160, 120)
-TURN, MOVE = np.array([0.004, 0.012, -0.002]), np.array([0.05, 0.01, 0.02])
+FRAMES, FEATURES, SHARE = 7, 60, 0.5
 NAMES = [f"f_{k:03d}.png" for k in range(FRAMES)]
-
-
-def pose_at(time: float) -> Array:
-    R = rotation_matrix(TURN * time)
-    return np.column_stack([R, R @ (MOVE * time)])
-
-
-def seen(pose: Array, points: Array) -> Array:
-    """Our pixels (N, 2)."""
-    X = points @ pose[:, :3].T + pose[:, 3]
-    return FOCAL * X[:, :2] / X[:, 2:] + (np.array(SIZE) - 1) / 2
+TURN, MOVE = np.array([0.004, 0.012, -0.002]), np.array([0.05, 0.01, 0.02])
+WALK = Walk(names=NAMES, size=(160, 120), focal=200.0, turn=TURN, move=MOVE)
 
 
 def project(
-    folder: Path, linked: list[int], share: float = SHARE, usable: int = FEATURES, rig: bool = False
+    folder: Path,
+    linked: Sequence[int] = range(FRAMES),
+    share: float = SHARE,
+    usable: int = FEATURES,
+    rig: bool = False,
 ) -> tuple[Path, Path]:
-    """Write a model of a steady walk and its database, some photographs with views.
-
-    Those of a rig are of its second camera, and their frames have other ids than they.
-    """
+    """Write a model of a steady walk and its database, some photographs with views."""
     folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
-    camera = pycolmap.Camera(
-        model="SIMPLE_PINHOLE", width=SIZE[0], height=SIZE[1], params=[FOCAL, SIZE[0] / 2, SIZE[1] / 2]
-    )
-    cameras, sensors = [camera, copy(camera)][: 1 + rig], pycolmap.Rig(rig_id=1)
-    model, database = pycolmap.Reconstruction(), folder / "walk.db"
-    tracks = [pycolmap.Track() for _ in points]
-    with pycolmap.Database.open(database) as opened:
-        for number, one in enumerate(cameras, 1):
-            one.camera_id = number
-            opened.write_camera(one)
-            model.add_camera(one)
-        sensors.add_ref_sensor(cameras[0].sensor_id)
-        if rig:
-            sensors.add_sensor(cameras[1].sensor_id, pycolmap.Rigid3d(translation=[0.1, 0, 0]))
-        opened.write_rig(sensors)
-        model.add_rig(sensors)
-        for k, name in enumerate(NAMES):
-            pixels = to_colmap(seen(pose_at(k), points))
-            image = pycolmap.Image(name=name, keypoints=pixels, camera_id=len(cameras), image_id=k + 1)
-            opened.write_image(image)
-            opened.write_keypoints(k + 1, pixels.astype(np.float32))
-            frame = pycolmap.Frame(frame_id=k + 1 + 8 * rig, rig_id=1)
-            frame.add_data_id(image.data_id)
-            opened.write_frame(frame, use_frame_id=True)
-            image.frame_id = frame.frame_id
-            model.add_frame(frame)
-            model.add_image(image)
-            pose = pycolmap.Rigid3d(pycolmap.Rotation3d(pose_at(k)[:, :3]), pose_at(k)[:, 3])
-            model.frame(frame.frame_id).set_cam_from_world(image.camera_id, pose)
-            model.register_frame(frame.frame_id)
-            for i, track in enumerate(tracks):
-                track.add_element(k + 1, i)
-    for point, track in zip(points, tracks, strict=True):
-        model.add_point3D(point, track)
-    jobs = []
-    for plan in plan_links(database, [Path(NAMES[k]) for k in linked]):
-        assert isinstance(plan, LinkStep)
-        jobs.append(LinkJob(plan=plan, views=smears(plan.image.name, points, share, usable)))
-    write_links(database, jobs, backup=False)
-    (folder / "model").mkdir()
-    model.write(folder / "model")
-    return database, folder / "model"
+    database, model = folder / "walk.db", folder / "model"
+    replace(WALK, rig=rig).write(points, database, {model: range(FRAMES)})
+    plans = plan_links(database, [Path(NAMES[k]) for k in linked])
+    steps = [plan for plan in plans if isinstance(plan, LinkStep)]
+    views = [smears(plan.image.name, points, share, usable) for plan in steps]
+    write_links(database, list(zip(steps, views, strict=True)), backup=False)
+    return database, model
 
 
 def smears(name: str, points: Array, share: float, usable: int) -> ExposureViews:
     time = NAMES.index(name)
-    first, last = (seen(pose_at(time + side * share / 2), points) for side in (-1, 1))
-    middle = seen(pose_at(time), points)
-    half = 0.5 * (last - first)
+    first, middle, last = (WALK.pixels(WALK.pose_at(time + k * share / 2), points) for k in (-1, 0, 1))
     plain = some_views(name, FEATURES)
-    everything = np.ones(FEATURES, bool)
     return replace(
         plain,
-        size=SIZE,
-        points_open=middle - half,
-        points_close=middle + half,
-        geometry=replace(plain.geometry, inlier_mask=everything),
+        size=WALK.size,
+        points_open=middle - (last - first) / 2,
+        points_close=middle + (last - first) / 2,
+        geometry=replace(plain.geometry, inlier_mask=np.ones(FEATURES, bool)),
         usable=np.arange(FEATURES) < usable,
     )
 
@@ -118,7 +69,7 @@ def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
 
 
 def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> None:
-    found = place_views(*project(tmp_path, list(range(FRAMES))))
+    found = place_views(*project(tmp_path))
     assert found.placed == tuple(NAMES) and found.left == ()
     assert found.fraction == pytest.approx(SHARE, rel=0.02)
     for name in NAMES:
@@ -130,11 +81,17 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
     assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
 
 
+def test_names_say_which_frames_follow_one_another_and_views_are_placed_once(tmp_path: Path) -> None:
+    database, model = project(tmp_path)
+    found = place_views(database, model, NAMES[::2])
+    assert found.placed == tuple(NAMES[::2]) and found.fraction == pytest.approx(SHARE / 2, rel=0.02)
+    found.model.write(model)
+    with pytest.raises(DatabaseError, match="link them first"):
+        place_views(database, model, NAMES[::2])
+
+
 def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> None:
-    alone, found = (
-        place_views(*project(tmp_path / name, list(range(FRAMES)), rig=name == "rig"))
-        for name in ("alone", "rig")
-    )
+    alone, found = (place_views(*project(tmp_path / name, rig=name == "rig")) for name in ("alone", "rig"))
     for name in NAMES:
         np.testing.assert_allclose(motion_of(found, name), motion_of(alone, name), atol=1e-6)
     found.model.write(tmp_path)
@@ -147,31 +104,26 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
 
 
 def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
-    database, model = project(tmp_path, list(range(FRAMES)))
-    with closing(sqlite3.connect(database)) as opened:
-        opened.execute(f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
-        opened.commit()
+    database, model = project(tmp_path)
+    run_sql(database, f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
     assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
 
 
 def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:
     database, model = project(tmp_path, [0, 1])
-    with closing(sqlite3.connect(database)) as opened:
-        opened.execute("UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'")
-        opened.commit()
+    renumber = "UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'"
+    run_sql(database, "PRAGMA foreign_keys = OFF", renumber)
     with pytest.raises(DatabaseError, match=f"{NAMES[0]} has another id in the model; name the database"):
         place_views(database, model)
 
 
-def test_a_known_exposure_scales_the_motion(tmp_path: Path) -> None:
-    found = place_views(*project(tmp_path, list(range(FRAMES))), fraction=0.25)
-    assert found.fraction == 0.25
-    np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
-
-
-@pytest.mark.parametrize(("share", "usable"), [(SHARE, 5), (0.0, FEATURES)], ids=["few", "still"])
-def test_a_known_exposure_counts_where_smears_tell_none(tmp_path: Path, share: float, usable: int) -> None:
-    found = place_views(*project(tmp_path, list(range(FRAMES)), share, usable), fraction=0.25)
+@pytest.mark.parametrize(
+    ("share", "usable"), [(SHARE, FEATURES), (SHARE, 5), (0.0, FEATURES)], ids=["measured", "few", "still"]
+)
+def test_a_known_exposure_decides_also_where_smears_tell_none(
+    tmp_path: Path, share: float, usable: int
+) -> None:
+    found = place_views(*project(tmp_path, share=share, usable=usable), fraction=0.25)
     assert found.placed == tuple(NAMES) and found.fraction == 0.25
     np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
 
@@ -187,7 +139,7 @@ def test_photographs_far_apart_are_placed_by_their_smears_alone(tmp_path: Path) 
 @pytest.mark.parametrize("lost", ["pose", "views"])
 def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Path, lost: str) -> None:
     kept = [k for k in range(FRAMES) if k != 3]
-    database, model = project(tmp_path, kept if lost == "views" else list(range(FRAMES)))
+    database, model = project(tmp_path, kept if lost == "views" else range(FRAMES))
     if lost == "pose":
         walk = pycolmap.Reconstruction(model)
         walk.deregister_frame(walk.images[4].frame_id)
@@ -197,18 +149,13 @@ def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Pat
     assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
 
 
-def test_a_project_without_views_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:
     database, model = project(tmp_path, [])
     with pytest.raises(DatabaseError, match="link them first"):
         place_views(database, model)
-    with pytest.raises(ValueError, match="positive"):
-        place_views(database, model, fraction=0.0)
-    with pytest.raises(ValueError, match="finite"):
-        place_views(database, model, fraction=np.inf)
-
-
-def test_missing_and_broken_models_are_named_with_a_remedy(tmp_path: Path) -> None:
-    database, model = project(tmp_path, [0, 1])
+    for fraction in (0.0, np.inf):
+        with pytest.raises(ValueError, match="positive and finite"):
+            place_views(database, model, fraction=fraction)
     with pytest.raises(DatabaseError, match=r"absent: no such folder; name .*images\.bin"):
         place_views(database, tmp_path / "absent")
     (model / "cameras.bin").write_bytes(b"no cameras")
@@ -223,9 +170,10 @@ def test_a_frame_s_rays_are_those_of_the_middle_of_the_exposure() -> None:
     photograph = SimpleNamespace(points2D=[point], camera_id=1, cam_from_world=lambda: pose)
     model = SimpleNamespace(cameras={1: camera}, points3D={0: SimpleNamespace(xyz=np.array([0.0, 0.0, 4.0]))})
     ends = np.array([[100.0, 60.0]]), np.array([[120.0, 60.0]])
-    first, last = (placement._View(name="", image_id=2, frame_id=2, keypoints=points) for points in ends)
-    one = placement._Linked(photograph=photograph, views=(first, last), matched=np.array([0]))
-    frame = placement._frame(model, one)
+    first, last = (pycolmap.Image(keypoints=points) for points in ends)
+    frame = placement._frame(
+        model, placement._Linked(photograph=photograph, views=(first, last), matched=np.array([0]))
+    )
     np.testing.assert_allclose(frame.rays, [[0.15, 0.0]])
     np.testing.assert_allclose(frame.displacement, [[0.1, 0.0]])
     np.testing.assert_allclose(frame.inverse_depth, [0.25])

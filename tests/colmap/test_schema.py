@@ -9,17 +9,14 @@ import pycolmap
 import pytest
 
 from blur2view import Configuration
-from blur2view.colmap import schema as colmap_schema
 from blur2view.colmap.schema import (
+    CAMERA_SENSOR,
     MAX_IMAGES,
     MODELS,
     NEWEST_KNOWN,
     SCHEMA_VERSION,
     TABLES,
-    keypoints_blob,
     keypoints_from_blob,
-    matches_blob,
-    matrix_blob,
     model_number,
     pair_id,
     quaternion,
@@ -69,53 +66,21 @@ def test_numbers_are_those_of_pycolmap() -> None:
     models = pycolmap.CameraModelId.__members__
     assert {name: int(models[name]) for name in MODELS} == MODELS
     assert model_number("OPENCV_FISHEYE") == int(models["OPENCV_FISHEYE"])
-    assert pycolmap.SensorType.CAMERA.value == colmap_schema.CAMERA_SENSOR
-
-
-def test_pycolmap_writes_the_blobs_that_we_pack(tmp_path: Path) -> None:
-    path, rng = tmp_path / "theirs.db", np.random.default_rng(0)
-    points, used = rng.uniform(0, 500, (7, 2)), np.array([1, 3, 4])
-    matrices = {name: rng.normal(size=(3, 3)) for name in "FEH"}
-    turn, t = pycolmap.Rotation3d(np.array([0.1, -0.2, 0.3])), np.array([0.6, 0.0, 0.8])
-    geometry = pycolmap.TwoViewGeometry(config=2, **matrices)
-    geometry.inlier_matches = np.stack([used, used], axis=1).astype(np.uint32)
-    geometry.cam2_from_cam1 = pycolmap.Rigid3d(turn, t)
-    with pycolmap.Database.open(path) as database:
-        camera = pycolmap.Camera.create_from_model_name(0, "SIMPLE_PINHOLE", 500.0, 640, 480)
-        camera.camera_id = database.write_camera(camera)
-        ids = [database.write_image(pycolmap.Image(name=n, camera_id=camera.camera_id)) for n in "ab"]
-        database.write_keypoints(ids[0], points.astype(np.float32))
-        database.write_two_view_geometry(ids[0], ids[1], geometry)
-    with closing(sqlite3.connect(path)) as database:
-        stored = database.execute("SELECT rows, cols, data FROM keypoints").fetchone()
-        columns = "pair_id, data, F, E, H, qvec, tvec"
-        row = database.execute(f"SELECT {columns} FROM two_view_geometries").fetchone()
-    assert stored == (7, 2, keypoints_blob(points))
-    np.testing.assert_array_equal(keypoints_from_blob(*stored), points.astype(np.float32))
-    packed = [matrix_blob(matrices[name]) for name in "FEH"]
-    assert row[:5] == (pair_id(*ids), matches_blob(used), *packed)
-    np.testing.assert_allclose(np.frombuffer(row[5]), quaternion(turn.matrix()), atol=1e-12)
-    assert row[6] == matrix_blob(t)
+    assert pycolmap.SensorType.CAMERA.value == CAMERA_SENSOR
 
 
 def test_pairs_of_images_have_one_key() -> None:
     for ids in ((3, 17), (1, MAX_IMAGES - 1)):
         assert pycolmap.pair_id_to_image_pair(pair_id(*ids)) == ids
-    for wrong in ((17, 3), (3, 3), (-1, 3), (3, MAX_IMAGES)):
-        with pytest.raises(ValueError, match="must rise"):
+        assert pair_id(*ids[::-1]) == pair_id(*ids)
+    for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
+        with pytest.raises(ValueError, match="must differ"):
             pair_id(*wrong)
 
 
 @pytest.mark.parametrize(
     "row",
-    [
-        (2, 2, b"\0" * 15),
-        (2, 3, b"\0" * 24),
-        (-1, 2, b""),
-        ("2", 2, b"\0" * 16),
-        (1, 2, "text"),
-        (1, 2, None),
-    ],
+    [(2, 2, bytes(15)), (2, 3, bytes(24)), (-1, 2, b""), ("2", 2, bytes(16)), (1, 2, "text"), (1, 2, None)],
 )
 def test_refuses_keypoints_that_contradict_themselves(row: tuple[object, object, object]) -> None:
     with pytest.raises(ValueError, match="keypoints"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,103 +11,50 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import to_colmap
-from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.cli import commands as cli
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_vector
+from tests.support.walks import Walk
 
-SIZE, FRAMES = (96, 64), 3
 EXPOSURE_S = 0.02
 ENDS = ("#open", "", "#close")
+NAMES = [f"frame_{k:03d}.png" for k in range(3)]
+# a picture every third of a frame: exposures of two thirds of a frame interval each
+WALK = Walk(
+    names=[f"{name}{end}" for name in NAMES for end in ENDS],
+    size=(96, 64),
+    focal=90.0,
+    turn=np.array([0.002, -0.005, 0.007]),
+    move=-np.array([0.02, 0.005, 0.01]),
+)
+POSES = np.array([WALK.pose_at(k) for k in range(9)]).reshape(3, 3, 3, 4)  # of frames at open, middle, close
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rendered:
-    """A camera's exposures of points: what is true, and the models that were written of it.
-
-    ``poses`` (N, 3, 3, 4) are cam_from_world at open, middle and close; ``points`` (M, 3) of every frame are
-    in the world, ``smears`` (M, 2) their displacements in pixels.
-    """
-
-    K: Array
-    poses: Array
-    points: list[Array]
-    smears: list[Array]
-    folder: Path
-
-    @property
-    def smear_px(self) -> list[float]:
-        """Median lengths."""
-        return [float(np.median(np.linalg.norm(smears, axis=1))) for smears in self.smears]
-
-
-def pose_at(time: float) -> Array:
-    """Return cam_from_world [R | t] (3, 4) at a time in frames, of a walk that turns steadily."""
-    R = rotation_matrix(np.array([0.01, -0.02, 0.03]) * time)
-    return np.column_stack([R, -R @ np.array([0.08, 0.02, 0.04]) * time])
-
-
-def exposures(folder: Path) -> Rendered:
-    """Return exposures of half of a frame each, of points at smooth depths before every pixel of a grid."""
-    K = np.array([[90.0, 0, 47.5], [0, 90.0, 31.5], [0, 0, 1]])
-    poses = np.array([[pose_at(frame + at) for at in (-0.25, 0.0, 0.25)] for frame in range(FRAMES)])
-    grid = np.stack(np.meshgrid(np.arange(1.5, SIZE[0], 4), np.arange(1.5, SIZE[1], 4)), -1).reshape(-1, 2)
+def points_of_a_wall() -> Array:
+    """Return points (N, 3) at smooth depths before every pixel of a grid of the middle frame."""
+    grid = np.stack(np.meshgrid(np.arange(1.5, 96, 4), np.arange(1.5, 64, 4)), -1).reshape(-1, 2)
     depth = 1 + 0.3 * np.sin(grid[:, :1] / 20) * np.cos(grid[:, 1:] / 15)
-    rays = np.column_stack([(grid - K[:2, 2]) / K[0, 0], np.ones(len(grid))]) * depth
-    points = [(rays - middle[:, 3]) @ middle[:, :3] for _, middle, _ in poses]
-    smears = [
-        pixels(K, last, world) - pixels(K, first, world)
-        for (first, _, last), world in zip(poses, points, strict=True)
-    ]
-    return Rendered(K=K, poses=poses, points=points, smears=smears, folder=folder)
+    return np.column_stack([(grid - (47.5, 31.5)) / WALK.focal, np.ones(len(grid))]) * depth
 
 
-def pixels(K: Array, pose: Array, world: Array) -> Array:
-    """Return our pixels (N, 2) of points (N, 3) in a camera [R | t]."""
-    seen = (world @ pose[:, :3].T + pose[:, 3]) @ K.T
-    return seen[:, :2] / seen[:, 2:]
-
-
-def write_model(folder: Path, truth: Rendered, kinds: tuple[str, ...]) -> None:
-    """Write a model of the video: every frame at mid exposure, and its views."""
-    model = pycolmap.Reconstruction()
-    K, (width, height) = truth.K, SIZE
-    params = [K[0, 0], K[1, 1], *to_colmap(K[:2, 2])]
-    camera = pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params, camera_id=1)
-    model.add_camera_with_trivial_rig(camera)
-    for frame, poses in enumerate(truth.poses):
-        for number, (end, pose) in enumerate(zip(ENDS, poses, strict=True)):
-            if end not in kinds:
-                continue
-            image = pycolmap.Image(
-                name=f"frame_{frame:03d}.png{end}",
-                camera_id=1,
-                image_id=3 * frame + number + 1,
-                keypoints=to_colmap(pixels(K, pose, truth.points[frame])),
-            )
-            model.add_image_with_trivial_frame(image, rigid3d(pose[:, :3], pose[:, 3]))
-        observers = [3 * frame + n + 1 for n, end in enumerate(ENDS) if end in kinds]
-        for index, point in enumerate(truth.points[frame]):
-            track = pycolmap.Track()
-            for number in observers:
-                track.add_element(number, index)
-            model.add_point3D(point, track)
-    folder.mkdir()
-    model.write(folder)
+POINTS = points_of_a_wall()
+SMEARS = [
+    WALK.pixels(last, POINTS) - WALK.pixels(first, POINTS) for first, _, last in POSES
+]  # (N, 2), pixels
+SMEAR_PX = [float(np.median(np.linalg.norm(smears, axis=1))) for smears in SMEARS]
 
 
 @pytest.fixture(scope="module")
-def video(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of photographs and models: of photographs and views, of views alone, of neither."""
     folder = tmp_path_factory.mktemp("video")
-    truth = exposures(folder)
     (folder / "images").mkdir()
-    for frame in range(FRAMES):
-        (folder / "images" / f"frame_{frame:03d}.png").touch()
-    for name, kinds in (("model", ENDS), ("views", ENDS[::2]), ("sharp", ENDS[1:2])):
-        write_model(folder / name, truth, kinds)
-    return truth
+    for name in NAMES:
+        (folder / "images" / name).touch()
+    ends = {"model": range(9), "views": [0, 2, 3, 5, 6, 8], "sharp": [1, 4, 7]}
+    WALK.write(POINTS, folder / "video.db", {folder / name: of for name, of in ends.items()})
+    return folder
 
 
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:
@@ -124,49 +70,45 @@ def in_camera(world_from_camera: Any, world: Array) -> Array:
     return (np.linalg.inv(world_from_camera) @ np.column_stack([world, np.ones(len(world))]).T).T[:, :3]
 
 
-def test_every_matrix_projects_as_pycolmap_does(video: Rendered) -> None:
-    content = transforms(video.folder / "model")
-    model = pycolmap.Reconstruction(video.folder / "model")
+def test_every_matrix_projects_as_pycolmap_does(video: Path) -> None:
+    content = transforms(video / "model")
+    model = pycolmap.Reconstruction(video / "model")
     keys = ("transform_matrix_start", "transform_matrix", "transform_matrix_end")
-    for frame, points in zip(content["frames"], video.points, strict=True):
-        name = Path(frame["file_path"]).name
+    for name, frame in zip(NAMES, content["frames"], strict=True):
         for key, end in zip(keys, ENDS, strict=True):
             image = model.find_image_with_name(name + end)
-            expected = np.array([image.project_point(point) for point in points])
-            ours = opengl_pixels(content, in_camera(frame[key], points))
+            expected = np.array([image.project_point(point) for point in POINTS])
+            ours = opengl_pixels(content, in_camera(frame[key], POINTS))
             np.testing.assert_allclose(ours, expected, atol=1e-8)
 
 
-def test_rays_from_start_to_end_draw_the_true_smears(video: Rendered) -> None:
-    content = transforms(video.folder / "model")
-    assert content["rolling_shutter"] == [0, 0, 0, 1]
-    for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
+def test_rays_from_start_to_end_draw_the_true_smears(video: Path) -> None:
+    content = transforms(video / "model")
+    assert content["rolling_shutter"] == [0, 0, 0, 1] and min(SMEAR_PX) > 2
+    for frame, smears, smear_px in zip(content["frames"], SMEARS, SMEAR_PX, strict=True):
         start, end = (
-            opengl_pixels(content, in_camera(frame[f"transform_matrix_{when}"], points))
+            opengl_pixels(content, in_camera(frame[f"transform_matrix_{when}"], POINTS))
             for when in ("start", "end")
         )
-        smear = video.smears[number]
-        assert np.median(np.linalg.norm(end - start - smear, axis=1)) < 0.02
-        assert np.median(np.linalg.norm(smear, axis=1)) > 2
-        assert frame["sharpness"] == pytest.approx(1 / (1 + video.smear_px[number]), rel=0.02)
+        np.testing.assert_allclose(end - start, smears, atol=1e-8)
+        assert frame["sharpness"] == pytest.approx(1 / (1 + smear_px))
 
 
-def test_velocities_over_the_exposure_draw_the_true_smears(video: Rendered) -> None:
-    content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
+    content = transforms(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
     assert content["exposure_time"] == EXPOSURE_S and content["rolling_shutter_time"] == 0
-    for number, (frame, points) in enumerate(zip(content["frames"], video.points, strict=True)):
-        camera = in_camera(frame["transform_matrix"], points)
+    for frame, smears, smear_px in zip(content["frames"], SMEARS, SMEAR_PX, strict=True):
+        camera = in_camera(frame["transform_matrix"], POINTS)
         linear, angular = (np.array(frame[f"camera_{kind}_velocity"]) for kind in ("linear", "angular"))
         # a point at rest moves against the camera's motion
         moved = -(linear + np.cross(angular, camera)) * content["exposure_time"]
         drawn = opengl_pixels(content, camera + moved / 2) - opengl_pixels(content, camera - moved / 2)
-        smear = video.smears[number]
-        assert np.median(np.linalg.norm(drawn - smear, axis=1)) < 0.02 * video.smear_px[number]
+        assert np.median(np.linalg.norm(drawn - smears, axis=1)) < 0.02 * smear_px
 
 
-def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video: Rendered) -> None:
-    content = transforms(video.folder / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
-    for frame, (first, _, last) in zip(content["frames"], video.poses, strict=True):
+def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video: Path) -> None:
+    content = transforms(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+    for frame, (first, _, last) in zip(content["frames"], POSES, strict=True):
         world_from_camera = np.array(frame["transform_matrix"])[:3, :3]
         centres = [-pose[:, :3].T @ pose[:, 3] for pose in (first, last)]
         turned = rotation_vector(last[:, :3].T @ first[:, :3])
@@ -175,8 +117,8 @@ def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video
             np.testing.assert_allclose(velocity * EXPOSURE_S, expected, atol=1e-12)
 
 
-def test_views_alone_have_the_pose_halfway(video: Rendered) -> None:
-    whole, alone = (transforms(video.folder / name) for name in ("model", "views"))
+def test_views_alone_have_the_pose_halfway(video: Path) -> None:
+    whole, alone = (transforms(video / name) for name in ("model", "views"))
     for frame, other in zip(whole["frames"], alone["frames"], strict=True):
         assert frame["transform_matrix_start"] == other["transform_matrix_start"]
         ends = [np.array(frame[f"transform_matrix_{when}"]) for when in ("start", "end")]
@@ -185,11 +127,9 @@ def test_views_alone_have_the_pose_halfway(video: Rendered) -> None:
         np.testing.assert_allclose(halfway[:3, :3] @ halfway[:3, :3].T, np.eye(3), atol=1e-12)
 
 
-def test_the_box_holds_cameras_and_points(video: Rendered) -> None:
-    content = transforms(video.folder / "model")
-    places = np.concatenate(
-        [*video.points, [np.array(f["transform_matrix"])[:3, 3] for f in content["frames"]]]
-    )
+def test_the_box_holds_cameras_and_points(video: Path) -> None:
+    content = transforms(video / "model")
+    places = np.concatenate([POINTS, [np.array(f["transform_matrix"])[:3, 3] for f in content["frames"]]])
     inside = places * content["scale"] + content["offset"]
     half = content["aabb_scale"] / 2
     assert (np.abs(inside - 0.5) < half).all()
@@ -197,8 +137,8 @@ def test_the_box_holds_cameras_and_points(video: Rendered) -> None:
     assert content["up"] @ np.array([0.0, 1, 0]) < -0.9  # the world of the video has y down
 
 
-def test_a_frame_without_views_stands_still(video: Rendered, tmp_path: Path) -> None:
-    model = pycolmap.Reconstruction(video.folder / "model")
+def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None:
+    model = pycolmap.Reconstruction(video / "model")
     model.deregister_frame(model.find_image_with_name("frame_001.png#open").frame_id)
     (tmp_path / "model").mkdir()
     model.write(tmp_path / "model")
@@ -220,17 +160,17 @@ def test_a_frame_without_views_stands_still(video: Rendered, tmp_path: Path) -> 
     ],
 )
 def test_lens_keeps_its_numbers(
-    video: Rendered, tmp_path: Path, kind: str, params: list[float], expected: dict[str, Any]
+    video: Path, tmp_path: Path, kind: str, params: list[float], expected: dict[str, Any]
 ) -> None:
     content = transforms(with_camera(video, tmp_path, kind, params))
     assert {key: content[key] for key in expected} == expected
-    assert (content["w"], content["h"], content["cx"], content["cy"]) == (*SIZE, 48, 32)
+    assert (content["w"], content["h"], content["cx"], content["cy"]) == (96, 64, 48, 32)
     assert ("p1" in content) != content.get("is_fisheye", False)  # instant-ngp reads p1 into k3's place
 
 
-def with_camera(video: Rendered, folder: Path, kind: str, params: list[float]) -> Path:
+def with_camera(video: Path, folder: Path, kind: str, params: list[float]) -> Path:
     """Return a copy of the model whose camera is another."""
-    model = pycolmap.Reconstruction(video.folder / "model")
+    model = pycolmap.Reconstruction(video / "model")
     camera = model.cameras[1]
     camera.model = pycolmap.CameraModelId.__members__[kind]
     camera.params = params
@@ -239,17 +179,17 @@ def with_camera(video: Rendered, folder: Path, kind: str, params: list[float]) -
     return folder / "model"
 
 
-def test_what_cannot_be_written_is_one_line(video: Rendered, tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*blur2view place"):
-        transforms(video.folder / "sharp")
+        transforms(video / "sharp")
     with pytest.raises(DatabaseError, match="absent: no such folder"):
         transforms(tmp_path / "absent")
     with pytest.raises(DatabaseError, match="FOV, which transforms.json cannot hold; undistort"):
         transforms(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
     with pytest.raises(ValueError, match="dialect"):
-        transforms(video.folder / "model", dialect="mip")
+        transforms(video / "model", dialect="mip")
     with pytest.raises(ValueError, match="positive time"):
-        transforms(video.folder / "model", exposure_s=float("nan"))
+        transforms(video / "model", exposure_s=float("nan"))
 
 
 def call(*arguments: object) -> int:
@@ -257,31 +197,31 @@ def call(*arguments: object) -> int:
 
 
 def test_command_writes_the_file_with_paths_from_its_folder(
-    video: Rendered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "scene" / "transforms.json"
-    assert call(video.folder / "model", "--images", video.folder / "images", "-o", target) == 0
+    assert call(video / "model", "--images", video / "images", "-o", target) == 0
     assert capsys.readouterr().out == f"{target}: wrote 3 frames\n"
     content = json.loads(target.read_text())
     assert all((target.parent / frame["file_path"]).samefile(
-        video.folder / "images" / Path(frame["file_path"]).name) for frame in content["frames"])  # fmt: skip
+        video / "images" / Path(frame["file_path"]).name) for frame in content["frames"])  # fmt: skip
     written = target.read_bytes()
-    assert call(video.folder / "model", "--images", video.folder / "images", "-o", target) == 0
+    assert call(video / "model", "--images", video / "images", "-o", target) == 0
     assert target.read_bytes() == written
 
 
 def test_command_refuses_what_it_must(
-    video: Rendered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(video.folder / "model", "--images", tmp_path, "-o", tmp_path / "a.json") == 1
+    assert call(video / "model", "--images", tmp_path, "-o", tmp_path / "a.json") == 1
     assert "no such photograph (3 of 3 are missing); name their folder" in capsys.readouterr().err
     foreign = tmp_path / "foreign.json"
     foreign.write_text("{}")
-    assert call(video.folder / "model", "-o", foreign) == 1
+    assert call(video / "model", "-o", foreign) == 1
     assert "is no file of an earlier call" in capsys.readouterr().err
-    assert call(video.folder / "sharp", "-o", tmp_path / "new" / "a.json") == 1
+    assert call(video / "sharp", "-o", tmp_path / "new" / "a.json") == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["foreign.json"] and foreign.read_text() == "{}"
     with pytest.raises(SystemExit) as caught:
-        call(video.folder / "model", "--exposure", "0")
+        call(video / "model", "--exposure", "0")
     assert caught.value.code == 2

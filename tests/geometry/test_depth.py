@@ -29,7 +29,7 @@ def test_points_in_front_have_positive_parallax_in_their_true_order(rotation_sha
 def test_translation_alone_decides_every_order() -> None:
     for seed in range(5):
         forward, backward, swapped = parallax(seed, 0.0)
-        ahead, behind = order_log_odds(forward, backward, np.full(len(forward), 1e-5))
+        ahead, behind = order_log_odds(np.stack([forward, backward]), np.full(len(forward), 1e-5))
         assert ((ahead < behind) == swapped).mean() > 0.995
         assert np.allclose(forward, -backward)
 
@@ -45,10 +45,10 @@ def test_exchanging_the_ends_exchanges_the_orders() -> None:
 
 def test_feasible_orders_share_and_infeasible_ones_are_improbable() -> None:
     sigma = np.ones(1)
-    both = order_log_odds(np.array([50.0]), np.array([50.0]), sigma)
+    both = order_log_odds(np.array([[50.0], [50.0]]), sigma)
     assert np.allclose(both, np.log(0.5))
-    assert np.allclose(order_log_odds(np.array([50.0]), np.array([-50.0]), sigma)[0], 0)
-    assert max(order_log_odds(np.array([-9.0]), np.array([-9.0]), sigma)) < -10
+    assert np.allclose(order_log_odds(np.array([[50.0], [-50.0]]), sigma)[0], 0)
+    assert max(order_log_odds(np.array([[-9.0], [-9.0]]), sigma)) < -10
 
 
 def test_the_midpoint_at_the_epipole_says_nothing_and_fails_nothing() -> None:

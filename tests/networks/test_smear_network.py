@@ -10,6 +10,7 @@ import numpy as np
 import onnx
 import pytest
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from blur2view.errors import ModelError
 from blur2view.networks import octaves, smear_network
@@ -76,6 +77,14 @@ def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
     assert together.displacement.tobytes() == alone.displacement.tobytes()
     assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
     assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
+
+
+def test_threads_of_blas_change_no_byte() -> None:
+    image, network = noise(256, 320), SmearNetwork()
+    with threadpool_limits(limits=1, user_api="blas"):
+        alone = network.predict(image)
+    with threadpool_limits(limits=2, user_api="blas"):
+        np.testing.assert_array_equal(network.predict(image).cells, alone.cells)
 
 
 def test_interrupt_waits_for_the_tiles_in_hand_alone(

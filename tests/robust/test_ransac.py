@@ -1,7 +1,7 @@
 """The robust loop on a problem that has nothing to do with geometry: the mean of numbers with outliers."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ class Location:
     """Location of a cluster at 5 among uniform outliers; a sample is one number."""
 
     values: Floats
-    sample_size: int = 1
+    sample_size: ClassVar[int] = 1
     fits: float = 0.0
     inliers: float = 0.0
     scored: list[int] = field(default_factory=list)

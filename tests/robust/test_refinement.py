@@ -135,6 +135,13 @@ def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> Non
         assert np.allclose(OrderedResiduals(both=residuals.both[::-1]).forward_share, 1 - share)
 
 
+def test_residuals_leave_the_orders_open_unless_told() -> None:
+    ends = normalised(make_scene(np.random.default_rng(4), count=50).ends)
+    matches, blind = WeightedEnds(ends=ends, sigma=np.ones(50)), cross_matrix(DIRECTION)
+    assert np.allclose(matches.residuals(blind).forward_share, 0.5)
+    assert np.isin(matches.residuals(blind, decided=True).forward_share, [0, 1]).all()
+
+
 @pytest.mark.slow
 def test_weighing_both_orders_invents_less_rotation() -> None:
     """In the mean, that is: the worst cases are rarer. Of the seeds alone two in five go the other way."""

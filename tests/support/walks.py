@@ -10,18 +10,24 @@ import pycolmap
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.colmap_geometry import rigid3d
 from blur2view.geometry.rotation import rotation_matrix
 
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """A camera that turns by ``turn`` (3,) and moves by ``move`` (3,) a frame; its middle frame is at 0."""
+    """A camera that turns by ``turn`` (3,) and moves by ``move`` (3,) a frame; its middle frame is at 0.
+
+    Image k + 1 is that of frame k; with ``rig`` the camera is the second of a rig, and its frames have other
+    ids than the images.
+    """
 
     names: Sequence[str]
     size: tuple[int, int]
     focal: float
     turn: Array
     move: Array
+    rig: bool = False
 
     def pose_at(self, time: float) -> Array:
         """Return cam_from_world (3, 4) at a time in frames."""
@@ -37,36 +43,71 @@ class Walk:
 
     def write(self, points: Array, database: Path, models: Mapping[Path, Iterable[int]]) -> None:
         """Write a project that has these points (N, 3) for features, and models of some of the frames."""
-        (width, height), numbers = self.size, range(1, len(self.names) + 1)
-        params = [self.focal, width / 2, height / 2]
-        camera = pycolmap.Camera(
-            model="SIMPLE_PINHOLE", width=width, height=height, params=params, camera_id=1
-        )
-        camera.has_prior_focal_length = True
-        poses = [self.pose_at(k) for k in range(len(self.names))]
-        features = [to_colmap(self.pixels(pose, points)) for pose in poses]
+        cameras, rig = self._cameras()
+        images = [self._image(k, points) for k in range(len(self.names))]
         with pycolmap.Database.open(database) as opened:
-            opened.write_camera(camera)
-            for number, name, seen in zip(numbers, self.names, features, strict=True):
-                opened.write_image(pycolmap.Image(name=name, camera_id=1))
-                opened.write_keypoints(number, seen.astype(np.float32))
+            for camera in cameras:
+                opened.write_camera(camera)
+            opened.write_rig(rig)
             geometry = pycolmap.TwoViewGeometry()
             geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
             geometry.inlier_matches = np.arange(len(points), dtype=np.uint32)[:, None].repeat(2, axis=1)
-            for pair in combinations(numbers, 2):
+            for image, frame in images:
+                opened.write_image(image)
+                opened.write_frame(frame, use_frame_id=True)
+                keypoints = np.array([point.xy for point in image.points2D])
+                opened.write_keypoints(image.image_id, keypoints.astype(np.float32))
+            for pair in combinations(range(1, len(images) + 1), 2):
                 opened.write_matches(*pair, geometry.inlier_matches)
                 opened.write_two_view_geometry(*pair, geometry)
         for folder, frames in models.items():
             model = pycolmap.Reconstruction()
-            model.add_camera_with_trivial_rig(camera)
+            for camera in cameras:
+                model.add_camera(camera)
+            model.add_rig(rig)
             for k in frames:
-                image = pycolmap.Image(name=self.names[k], keypoints=features[k], camera_id=1, image_id=k + 1)
-                pose = pycolmap.Rigid3d(pycolmap.Rotation3d(poses[k][:, :3]), poses[k][:, 3])
-                model.add_image_with_trivial_frame(image, pose)
+                image, frame = self._image(k, points)
+                image.frame_id = frame.frame_id
+                model.add_frame(frame)
+                model.add_image(image)
+                pose = self.pose_at(k)
+                model.frame(frame.frame_id).set_cam_from_world(
+                    image.camera_id, rigid3d(pose[:, :3], pose[:, 3])
+                )
+                model.register_frame(frame.frame_id)
             for index, point in enumerate(points):
                 track = pycolmap.Track()
                 for k in frames:
                     track.add_element(k + 1, index)
-                model.add_point3D(point, track, np.array([index, 100, 200], np.uint8))
+                model.add_point3D(point, track, np.array([index % 256, 100, 200], np.uint8))
             folder.mkdir(parents=True)
             model.write(folder)
+
+    def _cameras(self) -> tuple[list[pycolmap.Camera], pycolmap.Rig]:
+        """Return the rig and its cameras, of which the last takes the photographs."""
+        (width, height), rig = self.size, pycolmap.Rig(rig_id=1)
+        params = [self.focal, width / 2, height / 2]
+        cameras = [
+            pycolmap.Camera(
+                model="SIMPLE_PINHOLE", width=width, height=height, params=params, camera_id=number
+            )
+            for number in range(1, 2 + self.rig)
+        ]
+        for camera in cameras:
+            camera.has_prior_focal_length = True
+        rig.add_ref_sensor(cameras[0].sensor_id)
+        if self.rig:
+            rig.add_sensor(cameras[1].sensor_id, pycolmap.Rigid3d(translation=[0.1, 0, 0]))
+        return cameras, rig
+
+    def _image(self, k: int, points: Array) -> tuple[pycolmap.Image, pycolmap.Frame]:
+        """Return an image of points (N, 3), and the frame that it is alone in."""
+        image = pycolmap.Image(
+            name=self.names[k],
+            keypoints=to_colmap(self.pixels(self.pose_at(k), points)),
+            camera_id=1 + self.rig,
+            image_id=k + 1,
+        )
+        frame = pycolmap.Frame(frame_id=k + 1 + 8 * self.rig, rig_id=1)
+        frame.add_data_id(image.data_id)
+        return image, frame

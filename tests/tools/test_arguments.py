@@ -24,7 +24,6 @@ ROOT = Path(__file__).resolve().parents[2]
         "evaluation.gyroscope nowhere",
         "reports.gallery nowhere/a.jpg --out a.webp",
         "reports.report_screenshot nowhere/a.jpg",
-        "database_safety.malformed_projects --model nowhere",
     ],
 )
 def test_what_is_not_there_is_wrong_usage(

@@ -1,7 +1,6 @@
 """The choice of models, end to end: what six kinds of scenes are called, H, and what cannot be answered."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import collinear
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.structure import within_errors
-from blur2view.two_view.verdict import WITHOUT_F, Structure
-from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends, with_second_motion
+from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 from tools.metrics import rho
@@ -86,7 +84,7 @@ def test_still_camera_is_no_motion_whatever_its_noise() -> None:
 
 
 @pytest.mark.slow
-def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
+def test_half_and_half_is_several_motions() -> None:
     found = [solve(draw_scene("several or none", seed)) for seed in range(0, 16, 2)]
     named = [geometry for geometry in found if geometry.config is Configuration.MULTIPLE]
     assert len(named) >= 5
@@ -94,11 +92,6 @@ def test_half_and_half_is_several_motions_and_a_small_object_is_not() -> None:
         assert geometry.F is not None
         assert geometry.model in ("camera", "translation", "general")
         assert "two motions" in geometry.reason
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        scene = disturb(make_scene(rng, length_px=20), rng, noise_px=0.3)
-        scene = with_second_motion(scene, (250, 180, 400, 320), np.array([-15.0, 18.0]))
-        assert estimate_two_view(scene.matches(0.6)).config is Configuration.UNCALIBRATED
 
 
 @pytest.mark.slow
@@ -214,11 +207,6 @@ def test_smears_along_one_line_are_degenerate(image_size: tuple[int, int] | None
     refused(matches, "line" if image_size is None else "smears")
 
 
-def test_identical_smears_are_degenerate() -> None:
-    ends = np.tile([[100.0, 100.0], [110.0, 105.0]], (200, 1, 1))
-    refused(SmearMatches(ends=ends, sigma_px=np.ones(200)), "constant field")
-
-
 def test_some_smears_of_no_length_break_nothing() -> None:
     scene = draw_scene("general", 1)
     ends = scene.matches.ends.copy()
@@ -256,23 +244,6 @@ def test_parallax_is_absent_only_where_nothing_moved_and_else_not_told() -> None
         assert geometry.parallax is parallax, geometry.reason
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"sigma_px": np.zeros(40)},
-        {"sigma_px": np.full(40, np.inf)},
-        {"sigma_px": np.full(40, np.nan)},
-        {"sigma_px": np.full(40, -1.0)},
-        {"ends": np.full((40, 2, 2), np.nan)},
-        {"ends": np.full((40, 2, 2), np.inf)},
-    ],
-)
-def test_what_is_no_number_is_refused(wrong: dict[str, Any]) -> None:
-    values: dict[str, Any] = {"ends": np.zeros((40, 2, 2)), "sigma_px": np.ones(40)} | wrong
-    with pytest.raises(ValueError, match="finite"):
-        SmearMatches(**values)
-
-
 def test_thirty_smears_of_a_plane_are_enough() -> None:
     options = DegenerateOptions(count=(40, 41), noise_px=(0.2, 0.3), outliers=(0.0, 0.0), length_px=(20, 21))
     for seed in SEEDS:
@@ -285,10 +256,3 @@ def test_within_errors_counts_on_the_stated_standard_deviations() -> None:
     assert not within_errors(scene.matches)
     assert within_errors(replace(scene.matches, sigma_px=4 * scene.matches.length_px + 1e-9))
     assert within_errors(draw_scene("no motion", 0).matches)
-
-
-def test_every_structure_has_a_configuration() -> None:
-    from blur2view.two_view.estimate import CONFIGURATIONS
-
-    assert set(CONFIGURATIONS) == set(Structure)
-    assert set(Structure) >= WITHOUT_F

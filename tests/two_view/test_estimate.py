@@ -11,10 +11,13 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.robust.refinement import refine
+from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import agreement, constant_field
 from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.model_selection import PARAMETERS, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import (
     IMAGE_SIZE,
@@ -149,13 +152,15 @@ def test_sixty_percent_outliers_and_a_pixel_of_noise() -> None:
 
 
 @pytest.mark.slow
-def test_a_moving_object_does_not_pull_F() -> None:
+def test_a_moving_object_is_no_second_motion_and_does_not_pull_F() -> None:
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         scene = disturb(make_scene(rng, length_px=20), rng, noise_px=0.3)
         scene = with_second_motion(scene, (200, 150, 400, 350), np.array([-15.0, 18.0]))
         assert scene.outlier.mean() > 0.08
-        assert median_rho(solve(matches_of(scene, 0.6)).F, scene) < 0.02
+        geometry = solve(matches_of(scene, 0.6))
+        assert geometry.config is Configuration.UNCALIBRATED
+        assert median_rho(geometry.F, scene) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -200,6 +205,16 @@ def test_families_are_reported_with_their_costs() -> None:
     costs = [cost for _, cost in geometry.scores]
     assert costs == sorted(costs)
     assert geometry.model in geometry.reason
+
+
+def test_score_is_akaikes_criterion_and_the_odds_against_a_family() -> None:
+    scene = disturb(make_scene(np.random.default_rng(1)), np.random.default_rng(1), noise_px=0.5)
+    problem, fits, _ = search_and_fit(matches_of(scene), EstimatorOptions(), np.random.default_rng(0))
+    there = RefineOptions(max_iterations=0, data_weight=problem.data_weight)
+    beyond = {fit.model: fit.score - refine(fit.point, problem.weighted, there)[1] for fit in fits}
+    odds = {"translation": 1e3, "camera": 1.0, "general": 1e12}
+    expected = {name: 2 * count + 2 * np.log(odds[name]) for name, count in PARAMETERS.items()}
+    assert beyond == pytest.approx(expected)
 
 
 def assert_refused(geometry: TwoViewGeometry, config: Configuration, words: str) -> None:

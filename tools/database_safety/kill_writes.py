@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.colmap.database import write_database
-from blur2view.colmap.link import LinkJob, LinkStep, plan_links, write_links
+from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
@@ -79,8 +79,10 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
     )
 
 
-def link_jobs(path: Path, rng: np.random.Generator, *, again: bool = False) -> list[LinkJob]:
-    """Return jobs with random views for all images of a project."""
+def link_jobs(
+    path: Path, rng: np.random.Generator, *, again: bool = False
+) -> list[tuple[LinkStep, ExposureViews]]:
+    """Return plans with random views for all images of a project."""
     photographs = [Path(f"a_{index:03d}.jpg") for index in range(IMAGES)]
     jobs = []
     for plan in plan_links(path, photographs, replace=again):
@@ -88,7 +90,7 @@ def link_jobs(path: Path, rng: np.random.Generator, *, again: bool = False) -> l
             raise plan
         views = random_views(plan.image.name, FEATURES, rng)
         usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
-        jobs.append(LinkJob(plan=plan, views=replace(views, usable=usable)))
+        jobs.append((plan, replace(views, usable=usable)))
     return jobs
 
 
@@ -125,7 +127,7 @@ def make_trial(folder: Path, kind: str) -> Trial:
     backup = "backup" in kind
     return Trial(
         before=before,
-        writes=tuple(partial(write_links, jobs=share, backup=backup) for share in shares),
+        writes=tuple(partial(write_links, links=share, backup=backup) for share in shares),
         reader="reader" in kind,
         full_disk=full_disk,
     )

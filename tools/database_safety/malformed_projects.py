@@ -1,22 +1,12 @@
-"""Databases that are not what they should be, and what happens to them when views are linked into them.
+"""COLMAP projects that are not what they should be: each has one thing wrong, drawn from one seed.
 
-    python -m tools.database_safety.malformed_projects --count 200
-
-Each is a small project with one thing wrong, drawn from one seed: bytes cut, overwritten or flipped, another
-schema, a newer version, rows that contradict each other. The command ``to-colmap --link`` runs on it; it must
-end with exit code 0 or 1 and no traceback, and every row of the user must be as before (every byte, where it
-refuses).
+Bytes cut, overwritten or flipped, another schema, a newer version, rows that contradict each other.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import io
-import shutil
 import sqlite3
-import tempfile
-from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -24,12 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from blur2view.cli.commands import main as blur2view
 from blur2view.colmap.schema import MAX_IMAGES
-from tools.arguments import existing
-from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project, user_rows
+from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project
 
-NAME = "a_001.jpg"
 SQL_FAULTS = {
     "newer": "PRAGMA user_version = 4030000",
     "far newer": "PRAGMA user_version = 2147483647",
@@ -191,69 +178,7 @@ def malform(path: Path, number: int) -> str:
     return kind
 
 
-def link_into(folder: Path, number: int, model: Path | None = None) -> tuple[str, str, str]:
-    """Link into the malformed project of a number.
-
-    Returns
-    -------
-    kind, outcome, line
-        What was wrong; "written", "refused", or what went wrong with us; the last line printed.
-    """
-    path, photograph = folder / f"{number}.db", folder / NAME
-    kind = malform(path, number)
-    before, rows = path.read_bytes(), readable_rows(path)
-    words = ["to-colmap", "--jobs", "1", "--link", "--no-backup", "--db", str(path), str(photograph)]
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            code = blur2view(words + (["--model", str(model)] if model else []))
-    except Exception as error:
-        return kind, "traceback", repr(error)
-    line = said.getvalue().strip().splitlines()[-1]
-    if code == 0:
-        return kind, "written" if readable_rows(path) == rows is not None else "rows changed", line
-    lines = [text for text in said.getvalue().splitlines() if text.startswith("blur2view: ")]
-    if code != 1 or len(lines) != 1:
-        return kind, f"exit {code} with {len(lines)} lines", line
-    same = path.read_bytes() == before
-    return kind, "refused" if same else "refused, but changed", lines[0]
-
-
-def readable_rows(path: Path) -> object:
-    """Return all rows of the user, None where SQLite cannot read them."""
-    copy = path.with_suffix(".copy")
-    shutil.copy(path, copy)  # reading may finish a journal
-    try:
-        return user_rows(copy)
-    except (sqlite3.Error, UnicodeDecodeError, OverflowError):
-        return None
-
-
-def main() -> None:
-    """Count outcomes and print every line of the first of each kind."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--model", type=existing, help="a network; default the shipped one")
-    options = parser.parse_args()
-    outcomes: Counter[str] = Counter()
-    shown: set[tuple[str, str]] = set()
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        write_photograph(folder / NAME)
-        for number in range(options.count):
-            kind, outcome, line = link_into(folder, number, options.model)
-            outcomes[outcome] += 1
-            if (kind, outcome) not in shown:
-                shown.add((kind, outcome))
-                print(f"{kind}: {outcome}: {line.replace(name, '')}", flush=True)
-    print(dict(outcomes))
-
-
 def write_photograph(path: Path) -> None:
     """Write a small picture of noise smeared sideways."""
     noise = np.random.default_rng(0).uniform(0, 255, (SIZE[1], SIZE[0], 3))
     cv2.imwrite(str(path), cv2.blur(noise, (9, 1)).astype(np.uint8))
-
-
-if __name__ == "__main__":
-    main()
