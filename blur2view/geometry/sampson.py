@@ -73,34 +73,23 @@ class BatchSampson:
         self._features = [_float32(part.T) for part in (q * unit_px, skew * unit_px, even, odd)]
         self.count = len(ends)
 
-    def __call__(self, F: Array, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
-        """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
-        return _least(_coefficients(F), self._columns(block))
-
     def costs(
         self, F: Array, weight: FloatArray, limit: float, block: slice | NDArray[np.int_] = slice(None)
     ) -> FloatArray:
         """Return the sums (M,) of SErrMin times a weight (N,), each at most ``limit``, over a block.
 
-        Done for few models at a time, whose residuals stay in the processor's cache.
+        Of models F (M, 3, 3), few at a time, whose residuals stay in the processor's cache.
         """
-        rows, columns, weight = _coefficients(F), self._columns(block), weight[block]
+        rows, weight = _coefficients(F), weight[block]
+        columns = [features[:, block] for features in self._features]
         total, step = np.empty(len(F), np.float32), max(CHUNK // max(len(weight), 1), 1)
         for start in range(0, len(F), step):
             part = slice(start, start + step)
-            least = _least([row[:, part] for row in rows], columns)
+            q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
+            least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
             least *= weight
             total[part] = np.minimum(least, np.float32(limit), out=least).sum(axis=1)
         return total
-
-    def _columns(self, block: slice | NDArray[np.int_]) -> list[FloatArray]:
-        return [features[:, block] for features in self._features]
-
-
-def _least(rows: list[FloatArray], columns: list[FloatArray]) -> FloatArray:
-    """Return SErrMin (M, n) of models by their coefficients (k, M) on smears by their features (k, n)."""
-    q, skew, even, odd = (row.T @ column for row, column in zip(rows, columns, strict=True))
-    return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
 
 
 def _coefficients(F: Array) -> list[FloatArray]:

@@ -42,13 +42,11 @@ def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterato
     """Yield what `refine` has reached so far: first the start, then after every step."""
     first = best = WeightedPoint.likelier(start, matches, options)
     yield best.point, best.cost
-    for step in levenberg_marquardt(first, options.max_iterations):
-        if step.point.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
+    for reached in levenberg_marquardt(first, options.max_iterations, options.tolerance, options.rest):
+        if reached.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
             break
-        best = step.point
+        best = reached
         yield best.point, best.cost
-        if step.decrease <= options.tolerance * step.cost or step.sigmas < options.rest:
-            break
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -175,11 +175,8 @@ class FlowFit(Generic[H]):
 
 def fit_flow(family: H, data: FlowData) -> FlowFit[H]:
     """Return the cheapest homography of a family near a start."""
-    best = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
-    for step in levenberg_marquardt(best, STEPS):
-        best = step.point
-        if step.decrease <= TOLERANCE * step.cost:
-            break
+    start = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
+    *_, best = start, *levenberg_marquardt(start, STEPS, TOLERANCE)
     return best
 
 

@@ -91,27 +91,16 @@ def test_serrmin_scales_with_the_coordinates() -> None:
     assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
 
 
-def test_batch_scores_equal_serrmin() -> None:
-    scene = make_scene(np.random.default_rng(8), count=200)
-    T = epipolar.shared_normalisation(scene.ends)
-    ends = epipolar.apply_similarity(T, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    F, unit = random_matrices(8, 30), 1 / T[0, 0]
-    exact = np.sqrt(sampson.serrmin(F, ends)) * unit
-    batch = BatchSampson(ends, unit)
-    assert np.allclose(np.sqrt(batch(F)), exact, atol=0.01)
-    assert np.allclose(np.sqrt(batch(F, np.array([5, 3]))), exact[:, [5, 3]], atol=0.01)
-
-
 @pytest.mark.parametrize(("models", "smears"), [(300, 100), (2, sampson.CHUNK + 1)])
-def test_costs_are_cut_and_weighed_sums_however_many_there_are(models: int, smears: int) -> None:
-    rng = np.random.default_rng(9)
+def test_costs_are_cut_and_weighed_sums_of_serrmin_however_many_there_are(models: int, smears: int) -> None:
+    rng, unit_px = np.random.default_rng(9), 500.0
     F, ends = random_matrices(9, models), rng.uniform(-0.5, 0.5, (smears, 2, 2))
     weight = rng.uniform(0.5, 2.0, smears).astype(np.float32)
-    batch = BatchSampson(ends, 500.0)
+    batch, exact = BatchSampson(ends, unit_px), sampson.serrmin(F, ends) * unit_px**2
     assert models * smears > sampson.CHUNK
     for block in (slice(None), np.array([7, 3, 50])):
-        summed = np.minimum(batch(F, block) * weight[block], 900.0).sum(axis=1)
-        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-5)
+        summed = np.minimum(exact[:, block] * weight[block], 900.0).sum(axis=1)
+        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-3, atol=0.01)
 
 
 def test_epipoles_are_the_null_vectors() -> None:
