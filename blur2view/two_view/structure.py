@@ -23,7 +23,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, fit_from, with_measured_noise
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
+from blur2view.two_view.parallax import Evidence, parallax_evidence
 from blur2view.two_view.plane_parallax import plane_and_parallax
 
 SAMPLE = 400  # smears that the tests look at, at most
@@ -149,9 +149,7 @@ def evidence_of(problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[
     takes up errors that neighbours share.
     """
     stated = replace(problem.subset(sample), scale=problem.noise_scale)
-    return parallax_evidence(
-        deviations(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
-    )
+    return parallax_evidence(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
 
 
 def within_errors(matches: SmearMatches) -> bool:

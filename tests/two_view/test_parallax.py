@@ -8,9 +8,8 @@ from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.robust.homography import cayley
 from blur2view.robust.residuals import WeightedEnds
 from blur2view.two_view.parallax import (
-    Deviations,
+    Evidence,
     chance_densities,
-    deviations,
     mixture,
     parallax_evidence,
 )
@@ -39,9 +38,8 @@ def beside_a_plane(
     return A, F, WeightedEnds(ends=ends, sigma=np.full(count, NOISE))
 
 
-def found(seed: int, off: float) -> Deviations:
-    A, F, matches = beside_a_plane(seed, off)
-    return deviations(A, F, matches, UNIT_PX)
+def found(seed: int, off: float) -> Evidence:
+    return parallax_evidence(*beside_a_plane(seed, off), UNIT_PX)
 
 
 def test_mixture_finds_known_weights() -> None:
@@ -64,7 +62,7 @@ def test_more_rounds_never_lower_the_likelihood() -> None:
 
 def test_a_plane_gains_nothing_from_parallax() -> None:
     for seed in range(10):
-        evidence = parallax_evidence(found(seed, 0.0))
+        evidence = found(seed, 0.0)
         assert evidence.gain < 20
         assert evidence.on_plane > 0.95
         assert evidence.parallax < 0.1
@@ -72,7 +70,7 @@ def test_a_plane_gains_nothing_from_parallax() -> None:
 
 def test_parallax_is_counted() -> None:
     for seed in range(10):
-        evidence = parallax_evidence(found(seed, 0.4))
+        evidence = found(seed, 0.4)
         assert evidence.gain > 400
         assert 0.25 < evidence.parallax < 0.55
         assert 0.55 < evidence.on_plane < 0.8
@@ -81,7 +79,7 @@ def test_parallax_is_counted() -> None:
 def test_a_wrong_F_gains_less_than_the_true_one() -> None:
     A, F, matches = beside_a_plane(3, 0.4)
     wrong = cross_matrix(np.array([-0.5, 0.9, 1.0])) @ cayley(A)
-    gains = [parallax_evidence(deviations(A, f, matches, UNIT_PX)).gain for f in (F, wrong)]
+    gains = [parallax_evidence(A, f, matches, UNIT_PX).gain for f in (F, wrong)]
     assert gains[1] < 0.2 * gains[0]
 
 
@@ -91,7 +89,7 @@ def test_distances_from_the_lines_are_those_of_F_not_of_the_homography() -> None
         A, F, matches = beside_a_plane(seed, 0.0)
         shifted = A.copy()
         shifted[:2, 2] += 4 * NOISE
-        evidence = parallax_evidence(deviations(shifted, F, matches, UNIT_PX))
+        evidence = parallax_evidence(shifted, F, matches, UNIT_PX)
         assert evidence.gain > 500
         assert evidence.parallax > 0.5
 
@@ -100,7 +98,7 @@ def test_order_transpose_and_time_do_not_matter() -> None:
     A, F, matches = beside_a_plane(4, 0.3)
     turned = WeightedEnds(ends=matches.ends[:, ::-1], sigma=matches.sigma)
     gains = [
-        parallax_evidence(deviations(*models, smears, UNIT_PX)).gain
+        parallax_evidence(*models, smears, UNIT_PX).gain
         for models in ((A, F), (A, F.T), (-A, F))
         for smears in (matches, turned)
     ]
@@ -111,10 +109,10 @@ def test_standard_deviations_may_be_off_by_a_factor() -> None:
     A, F, matches = beside_a_plane(5, 0.3)
     for factor in (0.5, 2.0):
         wrong = WeightedEnds(ends=matches.ends, sigma=factor * matches.sigma)
-        assert parallax_evidence(deviations(A, F, wrong, UNIT_PX)).gain > 250
+        assert parallax_evidence(A, F, wrong, UNIT_PX).gain > 250
         none = beside_a_plane(5, 0.0)[2]
         none = WeightedEnds(ends=none.ends, sigma=factor * none.sigma)
-        assert parallax_evidence(deviations(A, F, none, UNIT_PX)).gain < 25
+        assert parallax_evidence(A, F, none, UNIT_PX).gain < 25
 
 
 def test_chance_densities_are_densities_over_discs() -> None:
@@ -130,5 +128,5 @@ def test_smears_without_length_break_nothing(length: float) -> None:
     ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
     ends[:, 1, 0] += length
     matches = WeightedEnds(ends=ends, sigma=np.full(50, NOISE))
-    evidence = parallax_evidence(deviations(np.zeros((3, 3)), np.eye(3), matches, UNIT_PX))
+    evidence = parallax_evidence(np.zeros((3, 3)), np.eye(3), matches, UNIT_PX)
     assert np.isfinite(evidence.gain)
