@@ -188,7 +188,7 @@ def select_model(
     elif verdict.generator is not None:
         ordered = transfer_orders(verdict.generator, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < options.tolerance_px(problem.sigma_px)
-        swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
+        swapped = ordered.swapped
         reason = f"{verdict.model}: {verdict.sentence}"
     else:
         inlier_mask = swapped = np.zeros(len(matches), bool)

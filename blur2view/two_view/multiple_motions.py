@@ -94,14 +94,11 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
     where they hardly differ, leave errors that neighbours share for that alone.
     """
-    both = problem.weighted.residuals(F)
-    options = np.stack(
-        [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
-    )
+    both = problem.weighted.residuals(F).both
+    options = np.where(backward, both[::-1], both)
     block = blocks_of(problem.middle, BLOCKS)
     cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
-    errors: Array = np.where(cost[0] <= cost[1], *options)
-    return errors
+    return np.asarray(np.where(cost[0] <= cost[1], options[0], options[1]))
 
 
 def leaves_structure(

@@ -8,6 +8,7 @@ that is narrower than its grid, from the curvature at E.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -83,12 +84,8 @@ def fit_calibrated(problem: SmearProblem, start: CameraF, likelihood: DirectionL
     """Return the cheapest E from a camera's fit and from the likeliest direction of translation."""
     rotation, t = likelihood.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
-    point = min(
-        (fit_best(MotionModel.CAMERA, [point], problem) for point in starts),
-        key=lambda fit: fit.score,
-    ).point
-    if not isinstance(point, CameraF):
-        raise TypeError(f"a camera's fit is a CameraF, got {type(point).__name__}")
+    fits = [fit_best(MotionModel.CAMERA, [start], problem) for start in starts]
+    point = cast(CameraF, min(fits, key=lambda fit: fit.score).point)
     matches = problem.weighted
     residuals = matches.residuals(point.matrix())
     inliers = matches.order_weights(residuals).sum(axis=0)
@@ -114,9 +111,7 @@ def with_pose(
         pose, covariance = pose_of_rotation(matches, problem, geometry)
         reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
         return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
-    start = next(fit.point for fit in fits if fit.model is MotionModel.CAMERA)
-    if not isinstance(start, CameraF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {type(start).__name__}")
+    start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
     likelihood = DirectionLikelihood.of(problem, matches.bulk_px[1] * problem.noise_scale)
     fit = fit_calibrated(problem, start, likelihood)
     covariance, pose = fit.covariance(likelihood), fit.oriented.pose

@@ -38,8 +38,7 @@ def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, NDArray[np.bool_]
     problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
     plane = find_plane(problem.weighted, True, rng)
     assert plane is not None
-    ordered = transfer_orders(plane.generator(), problem.weighted)
-    backward = np.abs(ordered.backward) < np.abs(ordered.forward)
+    backward = transfer_orders(plane.generator(), problem.weighted).swapped
     return problem, min(fits, key=lambda fit: fit.score), backward
 
 
@@ -84,9 +83,9 @@ def test_where_no_F_is_found_there_are_no_two_motions(monkeypatch: pytest.Monkey
 
 def test_no_block_of_smears_fits_better_the_other_way_round() -> None:
     problem, fit, backward = fitted(draw_scene("general", 3))
-    both = problem.weighted.residuals(fit.point.matrix())
+    forward, backwards = problem.weighted.residuals(fit.point.matrix()).both
     found = errors_by_order(problem, fit.point.matrix(), backward)
-    other = np.where(found == both.forward, both.backward, both.forward)
+    other = np.where(found == forward, backwards, forward)
     block = blocks_of(problem.middle, BLOCKS)
     ours, others = (np.bincount(block, weights=np.minimum(e**2, 9.0)) for e in (found, other))
     assert len(ours) > 10 and (ours <= others).all()
