@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import epipoles
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.sampson import serrmin
 
+CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
+EVERY = slice(0, 5)
 DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
 
@@ -127,3 +131,21 @@ def translation_direction_error_deg(t: Array, t_true: Array) -> float:
     if not np.linalg.norm(t) > 0:
         return 90.0
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
+
+
+def squared_distance(
+    covariance: PoseCovariance, pose: RigidTransform, true: RigidTransform, part: slice = EVERY
+) -> float:
+    """Return the squared Mahalanobis distance of a pose to the true one, or to its inverse if that is nearer.
+
+    ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
+    translation's direction. Compare with `CHI_SQUARED_90`.
+    """
+    inverse = np.linalg.pinv(covariance.matrix[part, part], hermitian=True)
+    errors = []
+    for flip in (true, true.inverse()):
+        across = covariance.tangents @ flip.translation
+        length = float(np.linalg.norm(across))
+        u = np.arctan2(length, pose.translation @ flip.translation) * across / max(length, TINY)
+        errors.append(np.concatenate([rotation_vector(flip.rotation @ pose.rotation.T), u])[part])
+    return min(float(error @ inverse @ error) for error in errors)

@@ -18,7 +18,6 @@ from blur2view.geometry.rotation import rotation_vector
 
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 DOUBT = 0.2  # probability with which noise puts a point behind a camera that is before it
-CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -223,14 +222,6 @@ class PoseCovariance:
         """Standard deviation of the translation's direction along the worse of its two axes, degrees."""
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.matrix[3:, 3:])[-1], 0.0))))
 
-    def error(self, pose: RigidTransform, true: RigidTransform) -> Array:
-        """Return (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
-        w = rotation_vector(true.rotation @ pose.rotation.T)
-        across = self.tangents @ true.translation
-        length = float(np.linalg.norm(across))
-        angle = np.arctan2(length, pose.translation @ true.translation)
-        return np.concatenate([w, angle * across / max(length, TINY)])
-
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
         """Return the covariance of the inverse of a pose.
 
@@ -241,16 +232,3 @@ class PoseCovariance:
         step[:3, :3] = -pose.rotation.T
         step[3:, :3] = self.tangents @ cross_matrix(pose.translation)
         return PoseCovariance(matrix=step @ self.matrix @ step.T, tangents=-self.tangents @ pose.rotation)
-
-    def squared_distance(
-        self, pose: RigidTransform, true: RigidTransform, part: slice | None = None
-    ) -> float:
-        """Return the squared Mahalanobis distance to the true pose, or to its inverse if that is nearer.
-
-        ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
-        translation's direction. Compare with `CHI_SQUARED_90`.
-        """
-        part = part or slice(0, 5)
-        inverse = np.linalg.pinv(self.matrix[part, part], hermitian=True)
-        errors = (self.error(pose, flip)[part] for flip in (true, true.inverse()))
-        return min(float(error @ inverse @ error) for error in errors)
