@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
@@ -177,9 +179,13 @@ def with_measured_noise(problem: SmearProblem, F: Array) -> SmearProblem:
     return problem.rescaled(residual_scale(F, problem.weighted))
 
 
-def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
-    """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
-    return with_measured_noise(replace(problem, scale=1.0), F).sigma_px
+def with_inliers(
+    F: Array, matches: SmearMatches, problem: SmearProblem, options: EstimatorOptions
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return F of pixels from a normalised one, and its inliers (N,) by the noise that it leaves itself."""
+    measured = with_measured_noise(replace(problem, scale=1.0), F)
+    in_pixels = problem.pixels(F)
+    return in_pixels, serrmin(in_pixels, matches.ends) < options.tolerance_px(measured.sigma_px) ** 2
 
 
 def residual_scale(F: Array, matches: WeightedEnds) -> float:
