@@ -32,24 +32,13 @@ H = TypeVar("H", bound=Homographies)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowData:
-    """Smears as displacements at mid-exposure points, with their errors; coordinates of K near the identity.
+    """Smears as displacements at mid exposure, with their errors; coordinates of K near the identity."""
 
-    Parameters
-    ----------
-    middle, displacement : ndarray of shape (N, 2)
-    whitening : ndarray of shape (N, 2, 2)
-        From a displacement to its components along and across the smear in standard deviations.
-    low_frequency : ndarray of shape (6, N, 2)
-        Errors that vary slowly over the picture, each of one standard deviation, for the smears as directed.
-    weight : float
-        Share of the smears that counts as independent.
-    """
-
-    middle: Array
-    displacement: Array
-    whitening: Array
-    low_frequency: Array
-    weight: float
+    middle: Array  # (N, 2)
+    displacement: Array  # (N, 2)
+    whitening: Array  # (N, 2, 2) to components along and across the smear in standard deviations
+    low_frequency: Array  # (6, N, 2) errors over the picture, of one deviation, for the smears as directed
+    weight: float  # share of the smears that counts as independent
 
     @classmethod
     def of(cls, problem: SmearProblem, bulk_px: tuple[Array, Array]) -> FlowData:
@@ -95,14 +84,11 @@ class FlowData:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowFit(Generic[H]):
-    """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better.
-
-    ``low_frequency`` (6,) are the errors that vary slowly, in standard deviations.
-    """
+    """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better."""
 
     data: FlowData
     family: H
-    low_frequency: Array
+    low_frequency: Array  # (6,) the errors that vary slowly, in standard deviations
 
     @cached_property
     def predicted(self) -> Array:

@@ -44,7 +44,7 @@ POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
 def fit_calibrated(
     problem: SmearProblem, start: CameraF, likelihood: DirectionLikelihood
 ) -> tuple[CameraF, OrientedPose]:
-    """Return the cheapest E, of a camera's fit and of the likeliest direction of translation, and its pose."""
+    """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
     rotation, t = likelihood.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
     fits = [fit_best(MotionModel.CAMERA, [start], problem) for start in starts]
