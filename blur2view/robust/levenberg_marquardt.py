@@ -22,7 +22,7 @@ class Reweighted(Protocol):
         """Sum of squares at the weights in force; not negative but for a constant of the weights."""
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,), as of `normal_equations`."""
+        """Return J^T W J (k, k) and J^T W r (k,) of Jacobian, weights and residuals."""
 
     def moved(self, delta: Array) -> Self:
         """Return the point moved by delta (k,) along its tangents, its weights as they are."""
@@ -67,21 +67,3 @@ def levenberg_marquardt(
         yield point
         if little or delta @ normal @ delta < rest**2:
             return
-
-
-def normal_equations(
-    jacobian: Array, residual: Array, weight: Array, prior: Array, prior_jacobian: Array
-) -> tuple[Array, Array]:
-    """Return J^T W J (k, k) and J^T W r (k,) of weighted data and of a prior of unit weight.
-
-    Parameters
-    ----------
-    jacobian : ndarray of shape (k, n)
-        Transposed: one row per parameter.
-    residual, weight : ndarray of shape (n,)
-    prior : ndarray of shape (m,)
-    prior_jacobian : ndarray of shape (m, k)
-    """
-    weighted = jacobian * weight
-    normal = prior_jacobian.T @ prior_jacobian + weighted @ jacobian.T
-    return normal, prior_jacobian.T @ prior + weighted @ residual

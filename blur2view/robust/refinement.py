@@ -12,7 +12,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.geometry.depth import parallax_along_lines
 from blur2view.geometry.sampson import entry_jacobian, residual_parts
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import NEGLIGIBLE, OrderedResiduals, RefineOptions, WeightedEnds
 
@@ -91,12 +91,11 @@ class WeightedPoint(Generic[M]):
         parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
         distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
         entries = entry_jacobian(distance, line1, line2, root, x, y)
-        return normal_equations(
-            self.point.tangent().reshape(-1, 9) @ entries / sigma,
-            self.residuals.both.take(counted),
-            self.options.data_weight * weight.take(counted),
-            *self.point.prior(),
-        )
+        jacobian = self.point.tangent().reshape(-1, 9) @ entries / sigma
+        weighted = jacobian * (self.options.data_weight * weight.take(counted))
+        prior, of_prior = self.point.prior()
+        normal = of_prior.T @ of_prior + weighted @ jacobian.T
+        return normal, of_prior.T @ prior + weighted @ self.residuals.both.take(counted)
 
     def moved(self, delta: Array) -> WeightedPoint[M]:
         """Return the point moved by delta (k,), the odds of the orders as they are."""

@@ -19,7 +19,7 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.robust.homography import Homographies, velocity_basis
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.problem import SmearProblem
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
@@ -122,20 +122,18 @@ class FlowFit(Generic[H]):
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the homography, then the low-frequency errors."""
         _, low_frequency = self.data.whitened
-        moved = np.stack([self.data.basis @ entries for entries in _entries(self.family.tangent())])
-        jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency])
+        moved = np.moveaxis(self.data.basis @ _entries(self.family.tangent()).T, -1, 0)
+        k = len(moved)
+        jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency]).reshape(k + LOW_FREQUENCY, -1)
         weight = self.data.weight * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
+        weighted = jacobian * np.repeat(weight, 2)
         prior, of_family = self.family.prior()
-        k, m = len(moved), len(prior)
-        prior_jacobian = np.zeros((m + LOW_FREQUENCY, k + LOW_FREQUENCY))
-        prior_jacobian[:m, :k], prior_jacobian[m:, k:] = of_family, np.eye(LOW_FREQUENCY)
-        return normal_equations(
-            jacobian.reshape(k + LOW_FREQUENCY, -1),
-            self.residual.ravel(),
-            np.repeat(weight, 2),
-            np.concatenate([prior, self.low_frequency]),
-            prior_jacobian,
-        )
+        normal, gradient = weighted @ jacobian.T, weighted @ self.residual.ravel()
+        normal[:k, :k] += of_family.T @ of_family
+        normal[k:, k:] += np.eye(LOW_FREQUENCY)
+        gradient[:k] += of_family.T @ prior
+        gradient[k:] += self.low_frequency
+        return normal, gradient
 
     def moved(self, delta: Array) -> FlowFit[H]:
         """Return the fit moved by delta (k,)."""
