@@ -1,5 +1,6 @@
 """The whole estimator on synthetic smears: exact ones, noisy ones over named seeds, and ones without an F."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +25,6 @@ from tests.support.scenes import (
     Scene,
     disturb,
     make_scene,
-    noise_field_ends,
     with_outliers,
     with_second_motion,
 )
@@ -32,6 +32,7 @@ from tools.estimators.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
+LOCAL_MINIMA = (12, 29, 44, 79, 95, 132)  # from the search's F alone they ended at a rho of 0.0009 to 0.0084
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
 
 
@@ -62,9 +63,12 @@ def opencv(points1: Array, points2: Array) -> Array | None:
     return None if F is None or F.shape[0] < 3 else np.asarray(F[:3], float)
 
 
-@pytest.mark.parametrize("camera", [True, False])
-def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
-    for seed in SEEDS:
+@pytest.mark.parametrize(
+    ("camera", "seeds", "least"),
+    [(True, SEEDS, 0.9), (False, SEEDS, 0.9), (True, LOCAL_MINIMA, 0.95)],
+)
+def test_exact_smears_give_the_true_F_and_orders(camera: bool, seeds: Iterable[int], least: float) -> None:
+    for seed in seeds:
         scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
         geometry = solve(matches_of(scene, 0.2, camera))
         assert geometry.config is Configuration.UNCALIBRATED
@@ -74,17 +78,7 @@ def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
         assert median_rho(geometry.F, scene) < 5e-4
         assert geometry.inlier_mask.mean() > 0.99
         right = (geometry.swapped == scene.swapped).mean()
-        assert max(right, 1 - right) > 0.9
-
-
-@pytest.mark.parametrize("seed", [12, 29, 44, 79, 95, 132])
-def test_exact_smears_end_in_no_local_minimum(seed: int) -> None:
-    """From the search's F alone these ended at a rho of 0.0009 to 0.0084."""
-    scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
-    geometry = solve(matches_of(scene, 0.2))
-    assert median_rho(geometry.F, scene) < 5e-4
-    right = (geometry.swapped == scene.swapped).mean()
-    assert max(right, 1 - right) > 0.95
+        assert max(right, 1 - right) > least
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
@@ -255,16 +249,6 @@ def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int)
         image_size=(IMAGE_SIZE[0] * scale, IMAGE_SIZE[1] * scale),
     )
     assert solve(few).F is not None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("correlation_px", [0.0, 20.0])
-def test_random_smears_give_no_F(correlation_px: float) -> None:
-    for seed in range(4):
-        ends = noise_field_ends(np.random.default_rng(seed), count=1500, correlation_px=correlation_px)
-        matches = SmearMatches(ends=ends, sigma_px=np.full(1500, 2.0), image_size=IMAGE_SIZE)
-        assert_refused(solve(matches), Configuration.UNDEFINED, "no consensus")
-        assert "half" not in solve(matches).reason  # chance alone refuses it
 
 
 def test_chance_agreement_is_measured_and_subtracted() -> None:
