@@ -86,7 +86,7 @@ def test_true_F_explains_its_smears_and_orders_them() -> None:
 
 def test_serrmin_scales_with_the_coordinates() -> None:
     F, ends = random_matrices(7, 1)[0], np.random.default_rng(7).uniform(0, 600, (20, 2, 2))
-    normalised = epipolar.apply_similarity(SIMILARITY, ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    normalised = epipolar.apply_similarity(SIMILARITY, ends)
     pixels = sampson.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
     assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
 

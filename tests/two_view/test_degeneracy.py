@@ -10,7 +10,7 @@ from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.acceptance import collinear
+from blur2view.two_view.acceptance import collinear, constant_field
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.structure import within_errors
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
@@ -165,25 +165,56 @@ def test_similarity_of_the_pixels_carries_H_along() -> None:
     assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 5e-4
 
 
-def refused(matches: SmearMatches, words: str) -> None:
-    geometry = estimate_two_view(matches)
-    assert geometry.config is Configuration.DEGENERATE
-    assert geometry.F is None and geometry.H is None
-    assert words in geometry.reason and geometry.model == "none"
+def fields() -> dict[str, SmearMatches]:
+    """Give matches that show nothing, or too little."""
+    rng, general = np.random.default_rng(0), draw_scene("general", 1).matches
+    points, half = rng.uniform(0, 400, (300, 2)), rng.normal(0, 5, (300, 2))
+    row = np.stack([points[:, 0], 200 + 0.2 * points[:, 0]], axis=1)
+    line = SmearMatches(ends=np.stack([row - half, row + half], axis=1), sigma_px=np.ones(300))
+    person = rng.uniform([300, 200], [360, 340], (400, 2))
+    ends = np.stack([person - [6.0, 1], person + [6.0, 1]], axis=1) + rng.normal(0, 0.4, (400, 2, 2))
+    constant = SmearMatches.from_points(points, points + [8.0, 3.0], image_size=IMAGE_SIZE)
+    walker = SmearMatches(ends=ends, sigma_px=np.ones(400), image_size=IMAGE_SIZE)
+    return {
+        "still": replace(general, still_share=0.9),
+        "short": SmearMatches.from_points(points, points + 0.1, image_size=IMAGE_SIZE),
+        "constant": constant,
+        "undirected": replace(walker, directed_share=0.01),
+        "line": line,
+        "line in a picture": replace(line, image_size=IMAGE_SIZE),
+        "walker": walker,
+    } | {f"{count}": general.subset(np.arange(count)) for count in (0, 1, 3, 7, 19)}
+
+
+@pytest.mark.parametrize(
+    ("field", "words", "parallax"),
+    [
+        ("still", "no motion of the camera: 90%", Parallax.ABSENT),
+        ("short", "no motion: the median smear", Parallax.ABSENT),
+        ("constant", "constant field", Parallax.ABSENT),
+        ("undirected", "in 1.0% of the", Parallax.UNDECIDED),
+        ("line", "line", Parallax.UNDECIDED),
+        ("line in a picture", "smears", Parallax.UNDECIDED),
+        ("walker", "one moving object", Parallax.UNDECIDED),
+        *((f"{count}", "too few smears", Parallax.UNDECIDED) for count in (0, 1, 3, 7, 19)),
+    ],
+)
+def test_what_shows_too_little_is_degenerate_and_says_why(field: str, words: str, parallax: Parallax) -> None:
+    """Parallax is absent only where nothing moved, or all as one; else it is not known."""
+    geometry = estimate_two_view(fields()[field])
+    assert geometry.config is Configuration.DEGENERATE and geometry.parallax is parallax
+    assert geometry.F is None and geometry.H is None and geometry.model == "none"
+    assert words in geometry.reason
     assert geometry.support == 0 and not geometry.swapped.any()
 
 
-@pytest.mark.parametrize("image_size", [IMAGE_SIZE, None])
-def test_smears_along_one_line_are_degenerate(image_size: tuple[int, int] | None) -> None:
-    rng = np.random.default_rng(0)
-    middle = np.stack([rng.uniform(0, 640, 300), np.full(300, 200.0)], axis=1)
-    middle[:, 1] += 0.2 * middle[:, 0]
-    half = rng.normal(0, 5, (300, 2))
-    matches = SmearMatches(
-        ends=np.stack([middle - half, middle + half], axis=1), sigma_px=np.ones(300), image_size=image_size
-    )
-    assert collinear(matches) is not None
-    refused(matches, "line" if image_size is None else "smears")
+def test_a_field_is_constant_or_on_a_line_whatever_its_orders() -> None:
+    constant = fields()["constant"]
+    reversed_ = np.arange(300)[:, None, None] % 2 == 0
+    assert constant_field(constant)
+    assert constant_field(replace(constant, ends=np.where(reversed_, constant.ends, constant.ends[:, ::-1])))
+    assert not constant_field(draw_scene("general", 1).matches)
+    assert collinear(fields()["line in a picture"]) is not None and collinear(constant) is None
 
 
 def test_some_smears_of_no_length_break_nothing() -> None:
@@ -193,34 +224,6 @@ def test_some_smears_of_no_length_break_nothing() -> None:
     geometry = estimate_two_view(replace(scene.matches, ends=ends))
     assert geometry.F is not None
     assert np.isfinite(geometry.F).all()
-
-
-@pytest.mark.parametrize("count", [0, 1, 3, 7, 19])
-def test_few_smears_are_degenerate(count: int) -> None:
-    scene = draw_scene("general", 1)
-    refused(scene.matches.subset(np.arange(count)), "too few smears")
-
-
-def test_parallax_is_absent_only_where_nothing_moved_and_else_not_told() -> None:
-    scene = draw_scene("general", 1)
-    still = replace(scene.matches, still_share=0.9)
-    points = np.random.default_rng(0).uniform(0, 400, (200, 2))
-    short = SmearMatches.from_points(points, points + 0.1, image_size=IMAGE_SIZE)
-    unseen = replace(scene.matches, directed_share=0.001)
-    few = scene.matches.subset(np.arange(7))
-    middle, half = points * [1.0, 0.2], points[::-1] / 40
-    middle[:, 1] = 0.2 * middle[:, 0]
-    row = SmearMatches.from_points(middle - half, middle + half)
-    for matches, parallax in [
-        (still, Parallax.ABSENT),
-        (short, Parallax.ABSENT),
-        (unseen, Parallax.UNDECIDED),
-        (few, Parallax.UNDECIDED),
-        (row, Parallax.UNDECIDED),
-    ]:
-        geometry = estimate_two_view(matches)
-        assert geometry.config is Configuration.DEGENERATE, geometry.reason
-        assert geometry.parallax is parallax, geometry.reason
 
 
 def test_thirty_smears_of_a_plane_are_enough() -> None:
