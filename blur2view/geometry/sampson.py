@@ -56,21 +56,17 @@ class BatchSampson:
 
     With x, y = p -+ s the squared Sampson distance of one order is (q + l)^2 / (E + O) and of the other
     (q - l)^2 / (E - O): E is even, O odd in the exchange of the ends. Work is in float32 (relative errors
-    of about 1e-4 of a normalised pixel), so coordinates should be normalised.
-
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2)
-        Normalised coordinates.
-    unit_px : float
-        Pixels per normalised unit; results are in squared pixels.
+    of about 1e-4 of a normalised pixel), so ends (N, 2, 2) should be normalised; results are in squared
+    pixels, ``unit_px`` of which are a normalised unit.
     """
 
     def __init__(self, ends: Array, unit_px: float) -> None:
         q, skew = quadratic_features(ends)
         p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         even, odd = _gradient_features(p, s)
-        self._features = [_float32(part.T) for part in (q * unit_px, skew * unit_px, even, odd)]
+        self._features = [
+            np.ascontiguousarray(part.T, np.float32) for part in (q * unit_px, skew * unit_px, even, odd)
+        ]
         self.count = len(ends)
 
     def costs(
@@ -103,7 +99,7 @@ def _coefficients(F: Array) -> list[FloatArray]:
     gram1 = f[0, :, None] * f[0] + f[1, :, None] * f[1]
     gram2 = f[:, None, 0] * f[:, 0] + f[:, None, 1] * f[:, 1]
     even, odd = (gram1 + gram2)[UPPER], (gram2 - gram1)[:2].reshape(6, -1)
-    return [_float32(part) for part in (half[UPPER], skew, even, odd)]
+    return [np.ascontiguousarray(part, np.float32) for part in (half[UPPER], skew, even, odd)]
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
@@ -113,10 +109,6 @@ def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
     even = [u * u + su * su, 2 * (u * v + su * sv), 2 * u, v * v + sv * sv, 2 * v, one]
     odd = [2 * su * u, 2 * su * v, 2 * su, 2 * sv * u, 2 * sv * v, 2 * sv]
     return np.stack(even, axis=1), np.stack(odd, axis=1)
-
-
-def _float32(values: Array) -> FloatArray:
-    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:

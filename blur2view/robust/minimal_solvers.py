@@ -118,14 +118,8 @@ def _determinant(
 def homogeneous_cubic_roots(coefficients: Array) -> tuple[Array, Array]:
     """Return real roots (alpha : beta) of c0 alpha^3 + c1 alpha^2 beta + c2 alpha beta^2 + c3 beta^3.
 
-    Parameters
-    ----------
-    coefficients : ndarray of shape (4, ...)
-
-    Returns
-    -------
-    alpha, beta : ndarray of shape (3, ...)
-        The larger of the two is 1 in most; NaN where a root is complex. All NaN for an all-zero cubic.
+    Of coefficients (4, ...): alpha and beta (3, ...), of which the larger is 1 in most; NaN where a root is
+    complex, and all NaN for an all-zero cubic.
     """
     flip = np.abs(coefficients[3]) > np.abs(coefficients[0])
     c0, c1, c2, c3 = np.where(flip, coefficients[::-1], coefficients)
@@ -164,23 +158,11 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
 
 
 def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
-    """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and of four sign patterns.
+    """Return F = [t]x (I + [w]x), (M, 3, 3), for every sample of three smears, direction t and four patterns.
 
-    The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
-
-    Parameters
-    ----------
-    ends : ndarray of shape (B, 3, 2, 2)
-        Samples of three smears in the coordinates of the assumed camera (K = identity).
-    directions : ndarray of shape (T, 3)
-        Unit directions of translation to try.
-    limit : ndarray of shape (3,)
-        Rotations w with |w / limit| > 1 are dropped.
-
-    Returns
-    -------
-    ndarray of shape (M, 3, 3), M at most 4 B T
-        Rank 2. Smears whose equations are dependent give no hypothesis.
+    The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w. Samples
+    (B, 3, 2, 2) are in coordinates of the assumed camera (K = identity), directions (T, 3) of unit length.
+    Rotations w with |w / limit| > 1, ``limit`` (3,), are dropped, as are dependent smears.
     """
     x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
     p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)

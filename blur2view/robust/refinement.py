@@ -11,7 +11,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.depth import parallax_along_lines
-from blur2view.geometry.sampson import entry_jacobian, residual_parts
+from blur2view.geometry.sampson import entry_jacobian
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import NEGLIGIBLE, OrderedResiduals, RefineOptions, WeightedEnds
@@ -25,14 +25,8 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
     The order of every match, and whether it is an outlier, are weighed anew at every point
     (expectation-maximisation), so nothing is ever fixed but the sign of the translation, which is that of
     the start or its opposite, whichever explains more. With 30 % outliers and 1 px of noise the mixture of
-    inliers and outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
-
-    Returns
-    -------
-    point : Manifold
-        The cheapest point met; ``start`` where nothing is better.
-    cost : float
-        Its cost, dimensionless (twice a negative log-likelihood).
+    inliers and outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72. Given are the
+    cheapest point met (``start`` where nothing is better) and its cost, twice a negative log-likelihood.
     """
     *_, reached = refining(start, matches, options)
     return reached
@@ -88,8 +82,7 @@ class WeightedPoint(Generic[M]):
         weight = self.matches.order_weights(self.residuals).ravel()
         counted = np.flatnonzero(weight > NEGLIGIBLE)  # of most smears one order cannot be
         x, y, sigma = (array.take(counted, axis=-1) for array in self.matches.orders)
-        parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
-        distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
+        distance, line1, line2, root = (part.take(counted, axis=-1) for part in self.residuals.parts)
         entries = entry_jacobian(distance, line1, line2, root, x, y)
         jacobian = self.point.tangent().reshape(-1, 9) @ entries / sigma
         weighted = jacobian * (self.options.data_weight * weight.take(counted))

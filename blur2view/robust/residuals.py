@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from blur2view.geometry.sampson import residual_parts
 CUTOFF = 3.0
 """Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
 NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
-LOG_2 = float(np.log(2.0))
+LOG_2 = math.log(2.0)
 DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
 
@@ -67,7 +68,7 @@ class OrderedResiduals:
     both: Array
     prior: Array | float = 0.5
     decided: bool = False
-    parts: tuple[Array, Array, Array, Array] | None = None
+    parts: tuple[Array, ...] = ()
 
     @cached_property
     def swapped(self) -> NDArray[np.bool_]:
@@ -116,7 +117,7 @@ class WeightedEnds:
     ends: Array  # (N, 2, 2)
     sigma: Array
     along: Array | None = None
-    chance: Array | None = None
+    chance: Array | float = math.exp(-0.5 * CUTOFF**2)
 
     @cached_property
     def orders(self) -> tuple[Array, Array, Array]:
@@ -150,18 +151,13 @@ class WeightedEnds:
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        chance = self._chance
-        cost: Array = -2 * np.log((residuals.total + chance) / (1 + chance))
+        cost: Array = -2 * np.log((residuals.total + self.chance) / (1 + self.chance))
         return cost
 
     def order_weights(self, residuals: OrderedResiduals) -> Array:
         """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        weights: Array = residuals.likelihoods / (residuals.total + self._chance)
+        weights: Array = residuals.likelihoods / (residuals.total + self.chance)
         return weights
-
-    @property
-    def _chance(self) -> Array | float:
-        return float(np.exp(-0.5 * CUTOFF**2)) if self.chance is None else self.chance
 
 
 def robust_weight(squared: Array) -> Array:

@@ -43,18 +43,13 @@ LEAST_GAIN = 50.0  # of two motions over one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoMotions:
-    """The shares of all smears that follow two motions, and F of normalised coordinates of the larger one.
+    """Two motions, or one where ``second`` is zero."""
 
-    ``first`` is the larger share, ``single`` that of the best single F where there is no other; ``gain`` is
-    twice the log-likelihood that two F have over one, of at most SMEARS smears, times the share of
-    independent errors that they leave.
-    """
-
-    F: Array
-    first: float
-    second: float
-    single: float
-    gain: float
+    F: Array  # (3, 3) of the larger one, normalised coordinates
+    first: float  # share of all smears that follow it
+    second: float  # and that of the smaller one
+    single: float  # share that the best single F explains
+    gain: float  # log-likelihood of two F over one, twice, of at most SMEARS, times their independent share
 
     @property
     def balance(self) -> float:
