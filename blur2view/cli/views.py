@@ -66,7 +66,7 @@ class PhotographViews:
         return ViewsDocument(
             image=str(self.photograph.path),
             name=views.name,
-            views=list(views.names),
+            views=views.names,
             action=action or ("add" if plan is None else plan.step.value),
             config=views.geometry.config.name,
             parallax=str(views.geometry.parallax),
