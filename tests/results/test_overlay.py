@@ -9,11 +9,16 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.results import panel
-from blur2view.results.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.results import overlay
+from blur2view.results.drawing import FAINT, TEXT_SIZE, View, wrap
 from blur2view.results.mask_overlay import headline
-from blur2view.results.overlay import View, draw_overlay, farthest_points, spread_subset
-from blur2view.results.panel import short_number
+from blur2view.results.overlay import (
+    draw_overlay,
+    farthest_points,
+    orientation_colours,
+    short_number,
+    spread_subset,
+)
 from blur2view.segmentation.mask import MotionLabel
 from blur2view.segmentation.pixels import moving_regions
 from blur2view.smears.field import smear_ends
@@ -151,14 +156,14 @@ def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: p
     photo = flat_photo(480, 640)
     heights = []
     for words in (3, 60):
-        monkeypatch.setattr(panel, "sentence", lambda *_, count=words: "words " * count)
+        monkeypatch.setattr(overlay, "sentence", lambda *_, count=words: "words " * count)
         heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([])).shape[0])
     assert heights[1] > heights[0] + 100
 
 
 def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[str] = []
-    monkeypatch.setattr(panel, "write", lambda canvas, text, at, **style: written.append(text))
+    monkeypatch.setattr(overlay, "write", lambda canvas, text, at, **style: written.append(text))
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
     draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)

@@ -21,7 +21,7 @@ from blur2view.cli.report import FOLDERS, shown_names
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.pipeline import Estimate
 from blur2view.results.report import Entry, report
-from blur2view.results.report_photograph import photograph
+from blur2view.results.report_pack import photograph
 from blur2view.results.verdicts import KINDS
 from blur2view.segmentation.mask import MotionMask, segment
 from tests.support.colour_code import colour_code, write_picture

@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from blur2view.camera.camera import Camera
-from blur2view.results.report_pack import packed, picture
-from blur2view.results.report_photograph import MAX_NODES, lens, node_pixels, photograph
+from blur2view.results.report_pack import MAX_NODES, lens, node_pixels, packed, photograph, picture
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F, unpacked
 
 

@@ -4,6 +4,7 @@ import base64
 import zlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
-from blur2view.results.report_pack import Packed
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -106,7 +106,7 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     return MotionMask(labels=labels, probability=probability, regions=(), reason="F")
 
 
-def unpacked(packed: Packed) -> NDArray[np.float64]:
+def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
     """Decode `report_pack.packed`, written from its description with Python's integers."""
     planes = zlib.decompress(base64.b64decode(packed["data"]))
     bits = int(packed["type"].lstrip("uint"))
