@@ -6,8 +6,6 @@ adds or takes a half. Camera models are those that pycolmap knows, all but EQUIR
 in a plane: another of COLMAP's works without a line here; `colmap.schema` names those that need no pycolmap.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

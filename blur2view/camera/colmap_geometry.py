@@ -1,7 +1,5 @@
 """Two-view geometry in COLMAP's conventions: F and H of its pixels, whose halves `colmap_camera` explains."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Focal length, exposure time and orientation of a photograph by its EXIF."""
 
-from __future__ import annotations
-
 import io
 import os
 import warnings

@@ -1,7 +1,5 @@
 """The intrinsics of a photograph: those that the user states, else those of EXIF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The cameras of a COLMAP database: what ``--camera project.db`` names."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from dataclasses import dataclass

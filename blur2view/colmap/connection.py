@@ -6,8 +6,6 @@ connection of SQLite is not enough: with a write-ahead log it creates two files 
 them there, and after a killed program it refuses to read.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3

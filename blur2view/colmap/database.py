@@ -1,7 +1,5 @@
 """A fresh COLMAP database of blurred photographs: two virtual images of each."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Keypoints of photographs and their matches, read from a COLMAP database."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@ and ``import_matches``) a database must hold the views' names: ``hloc.reconstruc
 from the pictures of ``--format matches``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from io import BytesIO

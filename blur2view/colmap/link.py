@@ -4,8 +4,6 @@ Per photograph two images, their keypoints, and three pairs: photograph-open, ph
 Rows of the user are read, never written.
 """
 
-from __future__ import annotations
-
 import os
 import sqlite3
 import time

@@ -48,8 +48,6 @@ Photographs and views of a linked project, all anew, one by one or at once::
     pycolmap.global_mapping("project.db", "frames", "global", blur2view.global_options())
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from pathlib import Path

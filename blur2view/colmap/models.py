@@ -1,7 +1,5 @@
 """COLMAP's models in folders: the largest of a mapper's, and the pictures that one is of."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct

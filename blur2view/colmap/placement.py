@@ -5,8 +5,6 @@ smears 22 of 28 views, the rotation during the exposure off by 88 %. Here the ph
 hardly harms, are the trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
 """
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence

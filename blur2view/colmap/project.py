@@ -6,8 +6,6 @@ any moment, and it respects write-ahead logs and the locks of other programs. A 
 original would lose what others write meanwhile, and would come apart from a log beside the file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sqlite3
 from collections.abc import Collection, Container, Iterator

@@ -3,8 +3,6 @@
 Every function takes a connection inside a transaction that the caller opened and will end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from sqlite3 import Connection
 from typing import NamedTuple

@@ -18,8 +18,6 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -10,8 +10,6 @@ F, E and the pose have no place in the text (COLMAP 3.8, with which this was che
 a zero F). With ``raw`` it would verify them at 4 px, at which most exposures are a plane to it.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator, Sequence

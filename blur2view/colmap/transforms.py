@@ -32,8 +32,6 @@ points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_d
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ What is read is built by the types of our own fields: a file names no type, no f
 value of another type, a key too many or too few is a ValueError.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Mapping
