@@ -48,10 +48,7 @@ class Camera:
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
 
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
+    ValueError if shapes or values are not as above.
     """
 
     K: Array
@@ -101,10 +98,7 @@ class Camera:
         size : (int, int)
             Width and height of the pictures, pixels.
 
-        Raises
-        ------
-        ValueError, CameraError
-            If the values are not as above; if no such camera can be.
+        ValueError if the values are not as above, CameraError if no such camera can be.
         """
         K = np.asarray(K, float)
         given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()
@@ -177,11 +171,7 @@ class Camera:
     def for_image(self, image_size: tuple[int, int]) -> Camera:
         """Return the camera for a picture of another size and, to a pixel, the same shape: it was resized.
 
-        Raises
-        ------
-        CameraError
-            If the shapes differ: a cropped or rotated picture has another principal point, which is
-            unknown.
+        CameraError if the shapes differ: a cropped or rotated picture has another, unknown principal point.
         """
         width, height = image_size
         if (width, height) == (self.width, self.height):
@@ -199,13 +189,5 @@ class Camera:
             resized = Camera.from_colmap(rescaled(self._colmap, width, height), source)
             return replace(resized, log_focal_sigma=self.log_focal_sigma)
         K = rescaled_matrix(self.K, scale)
-        params = (K[0, 0], K[1, 1], *to_colmap(K[:2, 2]))
-        return replace(
-            self,
-            K=K,
-            width=width,
-            height=height,
-            model="PINHOLE",
-            params=tuple(map(float, params)),
-            source=source,
-        )
+        params = (*np.diag(K)[:2].tolist(), *to_colmap(K[:2, 2]).tolist())
+        return replace(self, K=K, width=width, height=height, model="PINHOLE", params=params, source=source)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap, normalised_points
-from blur2view.camera.colmap_geometry import rigid3d
+from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
 from blur2view.colmap.database_matches import read_keypoints, read_matches
 from blur2view.colmap.models import read_model
 from blur2view.colmap.project import frame_of, image_names, open_project

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import to_colmap
-from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.colmap.project import rig_of
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.database import write_database
 from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
