@@ -21,7 +21,7 @@ class Intrinsics:
 
     focal_px: float | None = None
     camera: str | Callable[[Path], Camera] | None = None
-    """A COLMAP string, "exif", or what looks it up by the photograph's path, as `colmap.cameras.StoredCamera`."""
+    """A COLMAP string, "exif", or what looks it up by a photograph's path: `colmap.cameras.StoredCamera`."""
 
     def __post_init__(self) -> None:
         """Check what can be checked without a photograph."""

@@ -45,11 +45,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`. No
     name is there twice or has a blank, at which readers of pairs cut names.
-
-    Raises
-    ------
-    OutputError
-        If h5py is missing, or a file cannot be written or is not ours.
+    OutputError if h5py is missing, or a file cannot be written or is not ours.
     """
     h5py = _h5py()
     refuse_foreign(folder)

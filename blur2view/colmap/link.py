@@ -122,11 +122,7 @@ def write_links(
     """Write planned views in one transaction; without any the file is not touched.
 
     Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
-
-    Raises
-    ------
-    DatabaseError
-        If the database cannot be used, or an image changed since the plan. Nothing is written then.
+    DatabaseError if the database cannot be used, or an image changed since the plan: nothing is written then.
     """
     if not links:
         return None

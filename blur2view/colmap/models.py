@@ -94,10 +94,7 @@ RECORDS: dict[str, Callable[[mmap.mmap, int], int]] = {
 def find_model(folder: Path) -> FoundModel:
     """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
 
-    Raises
-    ------
-    DatabaseError
-        If there is none that can be read.
+    DatabaseError if there is none that can be read.
     """
     below = [path for path in folder.iterdir() if holds_model(path)] if folder.is_dir() else []
     if holds_model(folder) or not below:

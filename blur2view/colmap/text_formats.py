@@ -49,11 +49,7 @@ def write_matches_text(
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
     No name is there twice or has a blank (`has_blank`), at which the formats cut names. COLMAP reads the size
     and EXIF of every image it imports, so each view gets a symbolic link to its photograph.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written or is not ours.
+    OutputError if a file cannot be written or is not ours.
     """
     refuse_foreign(folder)
     matches, keypoints, images = paths = [folder / name for name in NAMES]

@@ -96,31 +96,12 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
 def transforms(
     folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
 ) -> dict[str, Any]:
-    """Return the content of ``transforms.json``.
+    """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
-    Parameters
-    ----------
-    folder : Path
-        Of a model with views, as `place_views` gives it.
-    dialect : str
-        One of `DIALECTS`.
-    images : str
-        Folder of the photographs as seen from that of the file.
-    exposure_s : float
-        Exposure time in seconds, of nerfstudio's dialect.
-
-    Returns
-    -------
-    dict
-        Of plain JSON types; the module says what they mean.
-
-    Raises
-    ------
-    DatabaseError
-        If there is no such model, no photograph has both views, or a camera is of a kind that these files
-        cannot hold.
-    ValueError
-        If the dialect is unknown or the exposure time not positive and finite.
+    The folder is that of a model with views, as `place_views` gives it, ``images`` that of the photographs as
+    seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect. DatabaseError if there
+    is no such model, no photograph has both views, or a camera is of a kind that these files cannot hold;
+    ValueError if the dialect is unknown or the exposure time not positive and finite.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")

@@ -149,7 +149,8 @@ def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
     photographs = [
         path
         for path in sorted(entries, key=_in_order)
-        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file()
+        if path.suffix.lower() != ".png" or not is_ours(path)  # as in a folder where results lie
     ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
@@ -165,8 +166,3 @@ def _in_order(path: Path) -> list[tuple[str, int, str]]:
     """Return what sorts names as a person does: frame_2 before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", str(path))
     return [(text, int(number or 0), number) for text, number in parts]
-
-
-def _is_result(path: Path) -> bool:
-    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
-    return path.suffix.lower() == ".png" and is_ours(path)

@@ -1,5 +1,6 @@
 """Drawing primitives on RGB pictures: the canvas, lines, text, colours."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -66,15 +67,18 @@ def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thi
 
 def write(
     canvas: Picture,
-    text: str,
+    text: str | Sequence[str],
     at: tuple[int, int],
     *,
     size: float = TEXT_SIZE,
     colour: tuple[int, int, int] = INK,
+    leading_px: int = LEADING_PX,
 ) -> None:
-    """Write one line; OpenCV's font has ASCII only."""
-    printable = text.encode("ascii", "replace").decode()
-    cv2.putText(canvas, printable, at, _FONT, size, colour, 1, cv2.LINE_AA)
+    """Write a line, or several below each other; OpenCV's font has ASCII only."""
+    for index, line in enumerate([text] if isinstance(text, str) else text):
+        printable = line.encode("ascii", "replace").decode()
+        place = at[0], at[1] + leading_px * index
+        cv2.putText(canvas, printable, place, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def wrap(text: str, width: int, size: float) -> list[str]:

@@ -46,8 +46,7 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
     lines = wrap(mask.reason.partition(";")[0], width - 20, TEXT_SIZE)
     picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
     write(picture, headline(mask), (10, view.height + 24), size=0.55)
-    for index, line in enumerate(lines):
-        write(picture, line, (10, view.height + 44 + LEADING_PX * index), colour=FAINT)
+    write(picture, lines, (10, view.height + 44), colour=FAINT)
     return picture
 
 

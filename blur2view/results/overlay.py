@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import rgb_of
@@ -73,7 +73,7 @@ def draw_overlay(
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(rgb_of(image), matches, geometry)
-    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
+    panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture
@@ -101,9 +101,7 @@ def draw_smears(
     return canvas
 
 
-def spread_subset(
-    points: NDArray[np.float64], quality: NDArray[np.floating], spacing: float
-) -> NDArray[np.intp]:
+def spread_subset(points: Array, quality: NDArray[np.floating], spacing: float) -> NDArray[np.intp]:
     """Return the index of the best point (N, 2) in every square of side ``spacing``, in increasing order.
 
     Larger quality (N,) is better; ties go to the first.
@@ -128,9 +126,7 @@ def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
     return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
 
 
-def _draw_smears(
-    canvas: Picture, view: View, ends: NDArray[np.float64], inlier_mask: NDArray[np.bool_]
-) -> None:
+def _draw_smears(canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[np.bool_]) -> None:
     """Draw smears end to end, outliers first, inliers on a dark rim."""
     colours = orientation_colours(ends[:, 1] - ends[:, 0])
     drawn = view.to_canvas(ends)
@@ -142,7 +138,7 @@ def _draw_smears(
 
 
 def _draw_epipolar_lines(
-    canvas: Picture, view: View, F: NDArray[np.float64], geometry: TwoViewGeometry, matches: SmearMatches
+    canvas: Picture, view: View, F: Array, geometry: TwoViewGeometry, matches: SmearMatches
 ) -> None:
     """Draw lines F x1 beside the close ends of inliers spread over the photograph, half transparent."""
     inliers = np.flatnonzero(geometry.inlier_mask)
@@ -161,7 +157,7 @@ def _draw_epipolar_lines(
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
-def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def farthest_points(points: Array, count: int) -> NDArray[np.intp]:
     """Return indices of up to ``count`` points: a central one, then always the farthest from those chosen."""
     if len(points) == 0:
         return np.empty(0, np.intp)
@@ -174,23 +170,19 @@ def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.intp]
     return np.array(chosen)
 
 
-def _draw_epipoles(canvas: Picture, view: View, F: NDArray[np.float64]) -> None:
+def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
     """Ring the epipoles that lie on the canvas."""
     for epipole in epipoles(F):
         if abs(epipole[2]) < 1e-12:
             continue  # at infinity
         x, y = view.to_canvas(epipole[:2] / epipole[2])
         if 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]:
-            for radius, colour, thickness in ((11, (0, 0, 0), 4), (11, (255, 255, 255), 2)):
-                cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
+            for colour, thickness in (((0, 0, 0), 4), ((255, 255, 255), 2)):
+                cv2.circle(canvas, (round(x), round(y)), 11, colour, thickness, cv2.LINE_AA)
 
 
-def draw_panel(
-    width: int,
-    grid: SmearGrid,
-    matches: SmearMatches,
-    geometry: TwoViewGeometry,
-    exposure_s: float | None = None,
+def _panel(
+    width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry, exposure_s: float | None
 ) -> Picture:
     """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
@@ -200,11 +192,8 @@ def draw_panel(
     height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    for index, line in enumerate(verdict):
-        write(panel, line, (10, 24 + HEAD_LEADING_PX * index), size=HEAD_SIZE)
-    top = 24 + HEAD_LEADING_PX * len(verdict)
-    for index, line in enumerate(small):
-        write(panel, line, (10, top + LEADING_PX * index), colour=FAINT)
+    write(panel, verdict, (10, 24), size=HEAD_SIZE, leading_px=HEAD_LEADING_PX)
+    write(panel, small, (10, 24 + HEAD_LEADING_PX * len(verdict)), colour=FAINT)
     return panel
 
 

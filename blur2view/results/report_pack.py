@@ -132,11 +132,7 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Json:
     Differences along the last axis, modulo the type's range, are split into planes of bytes, low bytes first,
     deflated and written in base64; ``report_page/unpack.js`` is the inverse. ``kind`` is "uint8", "int16",
     "uint16" or "int32"; ``step``, what one stands for, is doubled until the type holds every value.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite, or negative where the type is unsigned.
+    ValueError if one is not finite, or negative where the type is unsigned.
     """
     values = np.asarray(values)
     if not np.isfinite(values).all():

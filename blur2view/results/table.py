@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document
 from blur2view.results.pose import rate_of
@@ -105,10 +105,6 @@ def table_text(rows: Sequence[Row]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Row)])
     for one in rows:
-        writer.writerow([_cell(value) for value in asdict(one).values()])
+        values = asdict(one).values()
+        writer.writerow([f"{one:.{DIGITS}g}" if isinstance(one, float) else one for one in values])
     return text.getvalue()
-
-
-def _cell(value: Any) -> str:
-    """Return a value as text; a float with six significant digits."""
-    return "" if value is None else f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
