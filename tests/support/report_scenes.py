@@ -1,10 +1,7 @@
 """Made-up estimates for the tests of the report: every value on the page is known from here."""
 
-import base64
-import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,19 +101,3 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     labels[:, 3 * width // 4 :] = MotionLabel.UNOBSERVABLE
     probability = np.where(labels == MotionLabel.MOVING, 0.9, 0.1).astype(np.float32)
     return MotionMask(labels=labels, probability=probability, regions=(), reason="F")
-
-
-def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
-    """Decode `report_pack.packed`, written from its description with Python's integers."""
-    planes = zlib.decompress(base64.b64decode(packed["data"]))
-    bits = int(packed["type"].lstrip("uint"))
-    signed, octets = packed["type"].startswith("i"), bits // 8
-    shape = packed["shape"]
-    count = len(planes) // octets
-    values, total = [], 0
-    for index in range(count):
-        delta = sum(planes[plane * count + index] << (8 * plane) for plane in range(octets))
-        total = (delta if index % shape[-1] == 0 else total + delta) % 2**bits
-        values.append(total - 2**bits if signed and total >= 2 ** (bits - 1) else total)
-    step: float = packed["step"]
-    return np.array(values, float).reshape(shape) * step
