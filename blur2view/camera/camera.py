@@ -108,11 +108,8 @@ class Camera:
         coefficients = np.zeros(8)
         coefficients[: len(given[:8])] = given[:8]
         count = 8 if coefficients[4:].any() else 4 if coefficients.any() else 0
-        params = (
-            *np.diag(pinhole.K)[:2].tolist(),
-            *to_colmap(K[:2, 2]).tolist(),
-            *coefficients[:count].tolist(),
-        )
+        numbers = np.diag(pinhole.K)[:2], to_colmap(K[:2, 2]), coefficients[:count]
+        params = tuple(np.concatenate(numbers).tolist())
         return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], *size, params), "opencv")
 
     @classmethod

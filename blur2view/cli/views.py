@@ -17,9 +17,8 @@ from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
-from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import storable
+from blur2view.colmap.project import DatabaseMatcher, database_names, storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import keypoint_views

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
-from blur2view.colmap.database_matches import read_keypoints, read_matches
 from blur2view.colmap.models import read_model
-from blur2view.colmap.project import frame_of, image_names, open_project
+from blur2view.colmap.project import frame_of, image_names, open_project, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import (
@@ -38,24 +37,18 @@ MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """A reconstruction with virtual views.
-
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-        As it was, with both views of ``placed`` beside their photographs, and with observations of its
-        points in them where these lie within `MAX_ERROR_PX`.
-    fraction : float
-        Exposure over frame interval: the given one, or as measured from the smears, with the same relative
-        bias as their length; NaN if unknown.
-    placed, left : tuple of str
-        Photographs whose views were placed; those registered, with views in the database, that were not.
-    """
+    """A reconstruction with virtual views."""
 
     model: Any
+    """pycolmap.Reconstruction as it was, with both views of ``placed`` beside their photographs, and with
+    observations of its points in them where these lie within `MAX_ERROR_PX`."""
     fraction: float
+    """Exposure over frame interval: the given one, or as measured from the smears, with the same relative
+    bias as their length; NaN if unknown."""
     placed: tuple[str, ...]
+    """Photographs whose views were placed."""
     left: tuple[str, ...]
+    """Those registered, with views in the database, that were not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,16 +81,8 @@ def place_views(
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: measured from the smears.
 
-    Returns
-    -------
-    Placement
-
-    Raises
-    ------
-    DatabaseError
-        If the database or the model is missing or broken, or holds no views of the model's photographs.
-    ValueError
-        If the fraction is not positive and finite.
+    DatabaseError if the database or the model is missing or broken, or holds no views of the model's
+    photographs; ValueError if the fraction is not positive and finite.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")

@@ -16,7 +16,6 @@ from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_
 from blur2view.colmap.project import rig_of
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
-    keypoints_blob,
     matches_blob,
     matrix_blob,
     model_number,
@@ -100,7 +99,7 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
     """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
     if replace:
         database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
-    data = keypoints_blob(to_colmap(points))
+    data = np.ascontiguousarray(to_colmap(points), "<f4").tobytes()
     _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
 
 

@@ -105,11 +105,6 @@ def pair_id(image1: int, image2: int) -> int:
     return MAX_IMAGES * first + last
 
 
-def keypoints_blob(points: NDArray[np.floating]) -> bytes:
-    """Return COLMAP's pixels (N, 2) as bytes."""
-    return np.ascontiguousarray(points, "<f4").tobytes()
-
-
 def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
     """Return COLMAP's pixels (N, 2) of a row of keypoints; ValueError if the row contradicts itself."""
     return _values(rows, cols, data, "<f4", (2, 4, 6), "keypoints")[:, :2].astype(np.float64)

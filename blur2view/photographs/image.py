@@ -42,7 +42,7 @@ def read_image(
     max_memory_gib: float = math.inf,
     content: bytes | None = None,
 ) -> NDArray[np.float32]:
-    """Return a photograph as upright float32 sRGB-coded RGB.
+    """Return a photograph (H, W, 3) as upright float32 sRGB-coded RGB in [0, 1].
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
@@ -60,16 +60,8 @@ def read_image(
     content : bytes, optional
         The file's content, where it has been read already.
 
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float32
-        RGB in [0, 1], sRGB-coded.
-
-    Raises
-    ------
-    ImageError
-        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
-        be used. The message is one line that names the path and the remedy.
+    ImageError if the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
+    be used, in one line that names the path and the remedy.
     """
     path = Path(path)
     encoded = read_content(path) if content is None else content

@@ -10,9 +10,8 @@ import pytest
 
 from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.database import write_database
-from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
-from blur2view.colmap.project import image_names, longest_suffix, open_project
+from blur2view.colmap.project import DatabaseMatcher, image_names, longest_suffix, open_project
 from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews

@@ -16,10 +16,10 @@ from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.commands import main
 from blur2view.colmap.cameras import stored_camera
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
+from blur2view.colmap.project import DatabaseMatcher, database_names
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, WALK, project
 from tests.support.sql import run_sql

@@ -163,10 +163,10 @@ def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: p
 
 def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[str] = []
-    monkeypatch.setattr(overlay, "write", lambda canvas, text, at, **style: written.extend(text))
+    monkeypatch.setattr(overlay, "write", lambda canvas, text, *_, **style: written.extend(np.ravel(text)))
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
     draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
-    caption = " ".join(line for line in written if len(line) > 1)
+    caption = " ".join(written)
     assert "Camera moved past near and far things; blur" in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
 
