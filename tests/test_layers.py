@@ -20,7 +20,6 @@ PACKAGE = ROOT / "blur2view"
 ROWS = [
     "arrays errors",
     "input_files",
-    "file_writing",
     "output_files",
     "camera smears",
     "geometry networks photographs",
@@ -129,11 +128,9 @@ def test_dependencies_are_what_the_package_imports() -> None:
     declared = {re.split(r"[<>=!~]", requirement)[0] for requirement in project["dependencies"]}
     used = set().union(*(third_party(path) for path in PACKAGE_SOURCES))
     assert declared == {DISTRIBUTION.get(name, name) for name in used - set(EXTRAS)}
-    for name in used & set(EXTRAS):
-        extra = project["optional-dependencies"][EXTRAS[name]]
-        assert [re.split(r"[<>=!~]", requirement)[0] for requirement in extra] == [
-            DISTRIBUTION.get(name, name)
-        ]
+    for name, extra in EXTRAS.items():
+        (requirement,) = project["optional-dependencies"][extra]
+        assert re.split(r"[<>=!~]", requirement)[0] == DISTRIBUTION.get(name, name)
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[0] == "tools"], ids=str)

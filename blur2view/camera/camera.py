@@ -11,12 +11,11 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.colmap_camera import (
     FOCAL_RANGE,
-    calibration_matrix,
     colmap_camera,
+    from_colmap,
     normalised_points,
     parse_camera,
     possible_focal,
-    rescaled,
     rescaled_matrix,
     to_colmap,
 )
@@ -122,9 +121,11 @@ class Camera:
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
-        """Return a pycolmap.Camera as ours."""
+        """Return a pycolmap.Camera as ours; K is that of its undistorted picture."""
+        K = np.array(camera.calibration_matrix(), float)
+        K[:2, 2] = from_colmap(K[:2, 2])
         return cls(
-            K=calibration_matrix(camera),
+            K=K,
             width=camera.width,
             height=camera.height,
             model=camera.model_name,
@@ -183,8 +184,10 @@ class Camera:
             )
         source = f"{self.source}, scaled by {scale:.4g}"
         if self.distorted:
-            resized = Camera.from_colmap(rescaled(self._colmap, width, height), source)
-            return replace(resized, log_focal_sigma=self.log_focal_sigma)
+            resized = colmap_camera(self.model, self.width, self.height, self.params)
+            resized.rescale(width, height)
+            camera = Camera.from_colmap(resized, source)
+            return replace(camera, log_focal_sigma=self.log_focal_sigma)
         K = rescaled_matrix(self.K, scale)
         params = (*np.diag(K)[:2].tolist(), *to_colmap(K[:2, 2]).tolist())
         return replace(self, K=K, width=width, height=height, model="PINHOLE", params=params, source=source)

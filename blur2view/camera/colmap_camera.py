@@ -83,25 +83,11 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     return camera
 
 
-def calibration_matrix(camera: Any) -> Array:
-    """Return K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
-    K = np.array(camera.calibration_matrix(), float)
-    K[:2, 2] = from_colmap(K[:2, 2])
-    return K
-
-
 def rescaled_matrix(K: Array, scale: float) -> Array:
     """Return K (3, 3) of a picture resized by a factor: its corners, not pixel centres, keep their place."""
     resized = np.diag([scale, scale, 1.0]) @ K
     resized[:2, 2] = from_colmap(scale * to_colmap(K[:2, 2]))
     return resized
-
-
-def rescaled(camera: Any, width: int, height: int) -> Any:
-    """Return the copy of a pycolmap.Camera for a picture resized to this size."""
-    copy = type(camera)(camera.todict())
-    copy.rescale(width, height)
-    return copy
 
 
 def normalised_points(camera: Any, points: Array) -> Array:

@@ -19,13 +19,14 @@ from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.neighbours import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
+from blur2view.input_files import parse_json, read_regular
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
-from blur2view.results.stored import plain, restored_file
+from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Kept, Target, Work, file_digest
@@ -117,7 +118,8 @@ class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
         """Return the document that an earlier call has written."""
         if not self.json or job.target is None:
             return None
-        document: Written = restored_file(self.kind, job.target.document)
+        content = parse_json(read_regular(job.target.document))
+        document: Written = restore(self.kind, content)
         return document
 
 

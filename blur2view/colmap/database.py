@@ -21,8 +21,8 @@ from blur2view.colmap.rows import (
 from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES, VIEWS_TABLE
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
-from blur2view.file_writing import half_written
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+from blur2view.output_files import half_written
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""

@@ -20,8 +20,8 @@ from blur2view.colmap.database import inliers
 from blur2view.colmap.text_formats import are_views, writing_views
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
-from blur2view.file_writing import write_files
 from blur2view.input_files import open_regular, read_regular
+from blur2view.output_files import write_files
 
 UNMATCHED = -1
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes

@@ -91,7 +91,11 @@ def place_views(
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
     frames, spreads = _frames(reconstruction, linked, names)
-    used, scale = _fraction_and_scale(frames, fraction)
+    used, scale = common_fraction(frames), 1.0
+    if fraction is not None and used * MOST_SCALED > fraction:
+        scale = fraction / used
+    elif fraction is not None:  # the smears are too few or too short to measure it
+        used = fraction
     placed: list[str] = []
     left: list[str] = []
     for one, frame, spread in zip(linked, frames, spreads, strict=True):
@@ -105,17 +109,6 @@ def place_views(
         placed=tuple(placed),
         left=tuple(left),
     )
-
-
-def _fraction_and_scale(frames: list[ExposedFrame], known: float | None) -> tuple[float, float]:
-    """Return the fraction to weigh smears with, and the factor that scales the motions to a known one.
-
-    The fraction is the known one, and the factor 1, if the smears are too few or too short to measure it.
-    """
-    measured = common_fraction(frames)
-    if known is None:
-        return measured, 1.0
-    return (measured, known / measured) if measured * MOST_SCALED > known else (known, 1.0)
 
 
 def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:

@@ -178,34 +178,29 @@ class DatabaseMatcher:
 
     def __call__(self, first: int, second: int) -> tuple[Array, Array]:
         """Return matched pixels (M, 2) of two photographs by their indices, none where it has none."""
-        try:
-            with open_read_only(self._path) as database:
-                return _matched_points(database, self._names[first], self._names[second])
-        except ValueError as error:
-            raise DatabaseError(f"{self._path}: matches cannot be read ({error}); match again") from None
+        sql = "SELECT image_id FROM images WHERE name = ?"
+        with open_read_only(self._path) as database:
+            rows = [database.execute(sql, (self._names[one],)).fetchone() for one in (first, second)]
+            if None in rows or rows[0] == rows[1]:
+                return NO_POINTS, NO_POINTS
+            try:
+                id1, id2 = (int(image_id) for (image_id,) in rows)
+                index = read_matches(database, "two_view_geometries", id1, id2)
+                if len(index) == 0:  # not verified
+                    index = read_matches(database, "matches", id1, id2)
+                points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
+            except ValueError as error:
+                raise DatabaseError(f"{self._path}: matches cannot be read ({error}); match again") from None
+        inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
+        points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
+        finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
+        return points1[finite], points2[finite]
 
 
 def database_names(path: Path) -> list[str]:
     """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out."""
     with open_read_only(path) as database:
         return list(image_names(database))
-
-
-def _matched_points(database: sqlite3.Connection, name1: str, name2: str) -> tuple[Array, Array]:
-    """Return matched pixels (M, 2) of two images, none where one is missing; ValueError of damaged rows."""
-    sql = "SELECT image_id FROM images WHERE name = ?"
-    rows = [database.execute(sql, (name,)).fetchone() for name in (name1, name2)]
-    if None in rows or rows[0] == rows[1]:
-        return NO_POINTS, NO_POINTS
-    id1, id2 = (int(image_id) for (image_id,) in rows)
-    index = read_matches(database, "two_view_geometries", id1, id2)
-    if len(index) == 0:  # not verified
-        index = read_matches(database, "matches", id1, id2)
-    points1, points2 = (from_colmap(read_keypoints(database, image_id)) for image_id in (id1, id2))
-    inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
-    points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
-    finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
-    return points1[finite], points2[finite]
 
 
 def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:

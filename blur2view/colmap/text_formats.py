@@ -21,8 +21,8 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.database import inliers
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
-from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
+from blur2view.output_files import write_files
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import cv2
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
-from blur2view.output_files import writing
+from blur2view.output_files import write_files, writing
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of, read_frame
 

@@ -11,14 +11,12 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.input_files import parse_json, read_regular
 
-Kind = TypeVar("Kind")
 DAMAGE = (ValueError, TypeError, LookupError, ArithmeticError)
 """What constructors of ours raise for values of the right types that make no sense."""
 
@@ -87,9 +85,3 @@ def _array(kind: type[np.generic], stored: Any) -> AnyArray:
         raise ValueError(f"expected finite numbers of type {kind.__name__}")
     shape = [_of(int, side) for side in _of(list, stored.get("shape"))]
     return array.reshape(shape).astype(kind)  # a copy that can be written
-
-
-def restored_file(kind: type[Kind], path: Path) -> Kind:
-    """Return the object that a JSON file holds; OSError or one of `DAMAGE` if it holds none."""
-    restored: Kind = restore(kind, parse_json(read_regular(path)))
-    return restored

@@ -29,8 +29,7 @@ import numpy as np
 
 import blur2view
 from blur2view.cli.outputs import ESTIMATE, result_contents
-from blur2view.file_writing import write_files
-from blur2view.output_files import ResultFiles
+from blur2view.output_files import ResultFiles, write_files
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.results.estimate import EstimateDocument
 from blur2view.smears.selection import SelectOptions, select_matches
