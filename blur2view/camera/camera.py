@@ -40,7 +40,7 @@ class Camera:
     model : str
         COLMAP's name of the camera model.
     params : tuple of float
-        COLMAP's parameters of the model, in COLMAP's pixels.
+        COLMAP's parameters of the model, in COLMAP's pixels; by default those of a pinhole, by K.
     source : str
         "focal", "opencv", "camera string", "database" or "exif", and what was done since.
     log_focal_sigma : float
@@ -68,6 +68,9 @@ class Camera:
         if min(self.width, self.height) < 1 or not 0 <= self.log_focal_sigma < np.inf:
             raise ValueError(f"need a positive size and log_focal_sigma >= 0, got {self}")
         object.__setattr__(self, "K", K)
+        if not self.params:
+            pinhole = np.concatenate([np.diag(K)[:2], to_colmap(K[:2, 2])])
+            object.__setattr__(self, "params", tuple(pinhole.tolist()))
 
     @classmethod
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
@@ -87,16 +90,9 @@ class Camera:
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
         """Return the camera of ``cv2.calibrateCamera`` and its like.
 
-        Parameters
-        ----------
-        K : ndarray of shape (3, 3)
-            Camera matrix, (0, 0) at the centre of the top-left pixel, as OpenCV's and ours are.
-        dist : ndarray of 0, 4, 5 or 8 elements, or None
-            Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
-            (thin prisms, a tilted sensor) only if they are zero.
-        size : (int, int)
-            Width and height of the pictures, pixels.
-
+        K (3, 3) has (0, 0) at the centre of the top-left pixel, as OpenCV's and ours have. ``dist``, of any
+        shape, is the distortion k1, k2, p1, p2[, k3[, k4, k5, k6]]; None or none for no distortion, more
+        (thin prisms, a tilted sensor) only if they are zero. ``size`` is width and height of the pictures.
         ValueError if the values are not as above, CameraError if no such camera can be.
         """
         K = np.asarray(K, float)
@@ -141,7 +137,7 @@ class Camera:
     @property
     def distorted(self) -> bool:
         """Whether its model is not a pinhole's."""
-        return self.model not in PINHOLES and len(self.params) > 0
+        return self.model not in PINHOLES
 
     @property
     def focal_px(self) -> float:
@@ -189,5 +185,4 @@ class Camera:
             camera = Camera.from_colmap(resized, source)
             return replace(camera, log_focal_sigma=self.log_focal_sigma)
         K = rescaled_matrix(self.K, scale)
-        params = (*np.diag(K)[:2].tolist(), *to_colmap(K[:2, 2]).tolist())
-        return replace(self, K=K, width=width, height=height, model="PINHOLE", params=params, source=source)
+        return replace(self, K=K, width=width, height=height, model="PINHOLE", params=(), source=source)

@@ -161,7 +161,7 @@ def _check_shapes(views: ExposureViews, count: int) -> None:
         raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
     if camera is not None and (camera.width, camera.height) != views.size:
         raise ValueError("expected a camera of the photograph's size")
-    if camera is not None and camera.params:
+    if camera is not None:
         colmap_camera(camera.model, *views.size, camera.params)
 
 

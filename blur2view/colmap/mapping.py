@@ -69,23 +69,15 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
-    Parameters
-    ----------
-    linked : bool
-        False: a database of exposures alone, each of which is a model of two images, which do not determine
-        the focal length: pass it to ``to-colmap``. True: the views stand beside the photographs of an
-        ordinary project (``--link``). Its wide baselines then begin the model, make the points and refine the
-        intrinsics, and only what would refuse the views is changed.
-    keep_photographs : bool
-        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
-        are, and the intrinsics. So views join the model that was there before them; smears, which err more
-        than features do, cannot bend it.
+    In a database of exposures alone each is a model of two images, which do not determine the focal length:
+    pass it to ``to-colmap``. In a linked one (``--link``) the views stand beside the photographs of an
+    ordinary project: its wide baselines begin the model, make the points and refine the intrinsics, and only
+    what would refuse the views is changed. ``keep_photographs`` leaves the poses of photographs in the model
+    that ``input_path`` names as they are, and the intrinsics: so views join the model that was there before
+    them; smears, which err more than features do, cannot bend it. ValueError if photographs are to be kept
+    where there are none.
 
-    Returns
-    -------
-    pycolmap.IncrementalPipelineOptions
-        The source says why each value differs from the default of pycolmap 4.2. ValueError if photographs are
-        to be kept where there are none.
+    The source says why each value of the pycolmap.IncrementalPipelineOptions differs from pycolmap 4.2's.
     """
     import pycolmap
 

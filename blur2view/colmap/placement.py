@@ -68,21 +68,13 @@ def place_views(
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
-    Parameters
-    ----------
-    database : path-like
-        That ``blur2view to-colmap --link`` has written views to.
-    model : path-like
-        Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
-    names : sequence of str, optional
-        Photographs of one video in order, none left out: those that are not registered or have no views are
-        passed over, and what they part does not follow one another. Default: those whose names differ by
-        one in their number follow one another.
-    fraction : float, optional
-        Exposure time over frame interval, if it is known; default: measured from the smears.
-
-    DatabaseError if the database or the model is missing or broken, or holds no views of the model's
-    photographs; ValueError if the fraction is not positive and finite.
+    ``blur2view to-colmap --link`` has written views to the database; ``model`` is the folder of a
+    reconstruction of its photographs, views left out (``image_names``, or made before). ``names`` are
+    photographs of one video in order, none left out: those that are not registered or have no views are
+    passed over, and what they part does not follow one another; by default those whose names differ by one in
+    their number follow one another. ``fraction`` is exposure time over frame interval, by default measured
+    from the smears. DatabaseError if the database or the model is missing or broken, or holds no views of the
+    model's photographs; ValueError if the fraction is not positive and finite.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")

@@ -46,13 +46,10 @@ def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumn
     if camera is None:
         guess = GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0
         return CameraColumns("SIMPLE_RADIAL", width, height, guess, 0)
-    if camera.params and camera.known:
+    if camera.known:
         return CameraColumns(camera.model, width, height, camera.params, 1)
-    cx, cy = to_colmap(camera.K[:2, 2]).tolist()
-    if not camera.known:
-        return CameraColumns("SIMPLE_RADIAL", width, height, (camera.focal_px, cx, cy, 0.0), 1)
-    pinhole = float(camera.K[0, 0]), float(camera.K[1, 1]), cx, cy
-    return CameraColumns("PINHOLE", width, height, pinhole, 1)
+    hint = camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0
+    return CameraColumns("SIMPLE_RADIAL", width, height, hint, 1)
 
 
 def add_camera(database: Connection, camera: CameraColumns) -> int:

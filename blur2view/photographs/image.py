@@ -57,16 +57,9 @@ def read_image(
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    as_stored : bool
-        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
-    max_memory_gib : float
-        Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
-    content : bytes, optional
-        The file's content, where it has been read already.
+    With ``as_stored`` the picture is left as its pixels are stored, as COLMAP does, instead of rotated
+    upright by EXIF. Photographs whose estimate takes more memory than allowed (`BYTES_PER_PIXEL`) are refused
+    before they are decoded. ``content`` is the file's, where it has been read already.
 
     ImageError if the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
     be used, in one line that names the path and the remedy.

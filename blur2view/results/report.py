@@ -97,9 +97,11 @@ def report(entries: Sequence[Entry], version: str) -> bytes:
     script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
     blocks = [_block(f"photo-data-{k}", one.content) if one.content else "" for k, one in enumerate(entries)]
     failures = [{"image": one.name, "error": one.text} for one in entries if not one.content]
+    proven, failed = sum(one.kind == "proven" for one in entries), len(failures)
+    counts = f"{len(entries)} photograph{'s' * (len(entries) != 1)}, {proven} with proven parallax"
     page = Template(_part("page.html")).substitute(
         title=escape(entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"),
-        summary=escape(_count(entries)),
+        summary=counts + f", {failed} failed" * bool(failed),
         version=escape(version),
         style=style,
         style_hash=_hash(style),
@@ -120,14 +122,6 @@ def _part(name: str) -> str:
 def _hash(text: str) -> str:
     """Return the source expression by which a Content-Security-Policy allows exactly this text."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _count(entries: Sequence[Entry]) -> str:
-    """Return how many photographs there are and in how many parallax is proven."""
-    failed = sum(not entry.content for entry in entries)
-    proven = sum(entry.kind == "proven" for entry in entries)
-    parts = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
-    return ", ".join(parts + [f"{failed} failed"] * bool(failed))
 
 
 def _card(index: int, entry: Entry) -> str:

@@ -105,23 +105,18 @@ def _turned(geometry: TwoViewGeometry, size: tuple[int, int], exposure_s: float 
 
     It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
     """
-    pan, roll = (np.zeros(2), 0.0) if geometry.H is None else _pan_and_roll(geometry.H, size)
+    to_middle = np.eye(3)
+    to_middle[:2, 2] = (1 - np.array(size)) / 2
+    centred = to_middle @ (np.eye(3) if geometry.H is None else geometry.H) @ np.linalg.inv(to_middle)
+    centred = centred / centred[2, 2]
+    (a, b), (c, d) = centred[:2, :2]
+    pan, roll = centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
     rolled = roll * np.hypot(*size) / 2 > np.hypot(*pan)
     way = "rolled" if rolled else f"turned {_way(*pan)}"
     if geometry.cam2_from_cam1 is not None:
         return f"{way} {_amount(geometry, exposure_s)}"
     by = f"{np.degrees(roll):.2g} degrees" if rolled else _share(np.hypot(*pan), size[0])
     return f"{way} by {by}"
-
-
-def _pan_and_roll(H: Array, size: tuple[int, int]) -> tuple[Array, float]:
-    """Return how far (2,) a homography moves the middle of a picture, and the angle it turns it by."""
-    to_middle = np.eye(3)
-    to_middle[:2, 2] = (1 - np.array(size)) / 2
-    centred = to_middle @ H @ np.linalg.inv(to_middle)
-    centred = centred / centred[2, 2]
-    (a, b), (c, d) = centred[:2, :2]
-    return centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
