@@ -171,11 +171,6 @@ class FileEstimate:
         steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 
-    @property
-    def seconds(self) -> float:
-        """Return the seconds of all steps."""
-        return sum(self.timings_s.values())
-
 
 def estimate_file(
     path: Path,

@@ -39,11 +39,6 @@ class Intrinsics:
             return "--focal"
         return None if self.camera in (None, "exif") else "--camera"
 
-    @property
-    def in_database(self) -> bool:
-        """Whether the camera is in a COLMAP database, which is read for every photograph."""
-        return callable(self.camera)
-
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 

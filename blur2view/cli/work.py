@@ -103,7 +103,7 @@ class EstimatingWork(Work[Target, Kept]):
 
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
-        row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        row = Row.of(one.estimate, one.exposure_s, sum(one.timings_s.values()) if self.timings else None)
         return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
 
 

@@ -127,21 +127,18 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:
     """Return a photograph with its views, of which the database has both; ValueError if a row is damaged."""
-    names = photograph.name + OPEN, photograph.name + CLOSE
-    first, last = (_read_view(opened, ids[name], name, photograph.camera_id) for name in names)
+    import pycolmap
+
+    views = []
+    for name in (photograph.name + OPEN, photograph.name + CLOSE):
+        points, camera_id = read_keypoints(opened, ids[name]), photograph.camera_id
+        view = pycolmap.Image(name=name, keypoints=points, camera_id=camera_id, image_id=ids[name])
+        view.frame_id = frame_of(opened, ids[name])
+        views.append(view)
+    first, last = views
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
     count = min(image.num_points2D() for image in (photograph, first, last))
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
-
-
-def _read_view(opened: sqlite3.Connection, image_id: int, name: str, camera_id: int) -> Any:
-    """Return the pycolmap.Image of a view."""
-    import pycolmap
-
-    keypoints = read_keypoints(opened, image_id)
-    view = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
-    view.frame_id = frame_of(opened, image_id)
-    return view
 
 
 def _frames(
@@ -184,25 +181,25 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
 
 
 def _add_views(model: Any, one: _Linked, motion: Array) -> None:
-    """Add both images half of the motion before and after the photograph, and what they observe."""
-    for view, sign in zip(one.views, (-1, 1), strict=True):
-        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
-        _add_view(model, view, one.photograph, half * one.photograph.cam_from_world())
-        _observe(model, one, view.image_id)
+    """Add both images half of the motion before and after the photograph, and what they observe.
 
-
-def _add_view(model: Any, view: Any, photograph: Any, cam_from_world: Any) -> None:
-    """Add one image, alone in its frame; the rig, which may have more cameras, is that of the photograph."""
+    Each is alone in its frame; the rig, which may have more cameras, is that of the photograph.
+    """
     import pycolmap
 
-    if model.exists_frame(view.frame_id):  # the model is older than the project's frames
-        view.frame_id = 1 + max(model.frames)
-    frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
-    frame.add_data_id(view.data_id)
-    model.add_frame(frame)
-    model.add_image(view)
-    model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
-    model.register_frame(view.frame_id)
+    photograph = one.photograph
+    for view, sign in zip(one.views, (-1, 1), strict=True):
+        if model.exists_frame(view.frame_id):  # the model is older than the project's frames
+            view.frame_id = 1 + max(model.frames)
+        frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
+        frame.add_data_id(view.data_id)
+        model.add_frame(frame)
+        model.add_image(view)
+        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
+        pose = half * photograph.cam_from_world()
+        model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
+        model.register_frame(view.frame_id)
+        _observe(model, one, view.image_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

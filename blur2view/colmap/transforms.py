@@ -48,6 +48,7 @@ from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.output_files import SIGNED_BY
 from blur2view.smears.sharpness import sharpness
 
+LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
@@ -166,18 +167,14 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
 
 def _world_from_camera(image: Any) -> Array:
     """Return the pose (4, 4) of a pycolmap.Image with OpenGL's camera axes."""
-    return _homogeneous(image.cam_from_world().inverse().matrix()) @ OPENGL
-
-
-def _homogeneous(pose: Array) -> Array:
-    """Return a pose (3, 4) as a matrix (4, 4)."""
-    return np.vstack([pose, [0, 0, 0, 1]])
+    return np.vstack([image.cam_from_world().inverse().matrix(), LAST_ROW]) @ OPENGL
 
 
 def _halfway(first: Array, last: Array) -> Array:
     """Return the pose (4, 4) halfway between two."""
     half = rotation_matrix(0.5 * rotation_vector(last[:3, :3] @ first[:3, :3].T))
-    return _homogeneous(np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])]))
+    pose = np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])])
+    return np.vstack([pose, LAST_ROW])
 
 
 def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:

@@ -70,7 +70,12 @@ def read_image(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        return _to_rgb(*_decode(path, encoded, as_stored, max_memory_gib))
+        pixels, white = _decode(path, encoded, as_stored, max_memory_gib)
+        values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
+        values /= white
+        if values.shape[2] in (2, 4):  # the last is alpha
+            values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
+        return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
 def read_content(path: Path, *, beside: bool = False) -> bytes:
@@ -132,7 +137,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        remedy = f"if it lists photographs, write @{path}" if _may_be_list(path, encoded) else _CONVERT
+        listed = _may_be_list(path, encoded)
+        remedy = f"if it lists photographs, write @{path}" if listed else "convert it to JPEG, PNG or TIFF"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise
@@ -142,7 +148,6 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
-_CONVERT = "convert it to JPEG, PNG or TIFF"
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
@@ -251,12 +256,3 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     return pixels
-
-
-def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
-    """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
-    values /= white
-    if values.shape[2] in (2, 4):
-        values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
-    return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

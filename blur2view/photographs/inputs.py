@@ -110,7 +110,8 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
+        remedy = "name a file that holds one name on each line, or pipe them to -"
+        raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
     lines = text.split("\0") if "\0" in text else text.splitlines()
     if len(lines) > MAX_LINES:
         raise ImageError(
@@ -124,9 +125,6 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
-
-
-_NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
