@@ -1,7 +1,5 @@
 """Cameras: from a focal length, a COLMAP string or database, or EXIF; their rays, and what is refused."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import zlib

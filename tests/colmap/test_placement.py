@@ -1,7 +1,5 @@
 """Views placed into a model of their photographs: an exact walk, a known exposure, photographs left out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """transforms.json read back as its readers do, against pycolmap and the truth of a made-up video."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the tests of the report in headless Chromium share: opening it, using it, reading it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
