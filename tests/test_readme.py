@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -10,11 +11,14 @@ from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from blur2view import __version__
 from blur2view.colmap import mapping
-from tests.support.readme_files import ROOT, make_files
+from tests.support.many_photographs import ROOT, SAMPLE, write_frames
+from tests.support.walks import Walk
 
 README = (ROOT / "README.md").read_text()
 MOST_WORDS = 1800
@@ -77,10 +81,24 @@ RUNNABLE = [
 ]
 
 
+PHOTOGRAPHS = ("models/sample.jpg", "a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
+FRAMES = ("f_000.jpg", "f_010.jpg", "f_020.jpg")  # every tenth of a video
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that README names, and nothing of the checkout."""
-    make_files(tmp_path)
+    """Return a folder with the files that README names, the sample all, and nothing of the checkout."""
+    for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(SAMPLE, tmp_path / name)
+    shutil.copy(ROOT / "models/sample_mover.jpg", tmp_path / "models")
+    picture = np.asarray(cv2.imread(str(SAMPLE)))
+    write_frames(tmp_path / "video.mp4", [picture] * 7)
+    turn, move = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame
+    size = picture.shape[1], picture.shape[0]
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3)) * (1.5, 1, 2) + (0, 0, 7)
+    walk = Walk(names=FRAMES, size=size, focal=800.0, turn=turn, move=move)
+    walk.write(points, tmp_path / "project.db", {tmp_path / "model" / "0": range(len(FRAMES))})
     return tmp_path
 
 

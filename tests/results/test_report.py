@@ -29,7 +29,7 @@ HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
 Report = Callable[..., int]
 
 
-class Markup(HTMLParser):
+class _Markup(HTMLParser):
     """The elements of a page with their attributes, and its texts with the elements they lie in."""
 
     def __init__(self, page: bytes) -> None:
@@ -72,7 +72,7 @@ def test_page_holds_what_estimate_prints(
     assert "moving.png: " in (shown := capsys.readouterr().out) and "page.html" in shown
     assert cli.main(["estimate", "--json", "--model", str(tiny_model), str(moving)]) == 0
     (printed,) = json.loads(capsys.readouterr().out)["estimates"]
-    _, shown = Markup((tmp_path / "page.html").read_bytes()).blocks
+    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
     document = json.loads(shown["document"])
     assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
     assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
@@ -80,7 +80,7 @@ def test_page_holds_what_estimate_prints(
     assert document == printed
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
     assert call(moving, "--no-mask") == 0
-    _, shown = Markup((tmp_path / "page.html").read_bytes()).blocks
+    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
     assert shown["mask"] is None and "mask" not in shown["seconds"]
 
 
@@ -117,7 +117,7 @@ def test_failure_is_a_card_not_the_end(
     broken.write_bytes(b"no picture")
     assert call(broken, moving, tmp_path / "absent.jpg") == 1
     assert len(capsys.readouterr().err.splitlines()) == 2
-    markup = Markup((tmp_path / "page.html").read_bytes())
+    markup = _Markup((tmp_path / "page.html").read_bytes())
     cards = [attributes for tag, attributes in markup.elements if tag == "li" and "data-index" in attributes]
     assert ["card-failed" in str(card["class"]) for card in cards] == [True, False, True]
     text = "".join(data for _, data in markup.texts)
@@ -186,8 +186,8 @@ def test_nothing_is_written_if_every_photograph_fails(
 )
 def test_names_and_errors_never_become_markup(name: str) -> None:
     entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
-    markup = Markup(report(entries, "1.0"))
-    plain = Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
+    markup = _Markup(report(entries, "1.0"))
+    plain = _Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
     assert [tag for tag, _ in markup.elements] == [tag for tag, _ in plain.elements]
     assert not any(key.startswith("on") for _, attributes in markup.elements for key in attributes)
     failures, photo = markup.blocks
@@ -199,7 +199,7 @@ def test_names_and_errors_never_become_markup(name: str) -> None:
 
 def test_page_forbids_loading_and_foreign_scripts() -> None:
     page = report([Entry.of(made_up(F=turning_F()), boxed_mask())], "1.0")
-    markup = Markup(page)
+    markup = _Markup(page)
     (policy,) = (
         str(a["content"]) for tag, a in markup.elements if a.get("http-equiv") == "Content-Security-Policy"
     )

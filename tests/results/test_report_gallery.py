@@ -18,7 +18,6 @@ from tests.support.report_browser import (
     Opener,
     Visits,
     click_at,
-    gallery_entries,
     near,
     numbers,
     settle,
@@ -26,6 +25,18 @@ from tests.support.report_browser import (
     value,
 )
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
+
+
+def gallery_entries() -> list[Entry]:
+    """Four photographs and a failure."""
+    F = turning_F()
+    return [
+        Entry.of(made_up("b10.png", F=F)),
+        Entry.of(made_up("b9.png", config=Configuration.DEGENERATE, scale=0.2)),
+        Entry.failed("a.png", "a.png: is damaged"),
+        Entry.of(made_up("c.png", F=F, config=Configuration.CALIBRATED, scale=2)),
+        Entry.of(made_up("d.png", F=F, config=Configuration.MULTIPLE, scale=0.5)),
+    ]
 
 
 def names(page: Page) -> list[str]:

@@ -36,7 +36,7 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     for x, y in [inside, right, *nodes]:
         scale = scale_of(page)
         page.locator("#stage").hover(position={"x": (x + 1.4) * scale, "y": (y - 0.4) * scale})
-        d, ends = field_.displacement[y, x], quantised_ends((x, y), field_.displacement[y, x])
+        d, ends = field_.displacement[y, x], quantised_ends(one, x, y)
 
         def shown(key: str) -> list[float]:
             return numbers(value(page, key, "pointer"))

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
+from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.results.overlay import farthest_points
 from blur2view.results.report import Entry
@@ -16,10 +17,8 @@ from tests.support.report_browser import (
     CYAN,
     Opener,
     click_at,
-    in_order,
     near,
     numbers,
-    on_screen,
     quantised_ends,
     scale_of,
     settle,
@@ -28,6 +27,18 @@ from tests.support.report_browser import (
     value,
 )
 from tests.support.report_scenes import DOTS, HEIGHT, WIDTH, made_up, turning_F
+
+
+def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Both ends, the one of view 1 first, by the smaller Sampson distance."""
+    forward, backward = (sampson(F, *(end[None] for end in pair))[0] for pair in (ends, ends[::-1]))
+    return ends if forward <= backward else ends[::-1]
+
+
+def on_screen(line: NDArray[np.float64], scale: float, corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a line of the photograph on the screen, where pixel (0, 0) lies at ``corner``."""
+    a, b, c = line
+    return np.array([a, b, c * scale - a * corner[0] - b * corner[1]])
 
 
 def line_offsets(
@@ -87,7 +98,7 @@ def test_click_draws_both_epipolar_lines_where_F_says(opened: Opener, point: tup
     toggle(page, "photograph", "smears")
     click_at(page, (point[0] + 1.2, point[1] - 1.4))  # nearest to this node
     assert numbers(value(page, "position")) == list(point)
-    ends = quantised_ends(point, one.estimate.grid.at_pixels().displacement[point[1], point[0]])
+    ends = quantised_ends(one, *point)
     scale = scale_of(page)
     check_lines(stage_pixels(page), F, ends, scale, np.full(2, scale / 2))
 
@@ -109,7 +120,7 @@ def test_lines_and_ends_stay_with_the_photograph_when_zoomed(opened: Opener) -> 
     scale = float(np.linalg.norm(found[1] - found[0]) / np.linalg.norm(np.subtract(*DOTS)))
     corner = found[0] - scale * np.array(DOTS[0])
     assert scale > 8  # half a pixel is at least 4 pixels of the screen
-    ends = quantised_ends(DOTS[0], one.estimate.grid.at_pixels().displacement[DOTS[0][1], DOTS[0][0]])
+    ends = quantised_ends(one, *DOTS[0])
     check_lines(marked, F, ends, scale, corner, 0.5)  # the dots' borders are those of the screen's pixels
     for mark, end in zip(("end-1", "end-2"), in_order(F, ends), strict=True):
         circle = page.locator(f"[data-mark={mark}]")
@@ -150,9 +161,7 @@ def test_lines_of_a_distorting_lens_are_curves(opened: Opener) -> None:
     page = opened(Entry.of(one))
     point = (121, 41)
     click_at(page, point)
-    ends = camera.undistorted(
-        quantised_ends(point, one.estimate.grid.at_pixels().displacement[point[1], point[0]])
-    )
+    ends = camera.undistorted(quantised_ends(one, *point))
     first, second = in_order(F, ends)
     for mark, line in (("line-1", F.T @ [*second, 1]), ("line-2", F @ [*first, 1])):
         path = page.locator(f"[data-mark={mark}]").get_attribute("d") or ""
@@ -188,7 +197,7 @@ def test_beside_a_homography_a_smear_has_ends_in_order_and_no_lines(
     click_at(page, (201, 121))
     marks = page.locator("[data-mark]").evaluate_all("(all) => all.map((mark) => mark.dataset.mark)")
     assert sorted(marks) == ["end-1", "end-2", "smear", "smear-halo"]
-    ends = in_order(F, quantised_ends((201, 121), one.estimate.grid.at_pixels().displacement[121, 201]))
+    ends = in_order(F, quantised_ends(one, 201, 121))
     scale = scale_of(page)
     for mark, end in zip(("end-1", "end-2"), ends, strict=True):
         circle = page.locator(f"[data-mark={mark}]")
