@@ -152,9 +152,6 @@ def test_views_of_a_fresh_database_ask_for_replace_and_say_what_they_are(tmp_pat
     assert is_kept(path, "a.jpg")
 
 
-FEATURES_OF_ANOTHER = (
-    "UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2"
-)
 ANEW = (
     "CREATE TEMP TABLE kept AS SELECT * FROM keypoints WHERE image_id = 2",
     "DELETE FROM images WHERE image_id = 2",
@@ -168,7 +165,7 @@ ANEW = (
     [
         ["DELETE FROM images WHERE name = 'a_001.jpg#close'"],
         ANEW,
-        [FEATURES_OF_ANOTHER],
+        ["UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2"],
         ["UPDATE cameras SET params = zeroblob(length(params))"],
         ["UPDATE cameras SET model = 0"],
         ["UPDATE cameras SET prior_focal_length = 1 - prior_focal_length"],

@@ -30,8 +30,7 @@ from tests.support.report_scenes import boxed_mask
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
 
 
-def flat_photo(height: int, width: int) -> NDArray[np.float32]:
-    return np.full((height, width, 3), 0.5, np.float32)
+PHOTO = np.full((480, 640, 3), 0.5, np.float32)
 
 
 def blank_grid(shape: tuple[int, ...]) -> SmearGrid:
@@ -63,8 +62,8 @@ def drawn(
     displacement: tuple[float, float] = (12, 0),
 ) -> NDArray[np.uint8]:
     """Return the overlay of smears at points of a grey photograph of 640x480."""
-    photo, matches = flat_photo(480, 640), matches_at(points, displacement)
-    return draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(inliers, F))
+    matches = matches_at(points, displacement)
+    return draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches, geometry_of(inliers, F))
 
 
 def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
@@ -103,8 +102,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
     matches = SmearMatches(ends=ends, sigma_px=np.ones(1))
     geometry = replace(geometry_of([True], F), swapped=np.array([swapped]))
-    photo = flat_photo(480, 640)
-    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry)
+    picture = draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches, geometry)
     columns = np.array([20, 60, 580, 620])
     rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
     inside = (rows > 2) & (rows < 477)
@@ -130,7 +128,7 @@ def test_epipole_in_the_picture_is_ringed() -> None:
     ],
 )
 def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
-    photo = flat_photo(*size)
+    photo = np.full((*size, 3), 0.5, np.float32)
     picture = draw_overlay(photo, blank_grid(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
     assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
     assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
@@ -153,11 +151,10 @@ def test_scaling_keeps_corner_pixels_in_place() -> None:
 
 
 def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    photo = flat_photo(480, 640)
     heights = []
     for words in (3, 60):
         monkeypatch.setattr(overlay, "sentence", lambda *_, count=words: "words " * count)
-        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([])).shape[0])
+        heights.append(len(drawn([], [])))
     assert heights[1] > heights[0] + 100
 
 
@@ -165,7 +162,7 @@ def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.
     written: list[str] = []
     monkeypatch.setattr(overlay, "write", lambda canvas, text, *_, **style: written.extend(np.ravel(text)))
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
-    draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
+    draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)
     assert "Camera moved past near and far things; blur" in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
@@ -197,13 +194,11 @@ def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_
 
 
 def test_sizes_that_disagree_are_refused() -> None:
-    photo = flat_photo(48, 64)
-    with pytest.raises(ValueError, match="grid of shape"):
-        draw_overlay(photo, blank_grid((64, 48)), matches_at([]), geometry_of([]))
-    with pytest.raises(ValueError, match=r"grid of shape \(\), got"):
-        draw_overlay("a.jpg", blank_grid(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
+    for photo, shape in ((PHOTO, (640, 480)), ("a.jpg", (480, 640))):
+        with pytest.raises(ValueError, match="expected a grid of shape"):
+            draw_overlay(photo, blank_grid(shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
-        draw_overlay(photo, blank_grid(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
+        drawn([(8, 8)], [True, True])
 
 
 def test_colours_depend_on_orientation_and_not_on_sign() -> None:
@@ -213,13 +208,10 @@ def test_colours_depend_on_orientation_and_not_on_sign() -> None:
     assert np.abs(horizontal - vertical).max() > 150
 
 
-def test_subset_keeps_the_best_of_every_square() -> None:
+def test_subset_keeps_the_best_of_every_square_farthest_points_reach_the_corners_first() -> None:
     points = np.array([[1.0, 1], [2, 2], [11, 1], [12, 3], [13, 2]])
     quality = np.array([1.0, 2, 5, 9, 9])
     np.testing.assert_array_equal(spread_subset(points, quality, spacing=10), [1, 3])
-
-
-def test_farthest_points_reach_the_corners_first() -> None:
     square = np.array([[0.0, 0], [10, 0], [0, 10], [10, 10], [5, 5], [6, 5], [4, 5]])
     assert set(farthest_points(square, 5)) == {0, 1, 2, 3, 4}
     assert len(farthest_points(square, 50)) == len(square)
