@@ -7,9 +7,9 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -27,30 +27,21 @@ NOT_RUN = ("pip install ", "python -m pytest ", "pre-commit install", "dask ")
 TEST_COMMAND = "pip install '.[train,test]' && python -m pytest -n auto --dist worksteal"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Section:
+class Section(NamedTuple):
     """A part of README under one title, with its blocks of code: language and text."""
 
     title: str
     text: str
-    blocks: tuple[tuple[str, str], ...]
+    blocks: list[tuple[str, str]]
 
 
 def sections() -> Iterator[Section]:
-    """Yield the parts of README that hold code; a line of code that begins with # is no title."""
-    code = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-    spans = [block.span() for block in code.finditer(README)]
-    titles = [
-        title
-        for title in re.finditer(r"^##+ (.+)$", README, re.MULTILINE)
-        if not any(first < title.start() < last for first, last in spans)
-    ]
-    ends = [*(title.start() for title in titles[1:]), len(README)]
-    for title, end in zip(titles, ends, strict=True):
-        text = README[title.end() : end]
-        blocks = tuple((language, body) for language, body in code.findall(text))
+    """Yield the parts of README that hold code."""
+    for part in re.split(r"^##+ ", README, flags=re.MULTILINE)[1:]:
+        title, _, text = part.partition("\n")
+        blocks = re.findall(r"^```(\w+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
         if blocks:
-            yield Section(title=title[1], text=text, blocks=blocks)
+            yield Section(title, text, blocks)
 
 
 def commands(block: str) -> list[str]:
@@ -66,11 +57,6 @@ def commands(block: str) -> list[str]:
 def named_files(text: str) -> list[str]:
     """Return the files inside folders that a text names in backticks."""
     return re.findall(r"`([\w.]+(?:/[\w.]+)+\.\w+)`", text)
-
-
-def masked(text: str) -> str:
-    """Return a text with every figure replaced, as figures follow the network."""
-    return re.sub(r"\d+(\.\d+)?", "0", text.strip())
 
 
 CODE = list(sections())
@@ -103,19 +89,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return an environment in which `blur2view` is the program of this checkout."""
-    programs = tmp_path_factory.mktemp("bin")
-    program = programs / "blur2view"
+def call(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], str]:
+    """Return a function that runs a text of a language in the folder and returns what it prints."""
+    program = tmp_path_factory.mktemp("bin") / "blur2view"  # that of this checkout
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m blur2view "$@"\n')
     program.chmod(0o755)
-    paths = {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    return {**os.environ, **paths}
-
-
-@pytest.fixture
-def call(folder: Path, environment: dict[str, str]) -> Callable[[str, str], str]:
-    """Return a function that runs a text of a language in the folder and returns what it prints."""
+    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
     interpreters = {"sh": ("bash", "-c"), "python": (sys.executable, "-W", "error", "-c")}
 
     def run(language: str, text: str) -> str:
@@ -135,7 +115,8 @@ def test_every_command_and_python_block_runs(
     printed = ""
     for language, body in section.blocks:
         if language == "text":  # what the command before it prints
-            assert masked(body) == masked(printed)
+            given, made = (re.sub(r"\d+(\.\d+)?", "0", one.strip()) for one in (body, printed))
+            assert given == made  # but for figures, which follow the network
             continue
         for text in commands(body) if language == "sh" else [body]:
             printed = call(language, text)
