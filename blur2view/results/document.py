@@ -37,7 +37,7 @@ class Document:
         return json.dumps(asdict(fields), indent=indent, allow_nan=False)
 
     @classmethod
-    def keys(cls) -> list[tuple[str, str]]:
+    def explanations(cls) -> list[tuple[str, str]]:
         """Return the keys, and what explains them after their types."""
         (definition,) = ast.parse(inspect.getsource(cls)).body
         rows: list[tuple[str, str]] = []

@@ -72,7 +72,7 @@ def table(title: str, rows: str | type[Document] | Iterable[tuple[str, str]]) ->
     """Return a titled list of names and their explanations, as of `entries` or of a document's keys."""
     lines = [f"{title}:"]
     if isinstance(rows, type):
-        rows = rows.keys()
+        rows = rows.explanations()
     for name, text in entries(rows) if isinstance(rows, str) else rows:
         first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
         start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
