@@ -20,7 +20,7 @@ from blur2view.results.overlay import (
     spread_subset,
 )
 from blur2view.segmentation.mask import MotionLabel
-from blur2view.segmentation.pixels import moving_regions
+from blur2view.segmentation.pixels import MovingRegion
 from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -173,24 +173,26 @@ def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:
     assert shown == ["0.012", "0.34", "8.2", "9.5", "10", "82", "820", "1000"]
 
 
-def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_be_judged() -> None:
-    mask, still, moving = boxed_mask(), MotionLabel.STATIC, MotionLabel.MOVING
-    assert headline(mask) == "nothing moves; motion is unobservable in 25%"
+@pytest.mark.parametrize(
+    ("still", "moving", "expected"),
+    [
+        (100, 0, "nothing moves"),
+        (75, 0, "nothing moves; motion is unobservable in 25%"),
+        (22, 0, "motion is unobservable in 78%; elsewhere nothing moves"),
+        (0.01, 0, "motion is unobservable in 99%; elsewhere nothing moves"),
+        (0, 0, "motion is unobservable everywhere"),
+        (18, 4, "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"),
+        (99.96, 0.04, "1 moving part, under 0.1% of the photograph"),
+    ],
+)
+def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_be_judged(
+    still: float, moving: float, expected: str
+) -> None:
     labels = np.full((100, 100), MotionLabel.UNOBSERVABLE, np.uint8)
-    assert headline(replace(mask, labels=np.full_like(labels, still))) == "nothing moves"
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable everywhere"
-    labels[:22] = still
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 78%; elsewhere nothing moves"
-    labels[:4] = moving
-    regions = moving_regions(labels == moving, np.ones(labels.shape, np.float32))
-    counted = headline(replace(mask, labels=labels, regions=regions))
-    assert counted == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
-    few = np.full((400, 400), still, np.uint8)
-    few[:8, :8] = moving
-    counted = headline(replace(mask, labels=few, regions=regions))
-    assert counted == "1 moving part, under 0.1% of the photograph"
-    labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, still
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 99%; elsewhere nothing moves"
+    labels.flat[: round(100 * (still + moving))] = MotionLabel.STATIC
+    labels.flat[: round(100 * moving)] = MotionLabel.MOVING
+    one = MovingRegion(area_px=1, box=(0, 0, 1, 1), centroid=(0.0, 0.0), probability=1.0)
+    assert headline(replace(boxed_mask(), labels=labels, regions=(one,) * bool(moving))) == expected
 
 
 def test_sizes_that_disagree_are_refused() -> None:

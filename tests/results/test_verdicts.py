@@ -105,6 +105,9 @@ CASES = {
     "Camera moved past near and far things; blur 1.4 % of the width, sideways": (
         geometry("UNCALIBRATED", F), smears([9, 0])
     ),
+    "Camera moved past near and far things; blur 1.6 % of the width": (
+        geometry("UNCALIBRATED", F), smears(turning)
+    ),
     "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": (
         geometry("CALIBRATED", F, None, YAW, FORWARD), smears([9, 0])
     ),
