@@ -93,7 +93,7 @@ def scale_of(page: Page) -> float:
     return box["width"] / WIDTH
 
 
-def click_at(page: Page, point: tuple[float, float], zoom: float = 1.0) -> None:
+def click_at(page: Page, point: tuple[float, float]) -> None:
     """Click on a pixel of a photograph that is shown whole."""
     scale = scale_of(page)
     page.locator("#stage").click(position={"x": (point[0] + 0.5) * scale, "y": (point[1] + 0.5) * scale})
