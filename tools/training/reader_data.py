@@ -1,8 +1,8 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of pictures of one size, 320x256, 640x512 or 1280x1024: rendered scenes, or photographs,
-textures and rooms, moving or still.
+numbered shards of pictures of one size: rendered scenes, or photographs and textures of 320x256, 640x512 or
+1280x1024.
 Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
 Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
 (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
@@ -14,7 +14,7 @@ import argparse
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from tools.arguments import existing
 from tools.datasets.shards import Scenes, decode_linear, require_shards
 from tools.rendering import textures
 from tools.rendering.exposure import GRID
-from tools.rendering.rooms import room
 from tools.rendering.shaken import ShakeOptions, processed, shake
 from tools.training.spectra import Spectra, halved
 
@@ -37,20 +36,13 @@ Example = dict[str, Array]
 
 SHARD_PX = 128 * 320 * 256
 """Pixels of all the pictures in a shard."""
-TEXTURES, ROOMS_IN_SHARD = 3, 32
-"""Procedural textures, and rooms, that the pictures of a shard share."""
+TEXTURES = 3
+"""Procedural textures that the pictures of a shard share."""
 SMALLEST = 320
 """Width of pictures that are read in two octaves."""
 SMALL = ShakeOptions(size=(320, 256), smear_px=(1.2, 60.0))
 WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
 """Smaller and larger pictures; the others are as :class:`ShakeOptions` has them."""
-ROOMS = ShakeOptions(
-    smear_px=(2.0, 14.0), short_px=(3.0, 10.0), short_share=0.7, still_share=0.25, mover_share=0.2
-)
-STILL = ShakeOptions(still_share=0.9, oval_share=0.3, reduced_share=0.35)
-"""Shards of rooms, and those of which hardly any picture moves."""
-BEHIND_SHARE, BEHIND_PX = 0.3, (1.5, 10.0)
-"""Share of those that do not move whose parts are out of focus, with sharp outlines, and by how much."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
@@ -70,18 +62,14 @@ class Sources:
         Sharp photographs, uint8 RGB.
     scenes : list of Path
         Shards of rendered scenes of 320x256 or 640x512.
-    rendered_share, room_share, still_share : float
-        Shares of shards of rendered scenes, of rooms, and of photographs of which hardly any moves.
-    procedural_share, small_share, wide_share : float
-        Share of pictures that show procedural textures, and shares of shards of 320x256 and of 1280x1024
-        among those of photographs.
+    rendered_share, procedural_share, small_share, wide_share : float
+        Shares of shards of rendered scenes, of pictures that show procedural textures (the rest are
+        photographs under a moving camera), and of shards of 320x256 and of 1280x1024 among these.
     """
 
     photos: list[Array]
     scenes: list[Path]
-    rendered_share: float = 0.35
-    room_share: float = 0.1
-    still_share: float = 0.2
+    rendered_share: float = 0.4
     procedural_share: float = 0.1
     small_share: float = 0.35
     wide_share: float = 0.2
@@ -191,44 +179,18 @@ def shaken_pictures(
     """Yield photographs and textures under a moving camera, without end."""
     made = [] if options is WIDE else procedural(rng, TEXTURES)
     while True:
-        linear, smears, valid = shaken_picture(rng, sources, made, options)
-        if options.still_share > 0.5 and not smears.any() and rng.random() < BEHIND_SHARE:
-            linear = partly_out_of_focus(rng, linear)
-        yield linear, smears, valid
-
-
-def room_pictures(rng: np.random.Generator, options: ShakeOptions) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield rooms under a moving camera, without end."""
-    rooms = [room(rng) for _ in range(ROOMS_IN_SHARD)]
-    while True:
-        yield shake(rng, rooms, options)
-
-
-def partly_out_of_focus(rng: np.random.Generator, linear: Array) -> Array:
-    """Return a picture of which about half, behind a sharp outline, is out of focus."""
-    height, width = linear.shape[:2]
-    noise = rng.standard_normal((height, width)).astype(np.float32)
-    outline = (cv2.GaussianBlur(noise, (0, 0), 0.12 * height) > 0).astype(np.float32)
-    front = np.asarray(cv2.GaussianBlur(outline, (0, 0), 1.0))[..., None]
-    behind = cv2.GaussianBlur(linear, (0, 0), float(np.exp(rng.uniform(*np.log(BEHIND_PX)))))
-    return np.ascontiguousarray(linear * front + behind * (1 - front))
+        yield shaken_picture(rng, sources, made, options)
 
 
 def make_shard(number: int, sources: Sources) -> Example:
     """Return the examples of one shard, stacked."""
     rng, spectra, options = np.random.default_rng(number), Spectra(), ShakeOptions()
-    kind, size = rng.random(2)
-    small = SMALL if size > 1 - sources.small_share else options
-    if (kind := kind - sources.rendered_share) < 0 and sources.scenes:
+    if sources.scenes and rng.random() < sources.rendered_share:
         pictures = scene_pictures(rng, sources)
-    elif 0 <= kind < sources.room_share:
-        options = replace(ROOMS, size=small.size)
-        pictures = room_pictures(rng, options)
-    elif 0 <= kind - sources.room_share < sources.still_share:
-        options = replace(STILL, size=small.size)
-        pictures = shaken_pictures(rng, sources, options)
     else:
-        options = WIDE if size < sources.wide_share else small
+        kind = rng.random()
+        options = WIDE if kind < sources.wide_share else options
+        options = SMALL if kind > 1 - sources.small_share else options
         pictures = shaken_pictures(rng, sources, options)
     rows: list[Example] = []
     for linear, smears, valid in pictures:
@@ -271,7 +233,7 @@ def main() -> None:
     parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")
-    for kind in ("rendered", "room", "still", "procedural", "small", "wide"):
+    for kind in ("rendered", "procedural", "small", "wide"):
         share = getattr(Sources, f"{kind}_share")
         parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
     arguments = parser.parse_args()
@@ -279,8 +241,6 @@ def main() -> None:
         photos=load_photos(arguments.photos),
         scenes=require_shards(arguments.scenes) if arguments.scenes else [],
         rendered_share=arguments.rendered,
-        room_share=arguments.room,
-        still_share=arguments.still,
         procedural_share=arguments.procedural,
         small_share=arguments.small,
         wide_share=arguments.wide,

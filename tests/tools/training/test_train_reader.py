@@ -33,8 +33,7 @@ def sources() -> Sources:
     rng = np.random.default_rng(0)
     coarse = rng.integers(0, 200, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
     photo = (coarse + rng.integers(0, 56, coarse.shape)).astype(np.uint8)
-    shares = dict.fromkeys(("rendered_share", "room_share", "still_share", "small_share", "wide_share"), 0.0)
-    return Sources(photos=[photo], scenes=[], **shares)
+    return Sources(photos=[photo], scenes=[], rendered_share=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +63,6 @@ def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> 
         assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
         assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
     assert all(np.isfinite(array).all() for array in shard.values())
-
-
-def test_still_photographs_stand_still_and_rooms_move(
-    sources: Sources, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reader_data, "SHARD_PX", 640 * 512)
-    still = make_shard(3, replace(sources, still_share=1.0))
-    rooms = make_shard(3, replace(sources, room_share=1.0))
-    assert not still["d0"].any() and np.isfinite(still["C0"]).all()
-    assert np.abs(rooms["d0"]).max() > 2
 
 
 def test_finished_shards_are_kept(shards: Path, sources: Sources, capfd: pytest.CaptureFixture[str]) -> None:
