@@ -34,6 +34,20 @@ def append_line(path: Path, document: object) -> None:
         stream.write(json.dumps(document) + "\n")
 
 
+def begun(path: Path, head: dict[str, Any]) -> list[Any]:
+    """Return the finished documents of a file whose first line is a head, or begin one.
+
+    SystemExit if the head is another: results of two versions or settings must not be mixed.
+    """
+    lines = finished_lines(path)
+    if not lines:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        append_line(path, head)
+    elif lines[0] != head:
+        raise SystemExit(f"{path} was begun with {lines[0]}, not {head}: remove it or give another --log")
+    return lines[1:]
+
+
 def finished_lines(path: Path) -> list[Any]:
     """Return the documents of such a file; a last line that a kill cut short is left out and cut off."""
     if not path.exists():
