@@ -28,13 +28,6 @@ def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -
     return angle
 
 
-def length_ratio(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
-    """|d| / |d*| of smears (..., 2); infinite where the true length is zero and the other is not."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio: Array = np.linalg.norm(displacement, axis=-1) / np.linalg.norm(true_displacement, axis=-1)
-    return ratio
-
-
 def sparsification_curve(error: ArrayLike, sigma: ArrayLike, steps: int = 20) -> tuple[Array, Array, Array]:
     """Mean error of what is left after removing the least certain share, by sigma and by the error itself.
 

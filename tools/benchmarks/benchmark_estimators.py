@@ -27,17 +27,18 @@ from tools.benchmarks.estimator_cells import (
     DEVELOPMENT_SEED,
     NETWORK,
     Instance,
+    Measured,
     Plan,
+    Record,
     moving_scenes,
     network_problem,
     synthetic_problem,
 )
-from tools.benchmarks.estimator_log import Measured, Record, begun, read
 from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
 from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
-from tools.pages import append_line, publish
+from tools.pages import append_line, begun, finished_lines, publish
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,7 +52,7 @@ def measure(method: Method, problem: Problem) -> Measured:
     judged = judge(F, problem, problem.true_ends)
     ends = problem.matches.ends
     pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
-    return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
+    return Measured(**asdict(judged), pose_deg=pose, ms=1e3 * seconds)
 
 
 def run_instance(instance: Instance, plan: Plan, scenes: Path | None = None) -> Record:
@@ -107,7 +108,7 @@ def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes
 def run(log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run what the log does not hold yet."""
     head = {"code": code_digest(), "machine": machine(), **versions()}
-    done = {record.instance for record in begun(log, head)}
+    done = {Record.of(row).instance for row in begun(log, head)}
     wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
     pending = [instance for instance in wanted if instance not in done]
     if pending:
@@ -139,8 +140,8 @@ def main() -> None:
         plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
     if not arguments.report:
         run(arguments.log, plan, arguments.processes, arguments.scenes)
-    head, records = read(arguments.log)
-    publish(estimator_report.markdown(records, head), arguments.out)
+    head, *rows = finished_lines(arguments.log) or [{}]
+    publish(estimator_report.markdown([Record.of(row) for row in rows], head), arguments.out)
 
 
 if __name__ == "__main__":

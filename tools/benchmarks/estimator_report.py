@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Plan
-from tools.benchmarks.estimator_log import Measured, Record
+from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Measured, Plan, Record
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
 from tools.evaluation.pose_error import pose_auc
 from tools.pages import table

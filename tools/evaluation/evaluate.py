@@ -27,13 +27,11 @@ from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
-from tools.estimators.baselines import two_parameter_fundamental
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from tools.pages import publish, table, write_json
 
-Order = Callable[[SmearMatches], AnyArray]
 SHARES = ("under_05", "under_10", "inliers")
 """What of `Judged` is a share of the smears; the rest are errors."""
 
@@ -74,22 +72,22 @@ def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
     """Return every method of the table, as a function of the matches."""
 
-    def ordered(solver: baselines.Solver, order: Order) -> Callable[[SmearMatches], AnyArray | None]:
-        return lambda matches: baselines.solve(solver, order(matches))
+    def truly(m: SmearMatches) -> AnyArray:
+        return baselines.in_true_order(m.ends, truth_at_matches(scene, m))
 
-    def truly(matches: SmearMatches) -> AnyArray:
-        return baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
+    def scrambled(m: SmearMatches) -> AnyArray:
+        return baselines.scrambled(m.ends, np.random.default_rng(0))
 
     return {
-        "ours": lambda matches: estimate_two_view(matches, rng=np.random.default_rng(0)).F,
-        "two-parameter F": two_parameter_fundamental,
-        "unordered, OpenCV MAGSAC": ordered(
-            baselines.opencv_magsac, lambda m: baselines.scrambled(m.ends, np.random.default_rng(0))
+        "ours": lambda m: estimate_two_view(m, rng=np.random.default_rng(0)).F,
+        "two-parameter F": baselines.two_parameter_fundamental,
+        "unordered, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, scrambled(m)),
+        "u > 0 order, OpenCV MAGSAC": lambda m: baselines.solve(
+            baselines.opencv, baselines.rightward(m.ends)
         ),
-        "u > 0 order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, lambda m: baselines.rightward(m.ends)),
-        "true order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, truly),
-        "true order, pycolmap": ordered(baselines.pycolmap_ransac, truly),
-        "true order, PoseLib": ordered(baselines.poselib_ransac, truly),
+        "true order, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, truly(m)),
+        "true order, pycolmap": lambda m: baselines.solve(baselines.pycolmap_ransac, truly(m)),
+        "true order, PoseLib": lambda m: baselines.solve(baselines.poselib_ransac, truly(m)),
         "true F": lambda _: scene.F,
     }
 

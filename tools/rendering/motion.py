@@ -46,11 +46,6 @@ class Trajectory:
             translation_bend=self.translation_bend * factor,
         )
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the path is a constant velocity."""
-        return not (self.rotation_bend.any() or self.translation_bend.any() or self.acceleration)
-
 
 def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:
     """Return a random direction in 3D, stretched by `weights` before normalisation."""

@@ -61,8 +61,7 @@ class Rendering(GridTruth):
     ``linear`` (H, W, 3) is the float32 mean radiance over the exposure, 0 to about 4 (highlights),
     ``open_image`` and ``close_image`` are its sharp first and last instants. ``K`` are the intrinsics, ``R``,
     ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm, ``points_close^T F points_open = 0``, None
-    without translation. ``kind`` is that of the camera's path (`tools.rendering.motion.sample_camera_path`),
-    ``straight`` whether its velocity was constant.
+    without translation. ``kind`` is that of the camera's path (`tools.rendering.motion.sample_camera_path`).
     """
 
     linear: AnyArray
@@ -71,7 +70,6 @@ class Rendering(GridTruth):
     t: AnyArray
     F: AnyArray | None
     kind: str
-    straight: bool
     open_image: AnyArray
     close_image: AnyArray
 
@@ -162,7 +160,6 @@ def expose(
         t=t,
         F=fundamental_of(R, t, exposure.K),
         kind=kind,
-        straight=exposure.camera.is_straight,
         open_image=compose(canvases, [f[0] for f in fields], exposure.size),
         close_image=compose(canvases, [f[-1] for f in fields], exposure.size),
     )

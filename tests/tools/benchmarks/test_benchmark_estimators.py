@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tools.benchmarks.estimator_log import Measured, Record, begun, read
 
 from tools.benchmarks import benchmark_estimators as benchmark
 from tools.benchmarks import estimator_methods, estimator_report
 from tools.benchmarks.estimator_cells import CELLS, HARD, Instance, Plan, synthetic_problem
-from tools.benchmarks.estimator_log import Measured, Record, begun, read
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
 from tools.pages import append_line
 
