@@ -19,9 +19,8 @@ from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.pages import write_json
 from tools.paper import paper_summary, paper_tables
-from tools.paper.crops import TrainOptions
 from tools.paper.paper_report import report
-from tools.paper.paper_variants import ALPHA_STUDY, STEPS, VARIANTS, run_all
+from tools.paper.paper_variants import ALPHA_STUDY, STEPS, VARIANTS, TrainOptions, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
 
@@ -51,9 +50,7 @@ def train(plan: Plan) -> None:
     held = range(Recipe.val_seed, Recipe.val_seed + Recipe.val_scenes)
     render_set(train, range(TRAINING_SCENES), RenderOptions(photos=plan.photos))
     render_set(val, held, RenderOptions(split="test", photos=plan.photos))
-    options = TrainOptions(
-        train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
-    )
+    options = TrainOptions(train=train, val=val, out=plan.work / "variants", steps=plan.steps)
     run_all(list(VARIANTS.values()), plan.seeds, options)
     summarise(plan)
 

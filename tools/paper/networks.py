@@ -8,18 +8,8 @@ from torch.nn import functional as nnf
 
 from tools.paper.stem import StructureStem
 
-MULTIPLE_OF = 16
-"""Height and width of the input must be multiples of this."""
 START_SIGMA = 8.0
 """What softplus(w) is at first, pixels."""
-
-
-def start_outputs(head: nn.Conv2d) -> None:
-    """Make a head with outputs v and w say "no smear, known to START_SIGMA" at first."""
-    with torch.no_grad():
-        head.weight.mul_(0.1)
-        assert head.bias is not None
-        head.bias.copy_(torch.tensor([0.0, 0.0, START_SIGMA]))  # softplus(8) is 8.0003
 
 
 class Block(nn.Module):
@@ -62,7 +52,11 @@ class StemUNet(nn.Module):
         self.lifts = nn.ModuleList([nn.Conv2d(coarse, fine, 1) for fine, coarse in pairs])
         self.decoders = nn.ModuleList([Block(fine, fine, skip=True) for fine in widths[:-1]])
         self.head = nn.Conv2d(widths[0], 3, 1)
-        start_outputs(self.head)
+        assert self.head.bias is not None
+        with torch.no_grad():  # at first: no smear, known to START_SIGMA
+            self.head.weight.mul_(0.1)
+            nn.init.zeros_(self.head.bias)
+            self.head.bias[2] = START_SIGMA  # softplus(8) is 8.0003
 
     def forward(self, image: Tensor) -> Tensor:
         """Compute v and w; height and width must be multiples of 16."""

@@ -3,28 +3,13 @@
 import numpy as np
 import pytest
 
+from tests.tools.rendering.planes import SIZE, card, facing, wall
 from tools.rendering import canvas
 from tools.rendering.exposure import pixel_grid
-from tools.rendering.scene import Layer, Plane
+from tools.rendering.scene import Layer
 
-SIZE = (160, 128)
 K = np.array([[200.0, 0, 0], [0, 200, 0], [0, 0, 1]])
-
-
-def layer_of(
-    texture: np.ndarray, texels_per_px: float = 1.0, box: tuple[float, float, float, float] | None = None
-) -> Layer:
-    """Face the camera at depth 1, so that texel columns run down the image and rows to the right."""
-    normal, density = np.array([0.0, 0, 1]), 200 * texels_per_px
-    plane = Plane(normal=normal, offset=1.0, texture=texture, texels_per_unit=density, turn=0.0)
-    flat, opaque = np.zeros((2, 2), np.float32), np.ones((160, 160), np.float32)
-    if box is None:
-        return Layer(planes=(plane,), relief=flat)
-    return Layer(planes=(plane,), relief=flat, stencil=opaque, box=box)
-
-
-def plain(colour: float = 0.5) -> np.ndarray:
-    return np.full((64, 64, 3), colour, np.float32)
+BOX = (40, 30, 60, 50)
 
 
 def dull(seed: int = 0) -> np.random.Generator:
@@ -36,7 +21,7 @@ def dull(seed: int = 0) -> np.random.Generator:
 
 def test_canvas_shows_the_texture_where_the_plane_is() -> None:
     texture = np.random.default_rng(0).random((512, 512, 3), np.float32)
-    painted = canvas.paint(dull(), layer_of(texture), K, SIZE, margin=8, detail=2.0)
+    painted = canvas.paint(dull(), wall(facing(1.0, texture, 200.0)), K, SIZE, margin=8, detail=2.0)
     seen = painted.warp(pixel_grid(SIZE))
     rows, columns = np.mgrid[1 : SIZE[1], 1 : SIZE[0]]
     # axes of a plane facing the camera: texel x = image y, texel y = - image x, mirrored below zero
@@ -45,7 +30,8 @@ def test_canvas_shows_the_texture_where_the_plane_is() -> None:
 
 def test_fine_texture_far_away_is_averaged_not_aliased() -> None:
     checks = np.indices((64, 64)).sum(0)[..., None] % 2 * np.ones(3, np.float32)
-    painted = canvas.paint(dull(), layer_of(checks.astype(np.float32), 8.0), K, SIZE, margin=0, detail=1.0)
+    layer = wall(facing(1.0, checks.astype(np.float32), 1600.0))
+    painted = canvas.paint(dull(), layer, K, SIZE, margin=0, detail=1.0)
     assert np.abs(painted.rgba[4:-4, 4:-4, :3] - 0.5).max() < 0.02
 
 
@@ -58,21 +44,15 @@ def test_texture_repeats_in_mirror_images() -> None:
 
 
 def test_card_covers_its_box_alone() -> None:
-    painted = canvas.paint(dull(), layer_of(plain(), box=(40, 30, 60, 50)), K, SIZE, margin=8, detail=1.5)
+    painted = canvas.paint(dull(), card(facing(), BOX), K, SIZE, margin=8, detail=1.5)
     alpha = painted.warp(pixel_grid(SIZE))[..., 3]
-    inside = np.zeros((128, 160), bool)
-    inside[32:78, 42:98] = True
-    outside = np.ones((128, 160), bool)
-    outside[28:82, 38:102] = False
-    np.testing.assert_allclose(alpha[inside], 1, atol=1e-3)
-    assert not alpha[outside].any()
+    np.testing.assert_allclose(alpha[32:78, 42:98], 1, atol=1e-3)
+    assert np.count_nonzero(alpha) == np.count_nonzero(alpha[28:82, 38:102])
     np.testing.assert_allclose(painted.warp(pixel_grid(SIZE))[50, 60, :3], 0.5, atol=1e-3)
 
 
 def test_nearest_plane_shows() -> None:
-    near, far = layer_of(plain(0.9)).planes[0], layer_of(plain(0.1)).planes[0]
-    behind = Plane(normal=far.normal, offset=2.0, texture=far.texture, texels_per_unit=99.0, turn=0.0)
-    both = Layer(planes=(behind, near), relief=np.zeros((2, 2)))
+    both = Layer(planes=(facing(2.0, 0.1), facing(1.0, 0.9)), relief=np.zeros((2, 2)))
     rays = np.concatenate([np.random.default_rng(0).random((5, 6, 2)), np.ones((5, 6, 1))], -1)
     np.testing.assert_allclose(canvas.surface_colour(both, rays), 0.9, atol=1e-5)
 
@@ -87,7 +67,7 @@ def test_highlights_only_add_light_and_are_rare() -> None:
 
 @pytest.mark.parametrize("shift", [(0, 0), (30, -20), (-45, 10)])
 def test_region_holds_every_pixel_a_card_reaches(shift: tuple[int, int]) -> None:
-    painted = canvas.paint(dull(), layer_of(plain(), box=(40, 30, 60, 50)), K, SIZE, margin=8, detail=1.5)
+    painted = canvas.paint(dull(), card(facing(), BOX), K, SIZE, margin=8, detail=1.5)
     field = np.broadcast_to(-np.array(shift, float), (34, 42, 2))
     reached = painted.warp(pixel_grid(SIZE) - np.array(shift, np.float32))[..., 3] > 0
     region = painted.region(field, SIZE)
