@@ -87,10 +87,12 @@ def warm_up() -> None:
             measure(method, problem)
 
 
-def code_digest() -> str:
-    """Return a short digest of the sources that the figures may depend on."""
+def head() -> dict[str, str]:
+    """Return what figures may depend on: a digest of all sources, the machine, versions of libraries."""
     sources = sorted(path for room in ("blur2view", "tools") for path in (ROOT / room).rglob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    libraries = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
+    return {"code": digest, "machine": machine(), **{name: metadata.version(name) for name in libraries}}
 
 
 def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
@@ -107,18 +109,11 @@ def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes
 
 def run(log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run what the log does not hold yet."""
-    head = {"code": code_digest(), "machine": machine(), **versions()}
-    done = {Record.of(row).instance for row in begun(log, head)}
+    done = {Record.of(row).instance for row in begun(log, head())}
     wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
     pending = [instance for instance in wanted if instance not in done]
     if pending:
         sweep(pending, log, plan, processes, scenes)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the libraries that are compared."""
-    distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
-    return {name: metadata.version(name) for name in distributions}
 
 
 def main() -> None:
@@ -140,8 +135,8 @@ def main() -> None:
         plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
     if not arguments.report:
         run(arguments.log, plan, arguments.processes, arguments.scenes)
-    head, *rows = finished_lines(arguments.log) or [{}]
-    publish(estimator_report.markdown([Record.of(row) for row in rows], head), arguments.out)
+    first, *rows = finished_lines(arguments.log) or [{}]
+    publish(estimator_report.markdown([Record.of(row) for row in rows], first), arguments.out)
 
 
 if __name__ == "__main__":
