@@ -1,6 +1,5 @@
 """Tools that are given what is not there say so in one line."""
 
-import ast
 import contextlib
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.test_layers import third_party
 from tools import EXTRA_OF
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -57,12 +57,6 @@ def test_every_module_of_an_extra_is_known_with_it() -> None:
     named = {"skimage": "scikit-image"}
     for module, extra in EXTRA_OF.items():
         assert any(line.startswith(named.get(module, module)) for line in extras[extra])
-    imported = set()
-    for path in (ROOT / "tools").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                imported |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                imported.add((node.module or "").partition(".")[0])
-    required = {"blur2view", "cv2", "numpy", "onnxruntime", "PIL", "pycolmap", "scipy", "tools", "tqdm"}
-    assert imported - sys.stdlib_module_names - required == set(EXTRA_OF)
+    imported = {name for path in (ROOT / "tools").rglob("*.py") for name in third_party(path)}
+    required = {"cv2", "numpy", "onnxruntime", "PIL", "pycolmap", "scipy", "tools", "tqdm"}
+    assert imported - required == set(EXTRA_OF)

@@ -242,4 +242,4 @@ def _with_metadata(data: bytes, rng: Rng) -> bytes:
     key = str(rng.choice(["stride", "multiple_of", "training", "model_id", "blur2view_format"]))
     model = onnx.load_from_string(data)
     model.metadata_props.add(key=key, value=values[int(rng.integers(len(values)))])
-    return model.SerializeToString()
+    return bytes(model.SerializeToString())

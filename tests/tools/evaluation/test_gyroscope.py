@@ -43,9 +43,8 @@ def test_the_surer_half_is_judged_apart() -> None:
 def test_flow_counts_where_it_is_valid_and_long() -> None:
     flow, valid = np.full((8, 12, 2), (6, 0), np.float16), np.ones((8, 12), bool)
     flow[0], valid[:, 0] = (1, 0), False
-    read, true, _ = pairs_of(
-        field_of((6, 0), np.full((32, 48), 0.1, np.float32)), {"flow": flow, "valid": valid}
-    )
+    field = field_of((6, 0), np.full((32, 48), 0.1, np.float32))
+    read, true, _ = pairs_of(field, {"flow": flow, "valid": valid})
     assert len(read) == len(true) == 7 * 11
 
 

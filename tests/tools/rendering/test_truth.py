@@ -18,8 +18,8 @@ CARD_BOX = (50.0, 40.0, 60.0, 44.0)
 CARD_DEPTH = 0.4
 
 
-def wall_and_card(**more: Trajectory) -> list[Layer]:
-    return [wall(facing()), card(facing(CARD_DEPTH), CARD_BOX, **more)]
+def wall_and_card(own_path: Trajectory | None = None) -> list[Layer]:
+    return [wall(facing()), card(facing(CARD_DEPTH), CARD_BOX, own_path=own_path)]
 
 
 def compute(layers: list[Layer], exposure: Exposure) -> truth.GridTruth:

@@ -46,28 +46,21 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
     return folder
 
 
-def test_shard_depends_on_its_number_alone(
-    shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch
+def test_shard_depends_on_its_number_alone_and_is_kept(
+    shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
+    write_shards(shards, range(2), sources)
+    assert capfd.readouterr().out == ""
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
     assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
     for key in again:
         assert once[key].dtype == again[key].dtype and once[key].tobytes() == again[key].tobytes()
+        assert np.isfinite(once[key]).all()
     assert once["C0"].tobytes() != load_shard(shards / "000001.npz")["C0"].tobytes()
-
-
-def test_examples_have_the_shapes_that_they_say_and_are_finite(shards: Path) -> None:
-    shard = load_shard(shards / "000001.npz")
     for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
-        assert shard[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and shard[f"s{k}"].shape == (2, h, w, 5)
-        assert shard[f"d{k}"].shape == (2, h, w, 16, 2) and shard[f"v{k}"].shape == (2, h, w, 16)
-    assert all(np.isfinite(array).all() for array in shard.values())
-
-
-def test_finished_shards_are_kept(shards: Path, sources: Sources, capfd: pytest.CaptureFixture[str]) -> None:
-    write_shards(shards, range(2), sources)
-    assert capfd.readouterr().out == ""
+        assert once[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and once[f"s{k}"].shape == (2, h, w, 5)
+        assert once[f"d{k}"].shape == (2, h, w, 16, 2) and once[f"v{k}"].shape == (2, h, w, 16)
 
 
 def test_samples_of_the_truth_lie_in_their_cell() -> None:
@@ -88,17 +81,6 @@ def test_photographs_are_read_by_name_and_large_ones_halved(tmp_path: Path) -> N
     assert (first.shape, second.shape) == ((16, 1600, 3), (32, 40, 3)) and first.max() == 10
 
 
-def test_mirrored_twice_is_the_identity(shards: Path) -> None:
-    shard = load_shard(shards / "000000.npz")
-    row = {key: array[0] for key, array in shard.items()}
-    once = mirrored(row)
-    assert not np.array_equal(once["C0"], row["C0"])
-    np.testing.assert_array_equal(once["C0"][:, 0, 3], row["C0"][:, -1, -3])
-    np.testing.assert_array_equal(once["d1"][:, 0, :, 0], -row["d1"][:, -1, :, 0])
-    for key, array in mirrored(once).items():
-        np.testing.assert_array_equal(array, row[key])
-
-
 def test_batches_have_as_many_cells_of_either_size(shards: Path) -> None:
     large = load_shard(shards / "000000.npz")
     small = {key: array[:, : array.shape[1] // 2, : array.shape[2] // 2] for key, array in large.items()}
@@ -109,23 +91,25 @@ def test_batches_have_as_many_cells_of_either_size(shards: Path) -> None:
     assert shapes == {(2, 16, 20), (8, 8, 10)}
 
 
-def test_ablated_examples_hide_one_cepstrum(shards: Path) -> None:
+def test_mirrored_twice_is_the_identity_and_ablated_examples_hide_one_cepstrum(shards: Path) -> None:
     shard = load_shard(shards / "000000.npz")
+    row = {key: array[0] for key, array in shard.items()}
+    once = mirrored(row)
+    np.testing.assert_array_equal(once["C0"][:, 0, 3], row["C0"][:, -1, -3])
+    np.testing.assert_array_equal(once["d1"][:, 0, :, 0], -row["d1"][:, -1, :, 0])
+    for key, array in mirrored(once).items():
+        np.testing.assert_array_equal(array, row[key])
     comb, trend = (showing(kind, shard) for kind in ("comb", "trend"))
     for k in range(3):
         assert comb[f"C{k}"].any() and trend[f"C{k}"].any()
         np.testing.assert_array_equal(comb[f"C{k}"] + trend[f"C{k}"], shard[f"C{k}"])
 
 
-def quick(shards: Path, out: Path) -> ReaderTraining:
-    """Return a run of two steps on two shards."""
-    return ReaderTraining(train=shards, val=shards, out=out, steps=2, shards=2, batch=2, save_every=1)
-
-
 def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    options = quick(shards, tmp_path / "whole")
+    out = tmp_path / "whole"
+    options = ReaderTraining(train=shards, val=shards, out=out, steps=2, shards=2, batch=2, save_every=1)
     whole = train(options)
     line = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert line["step"] == 2 and line == json.loads((options.out / "log.jsonl").read_text())
