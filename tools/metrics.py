@@ -1,7 +1,5 @@
 """Measures of smears, of F and of poses: arrays in, arrays out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """What tools write: tables in Markdown, pages, and lines of JSON that a killed run goes on from."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path

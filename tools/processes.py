@@ -1,7 +1,5 @@
 """Worker processes with one thread each, so that studies are fair to every library and fill all cores."""
 
-from __future__ import annotations
-
 import multiprocessing
 import multiprocessing.pool
 import os

@@ -9,8 +9,6 @@ was; ``--first-seed 10000`` takes other seeds, to tune on. Every method gets the
 process, one after the other, with one thread; times are CPU times of single calls.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from dataclasses import asdict, replace

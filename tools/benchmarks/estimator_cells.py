@@ -1,11 +1,9 @@
 """The cells of the estimators' sweep: a base case, one factor changed at a time; what was measured."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Self, get_args
 
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.selection import select_matches
@@ -28,8 +26,7 @@ CELLS: dict[str, dict[str, Any]] = {
     **{m: {"motion": m} for m in ("forward", "sideways", "rotating", "near-planar")},
 }
 """What every cell changes in the base case: 30 % random outliers, 1 px, 20 px smears, mixed motion."""
-HARD = "outliers 60%"
-"""The cell that gets more seeds: the hardest that most methods still solve."""
+HARD = "outliers 60%"  # the cell that gets more seeds: the hardest that most methods still solve
 DEVELOPMENT_SEED = 10_000
 """First of the seeds that options may be tuned on (--first-seed); the tables are of seeds from 0."""
 
@@ -137,7 +134,7 @@ class Record:
         return {**vars(self.instance), "measured": rows}
 
     @classmethod
-    def of(cls, stored: dict[str, Any]) -> Record:
+    def of(cls, stored: dict[str, Any]) -> Self:
         """Return the record of a `document`."""
         measured = {method: Measured(**row) for method, row in stored.pop("measured").items()}
         return cls(instance=Instance(**stored), measured=measured)

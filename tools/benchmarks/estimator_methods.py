@@ -6,8 +6,6 @@ degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1 (0.78; 0.5 gave 0.79 in three
 it by default, or for OpenCV as in :mod:`tools.estimators.baselines`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Tables, figures and answers from the log of :mod:`tools.benchmarks.benchmark_estimators`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

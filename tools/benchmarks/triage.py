@@ -11,8 +11,6 @@ features of sharp photographs that are matched, within 3 px of their place, afte
 without blur under fresh noise; the limit is the longest blur at which half are left in the first folder.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

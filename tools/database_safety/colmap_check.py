@@ -1,7 +1,5 @@
 """A check of all tables of a COLMAP database against each other, beyond what SQLite itself enforces."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path

@@ -11,8 +11,6 @@ The database must then be whole and as before or as after a whole write (of eith
 user's rows must be the same, and it must be possible to link all photographs again.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil

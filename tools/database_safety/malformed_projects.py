@@ -3,8 +3,6 @@
 Bytes cut, overwritten or flipped, another schema, a newer version, rows that contradict each other.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 from collections.abc import Callable

@@ -9,8 +9,6 @@ general motion those scenes are kept whose parallax is at least a fifth of the s
 Nothing moves by itself.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 
@@ -46,15 +44,11 @@ KINDS = {
     "general": TRANSLATING,
 }
 """The kinds, and the paths that the camera may take."""
-SMEARS_PX = (4.0, 60.0)
-"""Median smears, log-uniform; those of a camera that holds still are below one pixel."""
+SMEARS_PX = (4.0, 60.0)  # median smears, log-uniform; those of a camera that holds still are below one pixel
 LEAST_PARALLAX = 0.2
-LEAST_SEEN = 0.05
-"""Share of the image in which both ends of a smear are seen."""
-TILT = 0.6
-"""Largest tilt of a plane, radians."""
-SAMPLE = 1000
-"""Smears that the homography is fitted to."""
+LEAST_SEEN = 0.05  # share of the image in which both ends of a smear are seen
+TILT = 0.6  # largest tilt of a plane, radians
+SAMPLE = 1000  # smears that the homography is fitted to
 
 
 def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:

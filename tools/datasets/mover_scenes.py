@@ -9,8 +9,6 @@ a camera at rest; ``shaken`` photographs, in most of them a second surface that 
 ones before which one moves; ``sharp`` photographs, reduced.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@
 moved before, with a piece of another one that moved otherwise; both give the same bytes again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,8 +20,7 @@ from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.shaken import ShakeOptions, shake
 from tools.rendering.textures import read_photograph
 
-SEED = 2_000_048
-"""Cards at several depths, seen by a camera that moves forward."""
+SEED = 2_000_048  # cards at several depths, seen by a camera that moves forward
 SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""

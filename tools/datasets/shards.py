@@ -4,13 +4,12 @@
 all processes the machine has and prints scenes a second; run again, it goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from tools.arguments import scene_parser
 from tools.processes import single_threaded_pool
 from tools.rendering.render import RenderOptions, render
 
-WHITE = 4.0
-"""Largest radiance that is stored."""
+WHITE = 4.0  # largest radiance that is stored
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ class Scenes:
         temporary.replace(path)
 
     @classmethod
-    def join(cls, parts: Iterable[Scenes]) -> Scenes:
+    def join(cls, parts: Iterable[Self]) -> Self:
         """Return scenes of one size in one."""
         columns = zip(*((p.linear, p.displacement, p.labels) for p in parts), strict=True)
         linear, displacement, labels = (np.concatenate(column) for column in columns)

@@ -5,8 +5,6 @@
 :mod:`tools.benchmarks.benchmark_estimators` sweeps what `SyntheticOptions` holds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

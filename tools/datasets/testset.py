@@ -5,8 +5,6 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 (the sharp first and last instants, for classical baselines). The same seeds give the same bytes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -23,10 +21,8 @@ from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
 
 FIRST_SEED = 1_000_000
-SERIES = 100_000
-"""Distance of the seeds that are tried for one scene."""
-ARRAYS = ("displacement", "valid", "static", "K", "R", "t")
-"""What is stored of a scene as it is."""
+SERIES = 100_000  # distance of the seeds that are tried for one scene
+ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # what is stored of a scene as it is
 
 
 @dataclass(frozen=True, kw_only=True)

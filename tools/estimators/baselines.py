@@ -3,8 +3,6 @@
 Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2

@@ -6,8 +6,6 @@ epipolar constraint, f and f^T the entries of F and of its transpose) with SciPy
 cost is sum (|q| - |l|)^2 (see `epipolar`). It has many local minima, and zeros that are not the true F.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ process from outside, and SIFT + matching + pycolmap's F on the two SHARP ends o
 machines differ: read the ratios.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource
@@ -42,8 +40,7 @@ from tools.pages import publish, table
 
 SIZE = (1280, 720)
 LARGE = (6000, 4000)
-SCENE = 3
-"""Index in the test split of the scene that is timed."""
+SCENE = 3  # index in the test split of the scene that is timed
 
 
 def timed(work: Callable[[], Any], repeats: int) -> float:

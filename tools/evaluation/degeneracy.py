@@ -14,8 +14,6 @@ is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC wit
 PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from dataclasses import dataclass, replace

@@ -7,8 +7,6 @@ prints the tables and writes ``evaluation.md``, ``evaluation.json`` and a pictur
 Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -32,8 +30,7 @@ from tools.evaluation.smear_plot import plot
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from tools.pages import publish, table, write_json
 
-SHARES = ("under_05", "under_10", "inliers")
-"""What of `Judged` is a share of the smears; the rest are errors."""
+SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """Pose of an F by the true camera, and how far it is from the truth; up to the flip of time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from blur2view.arrays import Array

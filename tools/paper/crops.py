@@ -1,7 +1,5 @@
 """Training crops of rendered scenes: geometry is rendered once, cameras are drawn anew for every crop."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -16,8 +14,7 @@ from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform, photograph
 
 VALIDATION_CROPS, VALIDATION_SIDE, VALIDATION_SEED = 128, 240, 12345
-LONGEST_PX = 400
-"""Displacements from here on, and those that overflowed when stored, become invalid zeros."""
+LONGEST_PX = 400  # displacements from here on, and those that overflowed when stored, become invalid zeros
 
 
 def orient(

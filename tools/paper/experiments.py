@@ -7,8 +7,6 @@ Table 2 (11 minutes of one core). Renderings and Table 2 go on where they were, 
 that is not finished; ``--stages report`` writes the file from what is there.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

@@ -1,15 +1,12 @@
 """The network of the paper's experiments, with its outputs v and w: a U-Net behind a fixed stem."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from tools.paper.stem import StructureStem
 
-START_SIGMA = 8.0
-"""What softplus(w) is at first, pixels."""
+START_SIGMA = 8.0  # what softplus(w) is at first, pixels
 
 
 class Block(nn.Module):

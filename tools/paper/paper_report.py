@@ -3,8 +3,6 @@
 Of what is missing it says by which command it is made.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Table 1 and the study of alpha: what the runs of `paper_variants` reached, over their seeds."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -30,8 +28,7 @@ RANKED = {
     "sparsification_area": "sparsification area",
     "epe_s_left": "EPE-S left (mean over all shares removed by sigma)",
 }
-BEST = "stem_double_map_0.01"
-"""The variant that the paper found best."""
+BEST = "stem_double_map_0.01"  # the variant that the paper found best
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,6 @@ median SErrMin, beside what the true F reaches. Every F is kept in a file at onc
 its robust cost (no truth is used).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -35,8 +33,7 @@ ESTIMATORS: dict[str, Callable[[SmearMatches], AnyArray | None]] = {
     "paper": paper_of_matches,
     "ours": lambda matches: estimate_two_view(matches).F,
 }
-CUTOFF = 3.0
-"""Standard deviations beyond which a smear counts as an outlier when answers are compared."""
+CUTOFF = 3.0  # standard deviations beyond which a smear counts as an outlier when answers are compared
 
 
 @dataclass(frozen=True, kw_only=True)

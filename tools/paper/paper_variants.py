@@ -5,8 +5,6 @@ The six losses, and 3 more values of alpha, with 3 seeds each. Budget of one run
 for each run. Finished ones (NAME_SEED.json in `TrainOptions.out`) are not trained again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

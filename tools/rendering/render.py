@@ -6,8 +6,6 @@ the truth (`truth`) is computed from the geometry, not from the picture. `shards
 writes many scenes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,8 +20,7 @@ from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import photographs
 from tools.rendering.truth import GridTruth, fundamental_of, grid_truth, relative_pose
 
-STILL_PX = 1.0
-"""Median smear below which a camera holds still, and objects choose a pace of their own."""
+STILL_PX = 1.0  # median smear below which a camera holds still, and objects choose a pace of their own
 
 
 @dataclass(frozen=True, kw_only=True)

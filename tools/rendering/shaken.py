@@ -5,8 +5,6 @@ affine in the picture (a rotation, a zoom, a slanted plane, a rolling shutter ar
 may be curved and accelerated; sub-frames are averaged in linear light.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The truth of one exposure: displacement, bend, validity and labels on the grid; pose and F of the image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -13,8 +11,7 @@ from tools.rendering.canvas import Canvas
 from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
 
-CROSS_CHECK_PX = 1.0
-"""Largest disagreement of a smear's end with what is visible there (the paper's eps)."""
+CROSS_CHECK_PX = 1.0  # largest disagreement of a smear's end with what is visible there (the paper's eps)
 
 
 @dataclass(frozen=True, kw_only=True)

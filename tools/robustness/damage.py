@@ -1,7 +1,5 @@
 """Damage to the bytes of any file, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 Rng = np.random.Generator

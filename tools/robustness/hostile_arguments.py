@@ -1,7 +1,5 @@
 """Options with values that few would give, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 from tools.robustness.damage import Rng
 
 NUMBERS = (

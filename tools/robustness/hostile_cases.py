@@ -1,7 +1,5 @@
 """What is hostile in each call of every command, drawn from one seed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """COLMAP projects whose values, schema or files are not what they should be, drawn from a generator."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3

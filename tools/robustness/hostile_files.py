@@ -1,7 +1,5 @@
 """Photographs and networks that are not what they should be, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 import io
 import os
 import struct

@@ -19,8 +19,6 @@ that were polite and tries the rude ones again; if they are polite now, the tabl
 Ctrl-C ends a call with the table of what is done by then.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """Lists of photographs and videos that are not what they should be, drawn from a generator."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """COLMAP models with views, and what lies beside them, of which one thing is not what it should be."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """Results of an earlier call that somebody has changed since, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

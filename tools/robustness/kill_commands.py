@@ -9,8 +9,6 @@ byte, what a call leaves that nobody disturbs. The same is asked of two equal ca
 refuse in one line and is then called again. "--link" writes into a project of the user's.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """What a call of the command line must not do, whatever it is given."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sqlite3

@@ -5,8 +5,6 @@ with the metadata that :mod:`blur2view.networks.model_file` reads, and checks th
 rendered picture.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
@@ -31,8 +29,7 @@ from tools.training.reader import Reader
 from tools.training.spectra import Spectra, clipped_shares, padded_picture
 from tools.training.train_reader import load_average
 
-LARGEST_DIFFERENCE = 2e-3
-"""Between logits of ONNX Runtime and torch."""
+LARGEST_DIFFERENCE = 2e-3  # between logits of ONNX Runtime and torch
 CONVENTION = (
     "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
     "multiples of 32 and at least 64; cepstra (1,H/32,W/32,32,45) and scales (1,H/32,W/32,3) of its windows "

@@ -1,7 +1,5 @@
 """One optimiser step and one checkpoint for all trainings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The schedule of all trainings: a linear warm-up, then a cosine; and the moving average of their weights."""
 
-from __future__ import annotations
-
 import math
 
 import torch

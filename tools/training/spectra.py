@@ -3,8 +3,6 @@
 The twin that training uses; it multiplies whole log spectra by the whole map, and is tested equal.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
