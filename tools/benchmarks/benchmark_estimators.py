@@ -47,7 +47,7 @@ def measure(method: Method, problem: Problem) -> Measured:
     start = time.process_time()
     F = method(problem)
     seconds = time.process_time() - start
-    judged = judge(F, problem, problem.true_ends)
+    judged = judge(F, problem.F, problem.K, problem.true_ends)
     ends = problem.matches.ends
     pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
     return Measured(**asdict(judged), pose_deg=pose, ms=1e3 * seconds)

@@ -59,22 +59,14 @@ NAMED = {
     "general": Configuration.UNCALIBRATED,
 }
 SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
-REPORTED = (
-    Configuration.UNCALIBRATED,
-    Configuration.PLANAR_OR_PANORAMIC,
-    Configuration.PLANAR,
-    Configuration.PANORAMIC,
-    Configuration.MULTIPLE,
-    Configuration.DEGENERATE,
-    Configuration.UNDEFINED,
-)
 NAMES = {
-    Configuration.DEGENERATE: "no motion",
-    Configuration.PANORAMIC: "rotation",
     Configuration.PLANAR: "plane",
+    Configuration.PANORAMIC: "rotation",
     Configuration.MULTIPLE: "several",
+    Configuration.DEGENERATE: "no motion",
     Configuration.UNDEFINED: "undefined",
 }
+REPORTED = (Configuration.UNCALIBRATED, Configuration.PLANAR_OR_PANORAMIC, *NAMES)
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 

@@ -10,7 +10,6 @@ Every method gets the same matches, the network's own. F is judged on the true s
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -101,24 +100,12 @@ class Judged:
     epipole_deg: float
 
 
-class Truth(Protocol):
-    """What F is judged against."""
-
-    @property
-    def F(self) -> AnyArray | None:
-        """The true F; None where the camera does not translate."""
-
-    @property
-    def K(self) -> AnyArray:
-        """Intrinsics."""
-
-
-def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
-    """Return how good F is on the true ends (N, 2, 2) of a scene whose camera translates.
+def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArray) -> Judged:
+    """Return how good F is on true ends (N, 2, 2), beside the true F and for the true K.
 
     None is the worst answer: errors as long as the smears, and an epipole at right angles.
     """
-    if F is None or scene.F is None:
+    if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
         return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
     relative = rho(F, ends)
@@ -128,7 +115,7 @@ def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
         under_10=share_under(relative, 0.10),
         inliers=inlier_share(F, ends),
         serrmin_px2=float(np.median(serrmin(F, ends))),
-        epipole_deg=epipole_angle_deg(F, scene.F, scene.K),
+        epipole_deg=epipole_angle_deg(F, F_true, K),
     )
 
 
@@ -154,7 +141,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
         matches, ends = select_matches(grid), true_ends(scene)
         for name, method in methods(scene).items():
             F = method(matches)
-            table.setdefault(name, []).append(judge(F, scene, ends))
+            table.setdefault(name, []).append(judge(F, scene.F, scene.K, ends))
             missing[name] = missing.get(name, 0) + (F is None)
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 

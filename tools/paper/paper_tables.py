@@ -122,17 +122,20 @@ def all_true_ends(scene: TestScene) -> AnyArray:
 
 def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[TestScene]) -> Row:
     """Return how good one way to estimate is on the scenes it was run on."""
-    found = [(group[scene.name], scene, all_true_ends(scene)) for scene in scenes]
-    judged = [
-        evaluate.judge(None if one.F is None else np.array(one.F), scene, ends) for one, scene, ends in found
-    ]
-    true = [evaluate.judge(scene.F, scene, ends) for _, scene, ends in found]
-    figures = evaluate.summarise(estimator, judged, true, sum(one.F is None for one, _, _ in found))
+    answers = [group[scene.name] for scene in scenes]
+    judged, true = (
+        [
+            evaluate.judge(None if F is None else np.array(F), scene.F, scene.K, all_true_ends(scene))
+            for F, scene in zip(matrices, scenes, strict=True)
+        ]
+        for matrices in ([one.F for one in answers], [scene.F for scene in scenes])
+    )
+    figures = evaluate.summarise(estimator, judged, true, sum(one.F is None for one in answers))
     shared = ("estimator", "beta", "seconds")
     return Row(
         estimator=estimator,
         beta=beta,
-        seconds=float(np.median([one.seconds for one, _, _ in found])),
+        seconds=float(np.median([one.seconds for one in answers])),
         **{f.name: getattr(figures, f.name) for f in fields(Row) if f.name not in shared},
     )
 

@@ -65,8 +65,8 @@ def test_preemption_keeps_the_model_with_most_inliers() -> None:
     scene = make_scene(rng, count=800)
     wrong = np.stack([nearest_rank_two(rng.normal(size=(3, 3))) for _ in range(200)])
     models = np.insert(wrong, 77, unit_norm(scene.F), axis=0)
-    assert (preemptive_best(models, scene.ends, PaperOptions()) == models[77]).all()
-    assert (preemptive_best(models[:1], scene.ends, PaperOptions()) == models[0]).all()
+    assert (preemptive_best(models, scene.ends) == models[77]).all()
+    assert (preemptive_best(models[:1], scene.ends) == models[0]).all()
 
 
 def test_search_stops_once_enough_fits_or_after_its_iterations() -> None:

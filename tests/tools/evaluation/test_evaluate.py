@@ -88,7 +88,7 @@ def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> N
     ends = evaluate.true_ends(scene)
     assert len(ends) == (scene.valid & scene.static).sum() and scene.F is not None
     assert np.median(sampson(scene.F, ends[:, 0], ends[:, 1])) < 0.05**2  # in this order
-    none, true = (evaluate.judge(F, scene, ends) for F in (None, scene.F))
+    none, true = (evaluate.judge(F, scene.F, scene.K, ends) for F in (None, scene.F))
     assert (none.rho, none.under_05, none.under_10, none.inliers) == (1, 0, 0, 0)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     assert none.serrmin_px2 == pytest.approx(np.median(length**2)) and none.epipole_deg == 90
