@@ -95,9 +95,8 @@ def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int
     """Return the first rendered scene of a kind of the seeds ``seed`` + SERIES k."""
     while True:
         scene = attempt(kind, seed, photos, size)
-        smears = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
         seen = scene.valid.mean() > LEAST_SEEN
-        if seen and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1]):
+        if seen and (kind == "still" or SMEARS_PX[0] <= scene.median_px <= SMEARS_PX[1]):
             if kind != "general":
                 return scene
             deviation, length = off_plane(scene.displacement, scene.valid, scene.K)

@@ -44,8 +44,7 @@ def suits(scene: Rendering, options: RenderOptions) -> bool:
     """Whether something large enough moves, and smears are as long as those of the test split."""
     if not SMALLEST <= moving_share(scene) <= LARGEST:
         return False
-    median = np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1))
-    return bool(options.smear_px[0] <= median <= options.smear_px[1])
+    return options.smear_px[0] <= scene.median_px <= options.smear_px[1]
 
 
 def write_mover_scenes(out: Path, scenes: int, options: RenderOptions) -> None:

@@ -76,7 +76,7 @@ def load_shards(folder: Path) -> Scenes:
     """Return all scenes of a folder; Blur2ViewError if it holds none."""
     paths = require_shards(folder)
     merged: dict[str, AnyArray] = {}
-    counts = [stored_count(path) for path in paths]
+    counts = [len(np.load(path)["labels"]) for path in paths]  # pictures are not read yet
     end = 0
     for path, count in zip(paths, counts, strict=True):
         end += count
@@ -95,12 +95,6 @@ def require_shards(folder: Path) -> list[Path]:
     if not paths:
         raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards {folder}")
     return paths
-
-
-def stored_count(path: Path) -> int:
-    """Return the number of scenes of a shard without reading its pictures."""
-    with np.load(path) as shard:
-        return len(shard["labels"])
 
 
 def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, shard: int) -> Iterator[Path]:

@@ -19,6 +19,7 @@ from tools.processes import single_threaded_pool
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
+from tools.rendering.truth import SceneTruth
 
 FIRST_SEED = 1_000_000
 SERIES = 100_000  # distance of the seeds that are tried for one scene
@@ -26,19 +27,11 @@ ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # what is stored of
 
 
 @dataclass(frozen=True, kw_only=True)
-class TestScene:
-    """One photograph with its truth; see `render.Rendering` for the fields' meaning."""
+class TestScene(SceneTruth):
+    """One photograph with its truth."""
 
     name: str
     image_path: Path
-    displacement: AnyArray
-    valid: AnyArray
-    static: AnyArray
-    K: AnyArray
-    R: AnyArray
-    t: AnyArray
-    F: AnyArray | None
-    kind: str
 
     __test__ = False  # not a test class, whatever its name makes pytest think
 
@@ -74,8 +67,7 @@ def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tup
     """
     for attempt in range(attempts):
         scene = render(seed + SERIES * attempt, options)
-        seen = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
-        if len(seen) and options.smear_px[0] <= np.median(seen) <= options.smear_px[1]:
+        if scene.valid.any() and options.smear_px[0] <= scene.median_px <= options.smear_px[1]:
             return scene, seed + SERIES * attempt
     raise RuntimeError(
         f"no seed of the series {seed} + {SERIES} k has a median smear in {options.smear_px} px"

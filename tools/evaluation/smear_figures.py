@@ -44,11 +44,6 @@ class SigmaBin:
     error_px: float
     within: float
 
-    @property
-    def normalised_error(self) -> float:
-        """Found over predicted: 1 for a calibrated sigma."""
-        return self.error_px / self.sigma_px
-
 
 @dataclass(frozen=True, kw_only=True)
 class SmearFigures:
@@ -206,6 +201,6 @@ def smear_tables(smears: SmearFigures) -> list[str]:
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     whole = table("smears | ", [(name, f"{getattr(smears, name):.4g}") for name in plain])
     head = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
-    bins = [(b.sigma_px, b.error_px, b.normalised_error, b.within) for b in smears.bins]
+    bins = [(b.sigma_px, b.error_px, b.error_px / b.sigma_px, b.within) for b in smears.bins]
     sigmas = table(head, [[f"{value:.2f}" for value in row] for row in bins])
     return [*whole, "", *octave_table(smears.octaves), "", *sigmas]

@@ -30,13 +30,7 @@ class StemUNet(nn.Module):
 
     A plain U-Net on RGB does not start to learn within minutes; on gradients' double-angle products it does.
     The coarsest level is at stride 16, so that what a pixel sees (about 130 px) fits into a training crop.
-
-    Parameters
-    ----------
-    widths : tuple of int
-        Channels at strides 4, 8, 16.
-    bottom : int
-        Residual blocks at the coarsest level.
+    ``widths`` are channels at strides 4, 8 and 16, ``bottom`` residual blocks at the coarsest level.
     """
 
     def __init__(self, widths: tuple[int, ...] = (48, 80, 144), bottom: int = 3) -> None:

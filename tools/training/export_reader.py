@@ -5,7 +5,6 @@ with the metadata that :mod:`blur2view.networks.model_file` reads, and checks th
 rendered picture.
 """
 
-import argparse
 import hashlib
 import json
 import warnings
@@ -22,7 +21,7 @@ from blur2view.errors import ModelError
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
 from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
@@ -75,13 +74,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
 
 
 def export(checkpoint: Path, target: Path) -> None:
-    """Write `target`, when complete and checked.
-
-    Raises
-    ------
-    ModelError
-        If ONNX Runtime does not compute what torch does.
-    """
+    """Write `target`, when complete and checked; ModelError if it does not compute what torch does."""
     network, state = load_average(checkpoint)
     temporary = target.with_suffix(".tmp.onnx")
     write_graph(network, temporary)
@@ -155,8 +148,7 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
 
 def main() -> None:
     """Export one checkpoint."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("checkpoint", type=existing)
     parser.add_argument("target", type=target)
     arguments = parser.parse_args()
