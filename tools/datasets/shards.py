@@ -1,10 +1,9 @@
-"""Write rendered scenes for training, in resumable shards, with the measured speed.
+"""Write rendered scenes for training, in shards.
 
 ``python -m tools.datasets.shards render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
-all processes the machine has and prints scenes a second; run again, it goes on where it stopped.
+all processes the machine has; run again, it goes on where it stopped.
 """
 
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +18,7 @@ from tools.arguments import scene_parser
 from tools.processes import single_threaded_pool
 from tools.rendering.render import RenderOptions, render
 
+SHARD = 50  # scenes in one file
 WHITE = 4.0  # largest radiance that is stored
 
 
@@ -113,19 +113,11 @@ def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, sha
 
 
 def main() -> None:
-    """Write a dataset and print its speed."""
-    parser = scene_parser(__doc__, 12, RenderOptions.size)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--split", choices=["train", "test"], default=RenderOptions.split)
-    parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default: %(default)s)")
-    arguments = parser.parse_args()
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
-    options = RenderOptions(size=tuple(arguments.size), split=arguments.split, photos=arguments.photos)
-    began = time.perf_counter()
-    written = write_shards(arguments.out, seeds, options, arguments.jobs, arguments.shard)
-    for count, path in enumerate(written, 1):
-        rate = count * arguments.shard / (time.perf_counter() - began)
-        print(f"{path.name}: {rate:.2f} scenes a second", flush=True)
+    """Write a dataset."""
+    arguments = scene_parser(__doc__, 12, RenderOptions.size).parse_args()
+    options = RenderOptions(size=tuple(arguments.size), photos=arguments.photos)
+    for path in write_shards(arguments.out, range(arguments.scenes), options, arguments.jobs, SHARD):
+        print(path, flush=True)
 
 
 if __name__ == "__main__":

@@ -18,17 +18,18 @@ from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.pages import write_json
 from tools.paper import paper_summary, paper_tables
 from tools.paper.paper_report import report
-from tools.paper.paper_variants import ALPHA_STUDY, STEPS, VARIANTS, TrainOptions, run_all
+from tools.paper.paper_variants import ALPHA_STUDY, VARIANTS, TrainOptions, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
 
 SCENES = 60
 TRAINING_SCENES = 5150
+SEEDS = (0, 1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Where things are, and the budget: `seeds` and `steps` of the trainings.
+    """Where things are.
 
     `shards` holds ``train`` and ``val``, as :func:`tools.training.recipe.render_all` renders them.
     """
@@ -38,8 +39,6 @@ class Plan:
     shards: Path
     scenes: Path
     results: Path
-    seeds: tuple[int, ...] = (0, 1, 2)
-    steps: int = STEPS
 
 
 def train(plan: Plan) -> None:
@@ -48,8 +47,8 @@ def train(plan: Plan) -> None:
     held = range(Recipe.val_seed, Recipe.val_seed + Recipe.val_scenes)
     render_set(train, range(TRAINING_SCENES), RenderOptions(photos=plan.photos))
     render_set(val, held, RenderOptions(split="test", photos=plan.photos))
-    options = TrainOptions(train=train, val=val, out=plan.work / "variants", steps=plan.steps)
-    run_all(list(VARIANTS.values()), plan.seeds, options)
+    options = TrainOptions(train=train, val=val, out=plan.work / "variants")
+    run_all(list(VARIANTS.values()), SEEDS, options)
     summarise(plan)
 
 
@@ -89,8 +88,6 @@ def main() -> None:
     parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")
     parser.add_argument("--scenes", type=existing, default=Path("render/test"), help="(default: %(default)s)")
     parser.add_argument("--results", type=Path, default=Path("tools/results"), help="(default: %(default)s)")
-    parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
-    parser.add_argument("--steps", type=int, default=Plan.steps)
     parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))
     words = vars(parser.parse_args())
     stages = words.pop("stages")

@@ -12,13 +12,9 @@ from tools.pages import table
 from tools.paper.paper_variants import SIX, VARIANTS, Variant
 
 MEASURES = (
-    "epe_s_top50",
-    "epe_s_top50_over_length",
-    "sparsification_area",
-    "epe_s_left",
-    "epe_s_oracle",
+    "epe_s_top50", "epe_s_top50_over_length", "sparsification_area", "epe_s_left", "epe_s_oracle",
     "direction_deg_top50",
-)
+)  # fmt: skip
 HEAD = (
     "name | loss | alpha | steps | seeds | EPE-S top 50 %, px | over the length "
     "| sparsification area | EPE-S left, px | oracle, px | direction top 50 %, deg"

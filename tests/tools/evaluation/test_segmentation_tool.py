@@ -12,6 +12,7 @@ from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, estimate_of, photo, sideways, with_mover
 from tools.datasets import mover_scenes, testset
+from tools.datasets.mover_scenes import LARGEST, moving_share
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.segmentation import (
     Judged,
@@ -116,15 +117,13 @@ def test_without_movers_the_table_is_written_and_no_panel(
 
 @pytest.mark.slow
 def test_mover_scenes_hold_movers_or_give_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mover_scenes, "SMALLEST", 0.02)
     options = RenderOptions(size=(96, 64), smear_px=(3.0, 20.0), sharp_share=0, split="test", mover_share=1.0)
-    mover_scenes.write_mover_scenes(tmp_path, 2, options)
+    mover_scenes.write_rendered(tmp_path, 2, options, 6_000_000, lambda s: 0.02 <= moving_share(s) <= LARGEST)
     scenes = list(read_test_set(tmp_path))
     assert [one.name for one in scenes] == ["0000", "0001"]
     for one in scenes:
-        assert 0.02 <= (one.valid & ~one.static).mean() <= mover_scenes.LARGEST
+        assert 0.02 <= (one.valid & ~one.static).mean() <= LARGEST
         assert cv2.imread(str(one.image_path)) is not None
-    monkeypatch.setattr(mover_scenes, "suits", lambda scene, options: False)
     monkeypatch.setattr(mover_scenes, "TRIES", 2)
     with pytest.raises(SystemExit, match="only 0 of 1 scenes suit, of 2 seeds"):
-        mover_scenes.write_mover_scenes(tmp_path / "none", 1, RenderOptions(size=(48, 32), split="test"))
+        mover_scenes.write_rendered(tmp_path, 1, RenderOptions(size=(48, 32)), 0, lambda _: False)
