@@ -10,14 +10,11 @@ from blur2view.smears.grid import SmearGrid
 from tools.evaluation import pose_coverage, rates, sharp
 
 
-def test_only_long_and_known_smears_are_sure() -> None:
+def test_only_long_and_known_smears_are_sure_and_the_worst_photograph_comes_first() -> None:
     cells = np.zeros((1, 4, 4), np.float32)
     cells[0, :, 0] = -8, 8, 1, 0
     cells[0, :, 2] = 1, 6, 0.1, 0.1
     assert sharp.sure_share(SmearGrid(cells=cells, stride=32, shape=(32, 128))) == 0.25
-
-
-def test_the_worst_photograph_comes_first() -> None:
     rows = [
         sharp.Reading(name="wall", verdict="DEGENERATE: no motion", length_px=0.3, sure_share=0.0),
         sharp.Reading(name="sky", verdict="PLANAR: it moves", length_px=6.0, sure_share=0.5),

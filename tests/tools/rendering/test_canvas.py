@@ -35,14 +35,6 @@ def test_fine_texture_far_away_is_averaged_not_aliased() -> None:
     assert np.abs(painted.rgba[4:-4, 4:-4, :3] - 0.5).max() < 0.02
 
 
-def test_texture_repeats_in_mirror_images() -> None:
-    texture = np.zeros((4, 4, 3), np.float32)
-    texture[..., 0] = np.arange(4)
-    at = np.stack(np.meshgrid(np.arange(-4.0, 12.0), [1.0]), -1).astype(np.float32)
-    expected = [3, 2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0, 1, 2, 3]
-    np.testing.assert_allclose(canvas.mirrored(texture, at)[0, :, 0], expected, atol=1e-5)
-
-
 def test_card_covers_its_box_alone() -> None:
     painted = canvas.paint(dull(), card(facing(), BOX), K, SIZE, margin=8, detail=1.5)
     alpha = painted.warp(pixel_grid(SIZE))[..., 3]

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.training import reader_data, train_reader
+from tools.training import reader_data
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, write_shards
 from tools.training.train_reader import (
@@ -116,21 +116,16 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     figures = [line["loss"], *line["000000"].values(), *line["000001"].values()]
     assert len(figures) == 11 and np.isfinite(figures).all()
 
-    class Stop(Exception):
-        pass
+    save = Run.save
 
-    advance = Run.advance
-
-    def stopped(run: Run, batch: train_reader.Batch) -> float:
-        if run.step == 1:
-            raise Stop
-        return advance(run, batch)
+    def stopped(run: Run) -> None:
+        save(run)
+        raise KeyboardInterrupt
 
     parted = replace(options, out=tmp_path / "parted")
-    with monkeypatch.context() as patch:
-        patch.setattr(Run, "advance", stopped)
-        with pytest.raises(Stop):
-            train(parted)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Run, "save", stopped)
+        train(parted)
     train(parted)
     (first, state), (second, resumed) = (load_average(run.out / "last.pt") for run in (options, parted))
     assert state["step"] == resumed["step"] == 2 and state["figures"] == resumed["figures"]
