@@ -56,7 +56,7 @@ def summarise(plan: Plan) -> None:
     """Store what is finished of Table 1."""
     runs = plan.work / "variants"
     found = paper_summary.read_runs(runs, VARIANTS.values())
-    study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
+    study = paper_summary.read_runs(runs, ALPHA_STUDY)
     if found:
         for name, figures in {"table1": found, "alpha": study}.items():
             write_json(plan.results / f"paper_{name}.json", {k: asdict(one) for k, one in figures.items()})

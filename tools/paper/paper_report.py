@@ -1,7 +1,4 @@
-"""The text of tools/results/paper.md: the experiments on rendered photographs, beside what was published.
-
-Of what is missing it says by which command it is made.
-"""
+"""The text of tools/results/paper.md: the experiments on rendered photographs, beside what was published."""
 
 import json
 from collections.abc import Sequence
@@ -34,9 +31,10 @@ of them for the 27 trainings of Table 1 and of the study of alpha; finished seed
 
 
 def read(results: Path, name: str) -> Any:
-    """Return a stored result; None if there is none."""
-    path = results / name
-    return json.loads(path.read_text()) if path.exists() else None
+    """Return a stored result."""
+    if not (path := results / name).exists():
+        raise SystemExit(f"{path} is missing: the stages table1 and table2, and {EVALUATION}, make all")
+    return json.loads(path.read_text())
 
 
 def comparison(table2: Any, evaluation: Any) -> list[str]:
@@ -45,13 +43,10 @@ def comparison(table2: Any, evaluation: Any) -> list[str]:
     for name, epe_s_px, inliers, true in PUBLISHED:
         shares = f"{inliers / 100:.3f}", f"{true / 100:.3f}", f"{inliers / true:.2f}"
         cells.append((f"{name}, as published", f"{epe_s_px:.3f}", "-", *shares))
-    smears = (evaluation or {}).get("smears", {})
-    errors = (f"{smears[k]:.3f}" if k in smears else "-" for k in ("epe_s_top50", "epe_s_top50_over_length"))
-    rows = {(r["estimator"], r["beta"]): r for r in (table2 or {}).get("rows", [])}
-    ours, true_F = rows.get(("ours", paper_tables.AUTOMATIC)), rows.get(("true F", "-"))
-    shares = "-", "-", "-"
-    if ours and true_F:
-        shares = f"{ours['inliers']:.3f}", f"{true_F['inliers']:.3f}", f"{ours['inliers_of_true']:.2f}"
+    errors = (f"{evaluation['smears'][k]:.3f}" for k in ("epe_s_top50", "epe_s_top50_over_length"))
+    rows = {(r["estimator"], r["beta"]): r for r in table2["rows"]}
+    ours, true_F = rows["ours", paper_tables.AUTOMATIC], rows["true F", "-"]
+    shares = f"{ours['inliers']:.3f}", f"{true_F['inliers']:.3f}", f"{ours['inliers_of_true']:.2f}"
     cells.append(("rendered test split, ours", *errors, *shares))
     head = "photographs | EPE-S top 50 %, px | over the length | SErrMin < 3, F | true F | fraction"
     note = "The paper's vector s is half of a smear; our EPE-S is of whole smears."
@@ -113,9 +108,6 @@ def report(results: Path) -> str:
     beside = comparison(read(results, "paper_table2.json"), read(results, "evaluation.json"))
     sections = ["\n".join(["## Beside the published figures", "", *beside])]
     for title, (name, write, stage, budget) in PARTS.items():
-        document, command = read(results, name), f"`{COMMAND} {stage} report`"
-        lines = [f"Not run yet. {command} makes it ({budget})."]
-        if document:
-            lines = [*write(document), f"Made by {command} ({budget})."]
+        lines = [*write(read(results, name)), f"Made by `{COMMAND} {stage} report` ({budget})."]
         sections.append("\n".join([f"## {title}", "", *lines]))
     return "\n\n".join([INTRODUCTION, *sections]) + "\n"

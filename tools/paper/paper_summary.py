@@ -1,7 +1,7 @@
 """Table 1 and the study of alpha: what the runs of `paper_variants` reached, over their seeds."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,19 +50,10 @@ def figures_of(name: str, documents: Sequence[dict[str, Any]]) -> VariantFigures
     )
 
 
-def read_runs(folder: Path, variants: Collection[Variant], shared: bool = False) -> dict[str, VariantFigures]:
-    """Return what is finished of variants, by name; ``shared``: with the seeds that all of them have."""
-    runs = {
-        variant.name: {
-            path.stem.rsplit("_", 1)[1]: path for path in folder.glob(f"{variant.name}_[0-9]*.json")
-        }
-        for variant in variants
-    }
-    seeds = set.intersection(*map(set, runs.values())) if shared else set().union(*runs.values())
-    documents = {
-        name: [json.loads(paths[seed].read_text()) for seed in sorted(seeds & set(paths))]
-        for name, paths in runs.items()
-    }
+def read_runs(folder: Path, variants: Iterable[Variant]) -> dict[str, VariantFigures]:
+    """Return what is finished of variants, by name."""
+    paths = {variant.name: sorted(folder.glob(f"{variant.name}_[0-9]*.json")) for variant in variants}
+    documents = {name: [json.loads(path.read_text()) for path in found] for name, found in paths.items()}
     return {name: figures_of(name, found) for name, found in documents.items() if found}
 
 
@@ -75,8 +66,6 @@ def variant_table(found: dict[str, VariantFigures], variants: Sequence[Variant])
     """Return Table 1, or the study of alpha, as lines of Markdown: means and deviations over seeds."""
     rows = []
     for variant in variants:
-        if variant.name not in found:
-            continue
         figures = found[variant.name]
         spread = {m: f" ± {figures.deviation[m]:.3f}" if figures.seeds > 1 else "" for m in MEASURES}
         cells = (f"{figures.mean[m]:.3f}{spread[m]}" for m in MEASURES)
@@ -87,12 +76,9 @@ def variant_table(found: dict[str, VariantFigures], variants: Sequence[Variant])
 
 def verdicts(found: dict[str, VariantFigures]) -> list[str]:
     """Return which of the six is best by every measure, and whether it is the paper's."""
-    present = [variant for variant in SIX if variant.name in found]
-    if len(present) < len(SIX):
-        return [f"{len(present)} of the six variants are trained."]
     lines = []
     for measure, words in RANKED.items():
-        best, second = sorted(present, key=lambda variant: found[variant.name].mean[measure])[:2]
+        best, second = sorted(SIX, key=lambda variant: found[variant.name].mean[measure])[:2]
         mean, spread = (getattr(found[best.name], of)[measure] for of in ("mean", "deviation"))
         next_ = found[second.name].mean[measure]
         lines.append(
