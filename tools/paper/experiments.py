@@ -57,7 +57,7 @@ def summarise(plan: Plan) -> None:
     runs = plan.work / "variants"
     found = paper_summary.read_runs(runs, VARIANTS.values())
     study = paper_summary.read_runs(runs, ALPHA_STUDY)
-    if found:
+    if len(found) == len(VARIANTS):
         for name, figures in {"table1": found, "alpha": study}.items():
             write_json(plan.results / f"paper_{name}.json", {k: asdict(one) for k, one in figures.items()})
 

@@ -1,6 +1,7 @@
 """The judge of calls finds what is wrong with one, and hostile inputs are the same every time."""
 
 import json
+import shutil
 import signal
 import sqlite3
 import time
@@ -85,31 +86,34 @@ def test_files_that_are_not_whole_are_found(call: Call, name: str, content: byte
     assert any(words in complaint for complaint in complaints(call))
 
 
-def drawn(folder: Path, seed: int) -> list[object]:
-    """Return what is drawn of a seed: contents of photographs, words, projects and models."""
+def drawn(folder: Path, seed: int) -> list[list[object]]:
+    """Return what is drawn of a seed: named inputs, arguments, photographs, projects and models."""
     folder.mkdir()
     cases = make_cases(folder, 60, seed)
     assert {case.kind for case in cases} == {*SHARES, "arguments"}
-    found: list[object] = [(case.kind, [w.replace(str(folder), "") for w in case.named]) for case in cases]
-    found += [case.words for case in cases if case.kind == "arguments"]
+    named: list[object] = [[w.replace(str(folder), "") for w in case.named] for case in cases]
+    arguments: list[object] = [case.words for case in cases if case.kind == "arguments"]
+    photographs, projects, models = [], [], []
     for number in range(len(CONTENTS)):
         path = hostile_photograph(folder, np.random.default_rng([seed, number]), 1000 + number)
-        found.append(path.read_bytes() if path.is_file() else path.name)
+        photographs.append(path.read_bytes() if path.is_file() else path.name)
     for number in range(6):
-        project, models = folder / f"project{number}", folder / f"models{number}"
-        project.mkdir()
-        put_database(project, (), seed=(seed, number))
-        files, rows = snapshot(project)
-        found.append((sorted(files), rows))
-        models.mkdir()
-        put_model(models, OF_MODELS[number % 3], seed=(seed, number))
-        found.append([path.read_bytes() for path in sorted((models / "model").iterdir()) if path.is_file()])
-    return found
+        here = folder / f"call{number}"
+        here.mkdir()
+        put_database(here, (), seed=(seed, number))
+        files, rows = snapshot(here)
+        projects.append((sorted(files), rows))
+        shutil.rmtree(here)
+        here.mkdir()
+        put_model(here, OF_MODELS[number % 3], seed=(seed, number))
+        models.append([path.read_bytes() for path in sorted((here / "model").iterdir()) if path.is_file()])
+    return [named, arguments, photographs, projects, models]
 
 
 def test_equal_seeds_give_equal_inputs_of_every_kind(tmp_path: Path) -> None:
-    one, two, other = (drawn(tmp_path / name, seed) for name, seed in zip("abc", (3, 3, 4), strict=True))
-    assert one == two != other
+    parts = [drawn(tmp_path / name, seed) for name, seed in zip("abc", (3, 3, 4), strict=True)]
+    for one, two, other in zip(*parts, strict=True):
+        assert one == two != other
     assert {words[0] for words in (*COMMANDS, *OF_MODELS)} == set(commands.COMMANDS)
     (tmp_path / "a.png").write_bytes(encoded(np.random.default_rng(0), "PNG"))
     assert read_image(tmp_path / "a.png").shape[2] == 3  # a picture before any damage

@@ -1,17 +1,20 @@
-"""Training of the spectral reader: examples made twice are equal, a run that was stopped ends the same."""
+"""Training of the reader: examples made twice are equal, a stopped run ends the same; the whole recipe."""
 
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
 
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.training import reader_data
+from tools.training import reader_data, recipe
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, write_shards
+from tools.training.recipe import Recipe, make
 from tools.training.train_reader import (
     Pool,
     ReaderTraining,
@@ -143,3 +146,29 @@ def test_cells_that_differ_from_those_about_them_count_more() -> None:
     assert difference_of(-field * torch.tensor([1.0, -1.0])).max() < 1e-4  # signs mean nothing
     field[0, 4, 4] = torch.tensor([0.0, 10.0])
     assert difference_of(field).argmax() == 4 * 9 + 4 and difference_of(field).max() > 0.9
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
+    """Return a recipe of a few scenes, in small files."""
+    monkeypatch.setattr(recipe, "SHARD", 2)
+    monkeypatch.setattr(recipe, "LARGE", (320, 256))
+    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
+    return Recipe(scenes=2, large_scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
+
+
+@pytest.mark.slow
+def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
+    tmp_path: Path, small: Recipe, capfd: pytest.CaptureFixture[str]
+) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    pixels = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    assert cv2.imwrite(str(photos / "noise.png"), pixels)
+    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    made = capfd.readouterr().out.count(".npz")
+    network = SmearNetwork(tmp_path / "models" / "smear.onnx")
+    assert network.info.training["steps"] == 1
+    assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
+    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    assert made == 5 and ".npz" not in capfd.readouterr().out  # nothing is made twice
