@@ -8,6 +8,7 @@ import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,13 +87,13 @@ def test_files_that_are_not_whole_are_found(call: Call, name: str, content: byte
     assert any(words in complaint for complaint in complaints(call))
 
 
-def drawn(folder: Path, seed: int) -> list[list[object]]:
+def drawn(folder: Path, seed: int) -> list[Any]:
     """Return what is drawn of a seed: named inputs, arguments, photographs, projects and models."""
     folder.mkdir()
     cases = make_cases(folder, 60, seed)
     assert {case.kind for case in cases} == {*SHARES, "arguments"}
-    named: list[object] = [[w.replace(str(folder), "") for w in case.named] for case in cases]
-    arguments: list[object] = [case.words for case in cases if case.kind == "arguments"]
+    named = sorted([w.replace(str(folder), "") for w in case.named] for case in cases)
+    arguments = sorted(case.words for case in cases if case.kind == "arguments")
     photographs, projects, models = [], [], []
     for number in range(len(CONTENTS)):
         path = hostile_photograph(folder, np.random.default_rng([seed, number]), 1000 + number)
