@@ -35,7 +35,7 @@ from tools.benchmarks.estimator_cells import (
 from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
-from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
+from tools.metrics import NO_POSE_DEG, pose_error_deg
 from tools.pages import append_line, begun, finished_lines, publish
 from tools.processes import single_threaded_pool
 

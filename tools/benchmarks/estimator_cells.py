@@ -111,7 +111,7 @@ def moving_scenes(folder: Path) -> list[TestScene]:
 class Measured(Judged):
     """One method on one instance: `tools.evaluation.evaluate.Judged`, and the rest.
 
-    ``pose_deg`` is `pose_error.pose_error_deg`, ``ms`` the CPU time of the call.
+    ``pose_deg`` is `metrics.pose_error_deg`, ``ms`` the CPU time of the call.
     """
 
     pose_deg: float

@@ -6,7 +6,7 @@ import numpy as np
 
 from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Measured, Plan, Record
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
-from tools.evaluation.pose_error import pose_auc
+from tools.metrics import pose_auc
 from tools.pages import table
 
 SUCCESS_RHO = 0.05

@@ -16,8 +16,8 @@ import blur2view
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.pages import write_json
-from tools.paper import paper_summary, paper_tables
-from tools.paper.paper_report import report
+from tools.paper import paper_tables
+from tools.paper.paper_report import read_runs, report
 from tools.paper.paper_variants import ALPHA_STUDY, VARIANTS, TrainOptions, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
@@ -55,8 +55,8 @@ def train(plan: Plan) -> None:
 def summarise(plan: Plan) -> None:
     """Store what is finished of Table 1."""
     runs = plan.work / "variants"
-    found = paper_summary.read_runs(runs, VARIANTS.values())
-    study = paper_summary.read_runs(runs, ALPHA_STUDY)
+    found = read_runs(runs, VARIANTS.values())
+    study = read_runs(runs, ALPHA_STUDY)
     if len(found) == len(VARIANTS):
         for name, figures in {"table1": found, "alpha": study}.items():
             write_json(plan.results / f"paper_{name}.json", {k: asdict(one) for k, one in figures.items()})

@@ -77,9 +77,8 @@ def test_random_outliers_and_a_second_motion_have_their_share() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"kind": "rough"}, {"motion": "none"}, {"report": "so"}, {"count": 0}, {"length_px": 0.0},
-     {"noise_px": -1.0}, {"outliers": 1.5}, {"second_motion": -0.1}],
+    [{"count": 0}, {"length_px": 0.0}, {"noise_px": -1.0}, {"outliers": 1.5}, {"second_motion": -0.1}],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="must be|need|shares"):
+    with pytest.raises(ValueError, match="need|shares"):
         SyntheticOptions(**wrong)

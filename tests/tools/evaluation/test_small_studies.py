@@ -14,8 +14,8 @@ from blur2view.smears.grid import SmearGrid
 from tests.support.scenes import make_scene, rotation
 from tools.evaluation import benchmark, pose_coverage, rates, sharp
 from tools.evaluation.gyroscope import figures_of, page, pairs_of
-from tools.evaluation.pose_error import pose_auc, pose_error_deg, pose_of
 from tools.evaluation.smear_figures import lean_deg
+from tools.metrics import pose_auc, pose_error_deg, pose_of
 
 
 def field_of(displacement: tuple[float, float], sigma_rad: np.ndarray) -> SmearField:

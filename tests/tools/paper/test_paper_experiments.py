@@ -18,7 +18,7 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import PaperOptions, paper_of_matches
 from tools.pages import write_json
 from tools.paper import experiments as paper
-from tools.paper import paper_report, paper_summary, paper_tables
+from tools.paper import paper_report, paper_tables
 from tools.paper.paper_tables import AUTOMATIC, BETAS, Found, all_true_ends, cost, rows_of, with_automatic
 from tools.paper.paper_variants import SIX, VARIANTS
 
@@ -84,7 +84,7 @@ def test_table_2_is_resumed(
 
 
 def variant_document(name: str, epe_s: float) -> dict[str, Any]:
-    return dict.fromkeys(paper_summary.MEASURES, epe_s) | {"steps": 10, "name": name}
+    return dict.fromkeys(paper_report.MEASURES, epe_s) | {"steps": 10, "name": name}
 
 
 def test_report_says_what_is_there_what_is_missing_and_what_is_best(tmp_path: Path, scene: TestScene) -> None:
