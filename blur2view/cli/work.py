@@ -1,11 +1,12 @@
 """The work on one photograph, as far as the commands share it: how it is estimated, by which network.
 
-The network is loaded once in each process and run in one thread, so that bytes are equal.
+The network is loaded once in each process: bytes do not depend on its threads.
 """
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -47,7 +48,7 @@ class CommandNetwork:
         path = model_path(model)
         network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
         network.loaded.on_tile = Progress(TILE).show  # or it says what is wrong
-        network.loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        network.loaded.tiles_at_once = usable_cores()  # here alone
         return network
 
     @property
@@ -58,8 +59,8 @@ class CommandNetwork:
 
 @lru_cache(maxsize=1)
 def _loaded(network: CommandNetwork) -> SmearNetwork:
-    """Return the smear network, loaded once."""
-    loaded = SmearNetwork(network.model, threads=1)
+    """Return the smear network, loaded once; processes beside others have a core each."""
+    loaded = SmearNetwork(network.model, threads=usable_cores() if parent_process() is None else 1)
     if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
         raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
     return loaded
