@@ -58,8 +58,8 @@ def hostile_video(folder: Path, rng: Rng, number: int) -> list[str]:
         case 1:
             data = flipped(data, rng, 40)
         case 2:  # sizes, counts and rates of the boxes
+            found = [at for name in BOXES if (at := data.find(name)) > 0]
             for _ in range(3):
-                found = [at for name in BOXES if (at := data.find(name)) > 0]
                 at = int(rng.choice(found)) + 4 * int(rng.integers(-1, 7))
                 word = struct.pack("><"[int(rng.integers(2))] + "I", int(rng.choice(NUMBERS)))
                 data = data[:at] + word + data[at + 4 :]
