@@ -228,7 +228,10 @@ def _load_libraries() -> None:
     from blur2view.photographs import video
 
     video._reader.cache_clear()  # a video that is open here has threads that forks do not have
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})  # so that the network gets no threads, either
     CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
+    os.sched_setaffinity(0, cores)
     gc.freeze()
 
 
