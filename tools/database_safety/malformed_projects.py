@@ -10,11 +10,10 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from blur2view.colmap.schema import MAX_IMAGES
-from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project
+from tools.database_safety.colmap_projects import ProjectOptions, make_project
 from tools.robustness.damage import Rng, cut, flipped, overwritten
 
 SQL_FAULTS = {
@@ -144,9 +143,3 @@ def malform(path: Path, number: int) -> str:
     kind = list(BYTE_FAULTS)[number % len(BYTE_FAULTS)]
     path.write_bytes(BYTE_FAULTS[kind](path.read_bytes(), rng))
     return kind
-
-
-def write_photograph(path: Path) -> None:
-    """Write a small picture of noise smeared sideways."""
-    noise = np.random.default_rng(0).uniform(0, 255, (SIZE[1], SIZE[0], 3))
-    cv2.imwrite(str(path), cv2.blur(noise, (9, 1)).astype(np.uint8))
