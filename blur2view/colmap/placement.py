@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
-from blur2view.colmap.models import read_model
+from blur2view.colmap.models import read_model, seen_points
 from blur2view.colmap.project import frame_of, image_names, open_project, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
@@ -160,16 +160,11 @@ def _frames(
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
     """Return the smears of the features whose 3D point lies in front of the camera; no velocity yet."""
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
-    seen = np.array([i for i in one.matched if points[int(i)].has_point3D()], np.int64)
+    seen = [i for i in map(int, one.matched) if points[i].has_point3D()]
     pose = one.photograph.cam_from_world().matrix()
-    ids = [points[int(i)].point3D_id for i in seen]
-    if not all(number in model.points3D for number in ids):
-        raise DatabaseError(
-            f"{one.photograph.name}: sees points that the model does not have; let COLMAP write it again"
-        )
-    world = np.array([model.points3D[number].xyz for number in ids]).reshape(-1, 3)
+    world = seen_points(model, one.photograph, seen)
     depth = world @ pose[2, :3] + pose[2, 3]
-    pixels = np.array([[view.points2D[int(i)].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
+    pixels = np.array([[view.points2D[i].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
     first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(

@@ -41,7 +41,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import read_model
+from blur2view.colmap.models import read_model, seen_points
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
@@ -179,10 +179,10 @@ def _halfway(first: Array, last: Array) -> Array:
 
 def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
     """Return the median distance of what an image observes between both views."""
-    numbers = [point.point3D_id for point in image.points2D if point.has_point3D()]
-    if not numbers:
+    seen = [place for place, point in enumerate(image.points2D) if point.has_point3D()]
+    if not seen:
         return None
-    points = np.stack([model.points3D[number].xyz for number in numbers])
+    points = seen_points(model, image, seen)
     ends = [
         model.cameras[view.camera_id].img_from_cam(
             points @ (pose := view.cam_from_world().matrix())[:, :3].T + pose[:, 3]
@@ -190,8 +190,8 @@ def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
         for view in views
     ]
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    seen = np.isfinite(length)  # not behind a camera
-    return float(np.median(length[seen])) if seen.any() else None
+    before = np.isfinite(length)  # not behind a camera
+    return float(np.median(length[before])) if before.any() else None
 
 
 def _start_and_end(one: ExposedPhotograph) -> dict[str, Any]:
