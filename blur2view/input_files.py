@@ -77,15 +77,12 @@ def parse_json(text: str | bytes) -> Any:
     for _ in range(MAX_DEPTH):
         for one in level:
             _check_scalar(one)
-        level = [part for one in level if isinstance(one, list | dict) for part in _parts(one)]
+        inner = [one for one in level if isinstance(one, list | dict)]
+        level = [part for one in inner for part in one]  # the keys of objects
+        level += [part for one in inner if isinstance(one, dict) for part in one.values()]
         if not level:
             return value
     raise ValueError("is nested too deeply")
-
-
-def _parts(container: list[Any] | dict[str, Any]) -> list[Any]:
-    """Return what a list or an object holds, its keys too."""
-    return [*container, *container.values()] if isinstance(container, dict) else container
 
 
 def _check_scalar(value: Any) -> None:

@@ -59,35 +59,17 @@ class Timings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """The estimate of one photograph, and every step that led to it.
+    """The estimate of one photograph, and every step that led to it."""
 
-    Parameters
-    ----------
-    grid : SmearGrid
-        The smears and their standard deviations at the network's cells.
-    matches : SmearMatches
-        The N smears that were used.
-    geometry : TwoViewGeometry
-        F or None, the configuration with its reason, and the masks of the N matches.
-    model_id : str
-        Name of the network's weights.
-    timings : Timings
-        Seconds per step.
-    camera : Camera or None
-        The intrinsics that were used.
-    shutter : RollingShutter or None
-        For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
-    time : TimeDirection
-        Whether neighbouring frames decided which end of the exposure came first.
-    """
-
-    grid: SmearGrid
-    matches: SmearMatches
-    geometry: TwoViewGeometry
-    model_id: str
+    grid: SmearGrid  # the smears and their standard deviations at the network's cells
+    matches: SmearMatches  # the N smears that were used
+    geometry: TwoViewGeometry  # F or None, the configuration with its reason, masks of the N matches
+    model_id: str  # name of the network's weights
     timings: Timings
-    camera: Camera | None = None
+    camera: Camera | None = None  # the intrinsics that were used
+    # for which `geometry` was corrected; `grid` and `matches` are as recorded
     shutter: RollingShutter | None = None
+    # whether neighbouring frames decided which end of the exposure came first
     time: TimeDirection = field(default_factory=TimeDirection)
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
@@ -140,17 +122,14 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
 
-    Returns
-    -------
-    Estimate
-        A photograph without a trustworthy F has a configuration with its reason, not an error.
-
-    Raises
-    ------
-    ValueError, ModelError
-        If image or camera is none, or a shutter comes without a camera; if the network cannot be used.
+    A photograph without a trustworthy F has a configuration with its reason, not an error. ValueError if
+    image or camera is none, or a shutter comes without a camera; ModelError if the network cannot be used.
     """
-    _refuse_other_than_camera(camera)
+    if not isinstance(camera, Camera | None):
+        raise ValueError(
+            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
+            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
+        )
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
@@ -172,15 +151,6 @@ def estimate(
     )
 
 
-def _refuse_other_than_camera(camera: object) -> None:
-    """Raise ValueError for what is neither None nor a Camera, such as a matrix K or a focal length."""
-    if not isinstance(camera, Camera | None):
-        raise ValueError(
-            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
-            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
-        )
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileEstimate:
     """The estimate of one photograph's file."""
@@ -200,11 +170,6 @@ class FileEstimate:
         """Return the seconds of each step: read, predict, select and solve."""
         steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
-
-    @property
-    def seconds(self) -> float:
-        """Return the seconds of all steps."""
-        return sum(self.timings_s.values())
 
 
 def estimate_file(

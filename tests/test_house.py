@@ -26,11 +26,8 @@ def test_types_agree() -> None:
     check("mypy")
 
 
-def test_linter_finds_nothing() -> None:
+def test_linter_finds_and_formatter_changes_nothing() -> None:
     check("ruff", "check")
-
-
-def test_formatter_changes_nothing() -> None:
     check("ruff", "format", "--check")
 
 

@@ -20,7 +20,6 @@ PACKAGE = ROOT / "blur2view"
 ROWS = [
     "arrays errors",
     "input_files",
-    "file_writing",
     "output_files",
     "camera smears",
     "geometry networks photographs",
@@ -129,11 +128,9 @@ def test_dependencies_are_what_the_package_imports() -> None:
     declared = {re.split(r"[<>=!~]", requirement)[0] for requirement in project["dependencies"]}
     used = set().union(*(third_party(path) for path in PACKAGE_SOURCES))
     assert declared == {DISTRIBUTION.get(name, name) for name in used - set(EXTRAS)}
-    for name in used & set(EXTRAS):
-        extra = project["optional-dependencies"][EXTRAS[name]]
-        assert [re.split(r"[<>=!~]", requirement)[0] for requirement in extra] == [
-            DISTRIBUTION.get(name, name)
-        ]
+    for name, extra in EXTRAS.items():
+        (requirement,) = project["optional-dependencies"][extra]
+        assert re.split(r"[<>=!~]", requirement)[0] == DISTRIBUTION.get(name, name)
 
 
 @pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[0] == "tools"], ids=str)
@@ -148,20 +145,20 @@ def test_version_stands_in_one_place() -> None:
     assert f'__version__ = "{blur2view.__version__}"' in stated
 
 
-def test_import_of_the_package_is_light() -> None:
-    heavy = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch"]
-    heavy += ["tqdm", "numpy", "cv2"]
-    program = f"import sys, blur2view; print([name for name in {heavy} if name in sys.modules])"
+HEAVY = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch", "tqdm"]
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [("blur2view", [*HEAVY, "numpy", "cv2"]), ("blur2view.cli.estimate", ["scipy", "skimage", "pycolmap"])],
+)
+def test_import_of_the_package_is_light_and_an_estimate_starts_without_scipy(
+    module: str, heavy: list[str]
+) -> None:
+    program = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.strip() == "[]"
-
-
-def test_an_estimate_starts_without_scipy() -> None:
-    program = "import sys, blur2view.cli.estimate; print({'scipy', 'skimage', 'pycolmap'} & set(sys.modules))"
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
-    assert done.stdout.strip() == "set()"
 
 
 def test_public_names_are_where_the_package_says() -> None:

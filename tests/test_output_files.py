@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.cli.outputs import plan_outputs
 from blur2view.errors import OutputError
-from blur2view.file_writing import remove_left_over
+from blur2view.output_files import remove_left_over
 from blur2view.photographs.inputs import Inputs
 
 

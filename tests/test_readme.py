@@ -3,18 +3,22 @@
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
+from typing import NamedTuple
 
+import cv2
+import numpy as np
 import pytest
 
 from blur2view import __version__
 from blur2view.colmap import mapping
-from tests.support.readme_files import ROOT, make_files
+from tests.support.many_photographs import ROOT, SAMPLE, write_frames
+from tests.support.walks import Walk
 
 README = (ROOT / "README.md").read_text()
 MOST_WORDS = 1800
@@ -23,30 +27,21 @@ NOT_RUN = ("pip install ", "python -m pytest ", "pre-commit install", "dask ")
 TEST_COMMAND = "pip install '.[train,test]' && python -m pytest -n auto --dist worksteal"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Section:
+class Section(NamedTuple):
     """A part of README under one title, with its blocks of code: language and text."""
 
     title: str
     text: str
-    blocks: tuple[tuple[str, str], ...]
+    blocks: list[tuple[str, str]]
 
 
 def sections() -> Iterator[Section]:
-    """Yield the parts of README that hold code; a line of code that begins with # is no title."""
-    code = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-    spans = [block.span() for block in code.finditer(README)]
-    titles = [
-        title
-        for title in re.finditer(r"^##+ (.+)$", README, re.MULTILINE)
-        if not any(first < title.start() < last for first, last in spans)
-    ]
-    ends = [*(title.start() for title in titles[1:]), len(README)]
-    for title, end in zip(titles, ends, strict=True):
-        text = README[title.end() : end]
-        blocks = tuple((language, body) for language, body in code.findall(text))
+    """Yield the parts of README that hold code."""
+    for part in re.split(r"^##+ ", README, flags=re.MULTILINE)[1:]:
+        title, _, text = part.partition("\n")
+        blocks = re.findall(r"^```(\w+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
         if blocks:
-            yield Section(title=title[1], text=text, blocks=blocks)
+            yield Section(title, text, blocks)
 
 
 def commands(block: str) -> list[str]:
@@ -64,11 +59,6 @@ def named_files(text: str) -> list[str]:
     return re.findall(r"`([\w.]+(?:/[\w.]+)+\.\w+)`", text)
 
 
-def masked(text: str) -> str:
-    """Return a text with every figure replaced, as figures follow the network."""
-    return re.sub(r"\d+(\.\d+)?", "0", text.strip())
-
-
 CODE = list(sections())
 RUNNABLE = [
     section
@@ -77,27 +67,35 @@ RUNNABLE = [
 ]
 
 
+PHOTOGRAPHS = ("models/sample.jpg", "a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
+FRAMES = ("f_000.jpg", "f_010.jpg", "f_020.jpg")  # every tenth of a video
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that README names, and nothing of the checkout."""
-    make_files(tmp_path)
+    """Return a folder with the files that README names, the sample all, and nothing of the checkout."""
+    for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(SAMPLE, tmp_path / name)
+    shutil.copy(ROOT / "models/sample_mover.jpg", tmp_path / "models")
+    picture = np.asarray(cv2.imread(str(SAMPLE)))
+    write_frames(tmp_path / "video.mp4", [picture] * 7)
+    turn, move = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame
+    size = picture.shape[1], picture.shape[0]
+    points = np.random.default_rng(0).uniform(-1, 1, (200, 3)) * (1.5, 1, 2) + (0, 0, 7)
+    walk = Walk(names=FRAMES, size=size, focal=800.0, turn=turn, move=move)
+    walk.write(points, tmp_path / "project.db", {tmp_path / "model" / "0": range(len(FRAMES))})
     return tmp_path
 
 
 @pytest.fixture
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return an environment in which `blur2view` is the program of this checkout."""
-    programs = tmp_path_factory.mktemp("bin")
-    program = programs / "blur2view"
+def call(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], str]:
+    """Return a function that runs a text of a language in the folder and returns what it prints."""
+    program = tmp_path_factory.mktemp("bin") / "blur2view"  # that of this checkout
     program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m blur2view "$@"\n')
     program.chmod(0o755)
-    paths = {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    return {**os.environ, **paths}
-
-
-@pytest.fixture
-def call(folder: Path, environment: dict[str, str]) -> Callable[[str, str], str]:
-    """Return a function that runs a text of a language in the folder and returns what it prints."""
+    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
     interpreters = {"sh": ("bash", "-c"), "python": (sys.executable, "-W", "error", "-c")}
 
     def run(language: str, text: str) -> str:
@@ -117,7 +115,8 @@ def test_every_command_and_python_block_runs(
     printed = ""
     for language, body in section.blocks:
         if language == "text":  # what the command before it prints
-            assert masked(body) == masked(printed)
+            given, made = (re.sub(r"\d+(\.\d+)?", "0", one.strip()) for one in (body, printed))
+            assert given == made  # but for figures, which follow the network
             continue
         for text in commands(body) if language == "sh" else [body]:
             printed = call(language, text)

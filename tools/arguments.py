@@ -1,7 +1,5 @@
 """Command lines of tools: help, and paths, looked at before any work, so that a wrong one costs one line."""
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 from pathlib import Path

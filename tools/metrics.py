@@ -1,19 +1,18 @@
 """Measures of smears, of F and of poses: arrays in, arrays out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import epipoles
-from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.epipolar import epipoles, homogeneous
+from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_vector
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.sampson import serrmin, swapped_order
 
 CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
 EVERY = slice(0, 5)
 DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
+NO_POSE_DEG = 180.0  # the error of no answer
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
 
 
@@ -30,13 +29,6 @@ def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -
     cross = np.abs(d[..., 0] * truth[..., 1] - d[..., 1] * truth[..., 0])
     angle: Array = np.degrees(np.arctan2(cross, np.abs((d * truth).sum(-1))))
     return angle
-
-
-def length_ratio(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
-    """|d| / |d*| of smears (..., 2); infinite where the true length is zero and the other is not."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio: Array = np.linalg.norm(displacement, axis=-1) / np.linalg.norm(true_displacement, axis=-1)
-    return ratio
 
 
 def sparsification_curve(error: ArrayLike, sigma: ArrayLike, steps: int = 20) -> tuple[Array, Array, Array]:
@@ -131,6 +123,44 @@ def translation_direction_error_deg(t: Array, t_true: Array) -> float:
     if not np.linalg.norm(t) > 0:
         return 90.0
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
+
+
+def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float:
+    """Return the larger error of rotation and directed translation that F implies, degrees in [0, 180].
+
+    Both flips of time are tried, F with the order it gives the matches and its transpose with the opposite;
+    each gets its pose by cheirality; the smaller error counts.
+
+    ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``, ``ends`` (N, 2, 2) observed matches for
+    the test of cheirality; their order is not used.
+    """
+    swapped = swapped_order(F, ends)[:, None, None]
+    ordered = np.where(swapped, ends[:, ::-1], ends)
+    flips = (F, ordered), (F.T, ordered[:, ::-1])
+    return min(_directed_error_deg(pose_of(G, K, points), R, t) for G, points in flips)
+
+
+def _directed_error_deg(pose: RigidTransform, R_true: Array, t_true: Array) -> float:
+    """Return the larger error of rotation and directed translation, degrees."""
+    t = pose.translation
+    between = np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), t @ t_true))
+    return max(rotation_error(pose.rotation @ R_true.T, np.eye(3))[0], float(between))
+
+
+def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:
+    """Return the decomposition of K^T F K that has most points before both cameras.
+
+    ``ordered`` (N, 2, 2) holds the points in view 1 and in view 2, pixels.
+    """
+    rays = (homogeneous(ordered) @ np.linalg.inv(K).T)[..., :2]  # (N, 2, 2)
+    poses = decompose_essential(K.T @ F @ K)
+    return max(poses, key=lambda pose: int(before_both(pose, rays[:, 0], rays[:, 1]).sum()))
+
+
+def pose_auc(errors_deg: Array, bound_deg: float) -> float:
+    """Return the area under the recall curve of the pose error up to a bound, over the bound."""
+    gain = np.clip(1 - np.asarray(errors_deg, float) / bound_deg, 0, None)
+    return float(gain.mean()) if len(gain) else 0.0
 
 
 def squared_distance(

@@ -1,7 +1,5 @@
 """What tools write: tables in Markdown, pages, and lines of JSON that a killed run goes on from."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -32,6 +30,20 @@ def append_line(path: Path, document: object) -> None:
     """Add a document to a file of one JSON document a line."""
     with path.open("a") as stream:
         stream.write(json.dumps(document) + "\n")
+
+
+def begun(path: Path, head: dict[str, Any]) -> list[Any]:
+    """Return the finished documents of a file whose first line is a head, or begin one.
+
+    SystemExit if the head is another: results of two versions or settings must not be mixed.
+    """
+    lines = finished_lines(path)
+    if not lines:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        append_line(path, head)
+    elif lines[0] != head:
+        raise SystemExit(f"{path} was begun with {lines[0]}, not {head}: remove it or give another --log")
+    return lines[1:]
 
 
 def finished_lines(path: Path) -> list[Any]:

@@ -1,7 +1,5 @@
 """Worker processes with one thread each, so that studies are fair to every library and fill all cores."""
 
-from __future__ import annotations
-
 import multiprocessing
 import multiprocessing.pool
 import os
@@ -22,19 +20,10 @@ def start_worker() -> None:
 def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
     """Yield a pool of fresh processes in which numpy and OpenCV use one thread.
 
-    The libraries read their limits when they are loaded, so the environment is set while workers start and
-    put back afterwards.
+    Libraries read their limits when they are loaded: the environment is set for the workers, and stays so.
     """
-    before = {name: os.environ.get(name) for name in THREAD_COUNTS}
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))
-    try:
-        with multiprocessing.get_context("spawn").Pool(processes, start_worker) as pool:
-            yield pool
-            pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
-            pool.join()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    with multiprocessing.get_context("spawn").Pool(processes, start_worker) as pool:
+        yield pool
+        pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
+        pool.join()

@@ -11,12 +11,11 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.colmap_camera import (
     FOCAL_RANGE,
-    calibration_matrix,
     colmap_camera,
+    from_colmap,
     normalised_points,
     parse_camera,
     possible_focal,
-    rescaled,
     rescaled_matrix,
     to_colmap,
 )
@@ -41,17 +40,14 @@ class Camera:
     model : str
         COLMAP's name of the camera model.
     params : tuple of float
-        COLMAP's parameters of the model, in COLMAP's pixels.
+        COLMAP's parameters of the model, in COLMAP's pixels; by default those of a pinhole, by K.
     source : str
         "focal", "opencv", "camera string", "database" or "exif", and what was done since.
     log_focal_sigma : float
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
 
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
+    ValueError if shapes or values are not as above.
     """
 
     K: Array
@@ -72,6 +68,9 @@ class Camera:
         if min(self.width, self.height) < 1 or not 0 <= self.log_focal_sigma < np.inf:
             raise ValueError(f"need a positive size and log_focal_sigma >= 0, got {self}")
         object.__setattr__(self, "K", K)
+        if not self.params:
+            pinhole = np.concatenate([np.diag(K)[:2], to_colmap(K[:2, 2])])
+            object.__setattr__(self, "params", tuple(pinhole.tolist()))
 
     @classmethod
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
@@ -91,20 +90,10 @@ class Camera:
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
         """Return the camera of ``cv2.calibrateCamera`` and its like.
 
-        Parameters
-        ----------
-        K : ndarray of shape (3, 3)
-            Camera matrix, (0, 0) at the centre of the top-left pixel, as OpenCV's and ours are.
-        dist : ndarray of 0, 4, 5 or 8 elements, or None
-            Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
-            (thin prisms, a tilted sensor) only if they are zero.
-        size : (int, int)
-            Width and height of the pictures, pixels.
-
-        Raises
-        ------
-        ValueError, CameraError
-            If the values are not as above; if no such camera can be.
+        K (3, 3) has (0, 0) at the centre of the top-left pixel, as OpenCV's and ours have. ``dist``, of any
+        shape, is the distortion k1, k2, p1, p2[, k3[, k4, k5, k6]]; None or none for no distortion, more
+        (thin prisms, a tilted sensor) only if they are zero. ``size`` is width and height of the pictures.
+        ValueError if the values are not as above, CameraError if no such camera can be.
         """
         K = np.asarray(K, float)
         given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()
@@ -114,11 +103,8 @@ class Camera:
         coefficients = np.zeros(8)
         coefficients[: len(given[:8])] = given[:8]
         count = 8 if coefficients[4:].any() else 4 if coefficients.any() else 0
-        params = (
-            *np.diag(pinhole.K)[:2].tolist(),
-            *to_colmap(K[:2, 2]).tolist(),
-            *coefficients[:count].tolist(),
-        )
+        numbers = np.diag(pinhole.K)[:2], to_colmap(K[:2, 2]), coefficients[:count]
+        params = tuple(np.concatenate(numbers).tolist())
         return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], *size, params), "opencv")
 
     @classmethod
@@ -131,9 +117,11 @@ class Camera:
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
-        """Return a pycolmap.Camera as ours."""
+        """Return a pycolmap.Camera as ours; K is that of its undistorted picture."""
+        K = np.array(camera.calibration_matrix(), float)
+        K[:2, 2] = from_colmap(K[:2, 2])
         return cls(
-            K=calibration_matrix(camera),
+            K=K,
             width=camera.width,
             height=camera.height,
             model=camera.model_name,
@@ -149,7 +137,7 @@ class Camera:
     @property
     def distorted(self) -> bool:
         """Whether its model is not a pinhole's."""
-        return self.model not in PINHOLES and len(self.params) > 0
+        return self.model not in PINHOLES
 
     @property
     def focal_px(self) -> float:
@@ -177,11 +165,7 @@ class Camera:
     def for_image(self, image_size: tuple[int, int]) -> Camera:
         """Return the camera for a picture of another size and, to a pixel, the same shape: it was resized.
 
-        Raises
-        ------
-        CameraError
-            If the shapes differ: a cropped or rotated picture has another principal point, which is
-            unknown.
+        CameraError if the shapes differ: a cropped or rotated picture has another, unknown principal point.
         """
         width, height = image_size
         if (width, height) == (self.width, self.height):
@@ -196,16 +180,9 @@ class Camera:
             )
         source = f"{self.source}, scaled by {scale:.4g}"
         if self.distorted:
-            resized = Camera.from_colmap(rescaled(self._colmap, width, height), source)
-            return replace(resized, log_focal_sigma=self.log_focal_sigma)
+            resized = colmap_camera(self.model, self.width, self.height, self.params)
+            resized.rescale(width, height)
+            camera = Camera.from_colmap(resized, source)
+            return replace(camera, log_focal_sigma=self.log_focal_sigma)
         K = rescaled_matrix(self.K, scale)
-        params = (K[0, 0], K[1, 1], *to_colmap(K[:2, 2]))
-        return replace(
-            self,
-            K=K,
-            width=width,
-            height=height,
-            model="PINHOLE",
-            params=tuple(map(float, params)),
-            source=source,
-        )
+        return replace(self, K=K, width=width, height=height, model="PINHOLE", params=(), source=source)

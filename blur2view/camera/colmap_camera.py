@@ -1,21 +1,23 @@
-"""COLMAP's conventions in one place: its pixels and its camera models.
+"""COLMAP's conventions in one place: its pixels, its camera models, F and H of its pixels.
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there. Every number that goes to or
-comes from COLMAP passes through this module, F and H through `colmap_geometry`; nothing else in the package
-adds or takes a half. Camera models are those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays
-in a plane: another of COLMAP's works without a line here; `colmap.schema` names those that need no pycolmap.
+comes from COLMAP passes through this module; nothing else in the package adds or takes a half. Camera models
+are those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane: another of COLMAP's
+works without a line here; `colmap.schema` names those that need no pycolmap.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.errors import CameraError
 
 HALF_PIXEL = 0.5
+COLMAP_FROM_PIXEL, PIXEL_FROM_COLMAP = (
+    np.array([[1, 0, half], [0, 1, half], [0, 0, 1.0]]) for half in (HALF_PIXEL, -HALF_PIXEL)
+)
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
 FOCAL_PX = (0.1, 1e7)  # focal lengths of cameras; a telescope of 10 m before pixels of 2 um has 5e6
 FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
@@ -81,13 +83,6 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     return camera
 
 
-def calibration_matrix(camera: Any) -> Array:
-    """Return K (3, 3) of a pycolmap.Camera in our pixels: the pinhole camera of its undistorted image."""
-    K = np.array(camera.calibration_matrix(), float)
-    K[:2, 2] = from_colmap(K[:2, 2])
-    return K
-
-
 def rescaled_matrix(K: Array, scale: float) -> Array:
     """Return K (3, 3) of a picture resized by a factor: its corners, not pixel centres, keep their place."""
     resized = np.diag([scale, scale, 1.0]) @ K
@@ -95,14 +90,53 @@ def rescaled_matrix(K: Array, scale: float) -> Array:
     return resized
 
 
-def rescaled(camera: Any, width: int, height: int) -> Any:
-    """Return the copy of a pycolmap.Camera for a picture resized to this size."""
-    copy = type(camera)(camera.todict())
-    copy.rescale(width, height)
-    return copy
-
-
 def normalised_points(camera: Any, points: Array) -> Array:
     """Return rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
     # a point list comes back with NaN where a single point gives None
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
+
+
+def fundamental_to_colmap(F: Array) -> Array:
+    """Return F (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    shifted: Array = PIXEL_FROM_COLMAP.T @ F @ PIXEL_FROM_COLMAP
+    return shifted / np.linalg.norm(shifted)
+
+
+def homography_to_colmap(H: Array) -> Array:
+    """Return H (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    shifted: Array = COLMAP_FROM_PIXEL @ H @ PIXEL_FROM_COLMAP
+    return shifted / np.linalg.norm(shifted)
+
+
+def rigid3d(rotation: Array, translation: Array) -> Any:
+    """Return the pycolmap.Rigid3d of a rotation matrix (3, 3) and a translation (3,)."""
+    import pycolmap
+
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
+
+
+def colmap_two_view_geometry(
+    config: str,
+    inliers: NDArray[np.int_],
+    *,
+    F: Array | None = None,
+    E: Array | None = None,
+    H: Array | None = None,
+    pose: tuple[Array, Array] | None = None,
+) -> Any:
+    """Return a pycolmap.TwoViewGeometry of index-aligned keypoints.
+
+    ``config`` is a name of TwoViewGeometryConfiguration; ``inliers`` (M,) are indices of keypoints, the same
+    in both images; F and H (3, 3) are of our pixels, E of rays, which have no half pixel; ``pose`` is
+    rotation (3, 3) and translation (3,) of cam2_from_cam1.
+    """
+    import pycolmap
+
+    return pycolmap.TwoViewGeometry(
+        config=pycolmap.TwoViewGeometryConfiguration.__members__[config],
+        inlier_matches=np.stack([inliers, inliers], axis=1).astype(np.uint32),
+        F=None if F is None else fundamental_to_colmap(F),
+        E=E,
+        H=None if H is None else homography_to_colmap(H),
+        cam2_from_cam1=None if pose is None else rigid3d(*pose),
+    )

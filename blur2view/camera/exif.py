@@ -1,7 +1,5 @@
 """Focal length, exposure time and orientation of a photograph by its EXIF."""
 
-from __future__ import annotations
-
 import io
 import os
 import warnings
@@ -25,23 +23,12 @@ MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, cent
 
 @dataclass(frozen=True, kw_only=True)
 class ExifValues:
-    """Values of EXIF; None where there is no usable one.
+    """Values of EXIF; None where there is no usable one."""
 
-    Parameters
-    ----------
-    focal_px : float or None
-        Focal length in pixels of the photograph as it is stored, good to a few per cent.
-    focal_tags : str
-        The tags it is from.
-    exposure_s : float or None
-        Exposure time in seconds.
-    rows_towards : (int, int)
-        Direction in the upright picture in which the sensor's rows follow each other, by its orientation.
-    """
-
-    focal_px: float | None = None
-    focal_tags: str = ""
+    focal_px: float | None = None  # of the photograph as it is stored, good to a few per cent
+    focal_tags: str = ""  # the tags it is from
     exposure_s: float | None = None
+    # direction in the upright picture in which the sensor's rows follow each other, by its orientation
     rows_towards: tuple[int, int] = (0, 1)
 
 
@@ -51,10 +38,7 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
     FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
     picture upright does not change it. ``content`` is that of the file, where it has been read already.
-
-    References
-    ----------
-    CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
+    Source: CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
     """
     try:
         with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:

@@ -1,7 +1,5 @@
 """The intrinsics of a photograph: those that the user states, else those of EXIF."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,22 +16,12 @@ EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, c
 class Intrinsics:
     """The user's statement on the camera of every photograph of a call: none, a focal length or a camera.
 
-    Parameters
-    ----------
-    focal_px : float or None
-        Focal length in pixels.
-    camera : str, callable or None
-        A COLMAP camera string or "exif"; or what looks the camera up by the photograph's path, as
-        `blur2view.colmap.cameras.StoredCamera` does.
-
-    Raises
-    ------
-    ValueError, CameraError
-        If both are given or the focal length is not positive; if the string is no camera.
+    ValueError if both are given or the focal length is not positive, CameraError if the string is no camera.
     """
 
     focal_px: float | None = None
     camera: str | Callable[[Path], Camera] | None = None
+    """A COLMAP string, "exif", or what looks it up by a photograph's path: `colmap.cameras.StoredCamera`."""
 
     def __post_init__(self) -> None:
         """Check what can be checked without a photograph."""
@@ -51,21 +39,13 @@ class Intrinsics:
             return "--focal"
         return None if self.camera in (None, "exif") else "--camera"
 
-    @property
-    def in_database(self) -> bool:
-        """Whether the camera is in a COLMAP database, which is read for every photograph."""
-        return callable(self.camera)
-
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 
         Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
         a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
 
-        Raises
-        ------
-        CameraError
-            If EXIF is asked for and has no focal length, a database cannot be used, or the size does not fit.
+        CameraError if EXIF is asked for and has none, a database cannot be used, or the size does not fit.
         """
         if self.focal_px is not None:
             return Camera.from_focal(self.focal_px, image_size)

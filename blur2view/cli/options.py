@@ -48,7 +48,7 @@ class PhotographOptions:
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
-        if self.dask is not None and self.run.intrinsics.in_database:
+        if self.dask is not None and callable(self.run.intrinsics.camera):
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )

@@ -25,9 +25,16 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.errors import OutputError
-from blur2view.file_writing import half_written, remove_left_over
 from blur2view.input_files import parse_json, read_regular
-from blur2view.output_files import SIGNED_BY, ResultFiles, below_shared_folder, is_ours, prepared
+from blur2view.output_files import (
+    SIGNED_BY,
+    ResultFiles,
+    below_shared_folder,
+    half_written,
+    is_ours,
+    prepared,
+    remove_left_over,
+)
 from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document, FailureDocument

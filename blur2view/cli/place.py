@@ -11,8 +11,7 @@ from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_our
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
-from blur2view.file_writing import write_files
-from blur2view.output_files import writing
+from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
 
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")

@@ -16,8 +16,7 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_files
-from blur2view.output_files import below_shared_folder, check_file, prepared, writing
+from blur2view.output_files import below_shared_folder, check_file, prepared, write_files, writing
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
 from blur2view.results.verdicts import VERDICT_ORDER, meaning

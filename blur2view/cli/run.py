@@ -14,9 +14,15 @@ from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
-from blur2view.file_writing import is_there
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import ResultFiles, below_shared_folder, check_file, prepared, write_text
+from blur2view.output_files import (
+    ResultFiles,
+    below_shared_folder,
+    check_file,
+    is_there,
+    prepared,
+    write_text,
+)
 from blur2view.photographs.inputs import Inputs
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text

@@ -12,8 +12,7 @@ from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_files
-from blur2view.output_files import check_file, writing
+from blur2view.output_files import check_file, write_files, writing
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 

@@ -17,9 +17,8 @@ from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
-from blur2view.colmap.database_matches import DatabaseMatcher, database_names
 from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import storable
+from blur2view.colmap.project import DatabaseMatcher, database_names, storable
 from blur2view.colmap.text_formats import has_blank
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
 from blur2view.exposure.linked_views import keypoint_views
@@ -66,7 +65,7 @@ class PhotographViews:
         return ViewsDocument(
             image=str(self.photograph.path),
             name=views.name,
-            views=list(views.names),
+            views=views.names,
             action=action or ("add" if plan is None else plan.step.value),
             config=views.geometry.config.name,
             parallax=str(views.geometry.parallax),
@@ -162,7 +161,7 @@ def _check_shapes(views: ExposureViews, count: int) -> None:
         raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
     if camera is not None and (camera.width, camera.height) != views.size:
         raise ValueError("expected a camera of the photograph's size")
-    if camera is not None and camera.params:
+    if camera is not None:
         colmap_camera(camera.model, *views.size, camera.params)
 
 

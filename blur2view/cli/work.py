@@ -1,11 +1,12 @@
 """The work on one photograph, as far as the commands share it: how it is estimated, by which network.
 
-The network is loaded once in each process and run in one thread, so that bytes are equal.
+The network is loaded once in each process: bytes do not depend on its threads.
 """
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -19,13 +20,14 @@ from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.neighbours import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
+from blur2view.input_files import parse_json, read_regular
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
-from blur2view.results.stored import plain, restored_file
+from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Kept, Target, Work, file_digest
@@ -47,7 +49,7 @@ class CommandNetwork:
         path = model_path(model)
         network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
         network.loaded.on_tile = Progress(TILE).show  # or it says what is wrong
-        network.loaded.tiles_at_once = usable_cores()  # here alone: other processes have a core each
+        network.loaded.tiles_at_once = usable_cores()  # here alone
         return network
 
     @property
@@ -58,8 +60,8 @@ class CommandNetwork:
 
 @lru_cache(maxsize=1)
 def _loaded(network: CommandNetwork) -> SmearNetwork:
-    """Return the smear network, loaded once."""
-    loaded = SmearNetwork(network.model, threads=1)
+    """Return the smear network, loaded once; processes beside others have a core each."""
+    loaded = SmearNetwork(network.model, threads=usable_cores() if parent_process() is None else 1)
     if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
         raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
     return loaded
@@ -102,7 +104,7 @@ class EstimatingWork(Work[Target, Kept]):
 
     def row(self, one: FileEstimate) -> Row:
         """Return the row of a photograph in a table, without its name."""
-        row = Row.of(one.estimate, one.exposure_s, one.seconds if self.timings else None)
+        row = Row.of(one.estimate, one.exposure_s, sum(one.timings_s.values()) if self.timings else None)
         return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
 
 
@@ -117,7 +119,8 @@ class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
         """Return the document that an earlier call has written."""
         if not self.json or job.target is None:
             return None
-        document: Written = restored_file(self.kind, job.target.document)
+        content = parse_json(read_regular(job.target.document))
+        document: Written = restore(self.kind, content)
         return document
 
 

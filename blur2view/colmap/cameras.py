@@ -1,12 +1,9 @@
 """The cameras of a COLMAP database: what ``--camera project.db`` names."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -49,6 +46,8 @@ def camera_of_database(
     ``image_name`` is the photograph's path; the database's image whose name it ends with is taken for it.
     CameraError if the database cannot be read, has no such camera, or leaves the choice open.
     """
+    import pycolmap
+
     path = Path(path)
     try:
         with open_read_only(path) as database:
@@ -60,13 +59,7 @@ def camera_of_database(
                 raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(_ids(database))}")
     except DatabaseError as error:
         raise CameraError(str(error)) from None
-    return Camera.from_colmap(_colmap_camera(path, camera_id, *row), f"database, camera {camera_id}")
-
-
-def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: Any, params: Any) -> Any:
-    """Return the pycolmap.Camera of a row, whose values may be of any type."""
-    import pycolmap
-
+    model, width, height, params = row  # of any type
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
@@ -75,7 +68,8 @@ def _colmap_camera(path: Path, camera_id: int, model: Any, width: Any, height: A
         raise CameraError(
             f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
         ) from None
-    return colmap_camera(name, width, height, values)
+    camera = colmap_camera(name, width, height, values)
+    return Camera.from_colmap(camera, f"database, camera {camera_id}")
 
 
 def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int:

@@ -6,8 +6,6 @@ and no other, and hold values of COLMAP's types; all of it is checked before any
 misses, the count of the user's rows at the end of the transaction does not.
 """
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ connection of SQLite is not enough: with a write-ahead log it creates two files 
 them there, and after a killed program it refuses to read.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3
@@ -41,12 +39,8 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
 
     What another program has written but not yet moved from the write-ahead log into the file is read too, and
     what a killed one has written in part is left out.
-
-    Raises
-    ------
-    DatabaseError
-        If there is no such file, it is locked, damaged or no database of SQLite, also where a query inside
-        shows it; if another program changed it meanwhile.
+    DatabaseError if there is no such file, it is locked, damaged or no database of SQLite, also where a query
+    inside shows it; if another program changed it meanwhile.
     """
     with database_errors(path), ExitStack() as stack:
         path = path.resolve()
@@ -56,7 +50,10 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
             if error.sqlite_errorcode & 0xFF not in NEEDS_WRITING:
                 raise
             # a killed program left a journal to undo or a log to index: SQLite does it in a copy
-            copy = _copied(path, Path(stack.enter_context(TemporaryDirectory())))
+            copy = Path(stack.enter_context(TemporaryDirectory())) / "copy.db"
+            for suffix in ("", *LOGS):
+                if Path(f"{path}{suffix}").is_file():
+                    shutil.copyfile(f"{path}{suffix}", f"{copy}{suffix}")
             database = stack.enter_context(_begun(copy, "mode=rw"))
         yield database
 
@@ -78,8 +75,10 @@ def database_errors(path: Path) -> Iterator[None]:
 def _begun(path: Path, query: str) -> Iterator[sqlite3.Connection]:
     """Yield a connection whose read transaction has begun."""
     # A closed log needs no lock: its database changes only when a log is there again and written back.
-    closed_log = _has_log_format(path) and not path.with_name(f"{path.name}-wal").exists()
     before = path.stat()
+    with path.open("rb") as file:
+        has_log_format = file.read(20)[19:] == bytes([WAL_FORMAT])
+    closed_log = has_log_format and not path.with_name(f"{path.name}-wal").exists()
     with closing(connect(path, "immutable=1" if closed_log else query)) as database:
         database.execute("BEGIN")
         database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
@@ -103,20 +102,3 @@ def connect(path: Path, query: str) -> sqlite3.Connection:
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
     database.text_factory = lambda data: data.decode("utf-8", "surrogateescape")
     return database
-
-
-def _has_log_format(path: Path) -> bool:
-    """Return whether the header says that the database is used with a write-ahead log."""
-    if not path.stat().st_size:
-        return False
-    with path.open("rb") as file:
-        return file.read(20)[19:] == bytes([WAL_FORMAT])
-
-
-def _copied(path: Path, folder: Path) -> Path:
-    """Copy a database with its journal or log; return the copy."""
-    for suffix in ("", *LOGS):
-        source = path.with_name(path.name + suffix)
-        if source.is_file():
-            shutil.copyfile(source, folder / f"copy.db{suffix}")
-    return folder / "copy.db"

@@ -1,7 +1,5 @@
 """A fresh COLMAP database of blurred photographs: two virtual images of each."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -24,6 +22,7 @@ from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES, VIEWS_TA
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+from blur2view.output_files import half_written
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""
@@ -44,21 +43,9 @@ def write_database(
     Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
     direction is known.
 
-    Parameters
-    ----------
-    path : path-like
-        Must not exist, unless it is replaced.
-    photographs : sequence of ExposureViews
-        Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
-    replace : bool
-        Whether a file of this name is replaced, once the new one is whole.
-
-    Raises
-    ------
-    ValueError
-        If two photographs have one name.
-    DatabaseError
-        If the file exists or cannot be written.
+    A file of this name is replaced only if that is wanted, once the new one is whole. Of photographs without
+    F and H nothing is matched: the ends' order would mean nothing. ValueError if two photographs have one
+    name, DatabaseError if the file exists or cannot be written.
     """
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
@@ -69,7 +56,13 @@ def write_database(
             columns = camera_columns(views.camera, views.size)
             if columns not in cameras:
                 cameras[columns] = add_camera(database, columns)
-            _add_views(database, views, cameras[columns])
+            first, last = (
+                add_image(database, name, cameras[columns], with_frame=True) for name in views.names
+            )
+            put_keypoints(database, first, views.points_open)
+            put_keypoints(database, last, views.points_close)
+            put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
+            mark_views(database, views, (first, last))
 
 
 def refuse_existing(path: Path) -> None:
@@ -103,7 +96,7 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
     """Open an empty COLMAP database beside the path, and rename it when all is written."""
     if not replace:
         refuse_existing(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    beside = half_written(path)
     try:
         beside.unlink(missing_ok=True)
         with closing(sqlite3.connect(beside, isolation_level=None)) as database:
@@ -113,7 +106,10 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
             yield database
             database.execute("COMMIT")
         if replace and path.is_file():
-            _finish(path)
+            # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use
+            with database_errors(path), closing(connect(path, "mode=rw")) as old:
+                old.execute("PRAGMA journal_mode = DELETE")
+                old.execute("SELECT 1 FROM sqlite_master")
         else:
             refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
@@ -122,25 +118,6 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
     finally:
         beside.unlink(missing_ok=True)
-
-
-def _finish(path: Path) -> None:
-    """Settle the log or journal of a database, or SQLite would apply it to the one that takes its place.
-
-    DatabaseError while another program uses it.
-    """
-    with database_errors(path), closing(connect(path, "mode=rw")) as database:
-        database.execute("PRAGMA journal_mode = DELETE")
-        database.execute("SELECT 1 FROM sqlite_master")
-
-
-def _add_views(database: sqlite3.Connection, views: ExposureViews, camera_id: int) -> None:
-    """Insert both images of a photograph and their pair."""
-    first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
-    put_keypoints(database, first, views.points_open)
-    put_keypoints(database, last, views.points_close)
-    put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
-    mark_views(database, views, (first, last))
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:

@@ -7,8 +7,6 @@ and ``import_matches``) a database must hold the views' names: ``hloc.reconstruc
 from the pictures of ``--format matches``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from io import BytesIO
@@ -22,8 +20,8 @@ from blur2view.colmap.database import inliers
 from blur2view.colmap.text_formats import are_views, writing_views
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
-from blur2view.file_writing import write_files
 from blur2view.input_files import open_regular, read_regular
+from blur2view.output_files import write_files
 
 UNMATCHED = -1
 DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises of damaged bytes
@@ -47,11 +45,7 @@ def write_hloc(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`. No
     name is there twice or has a blank, at which readers of pairs cut names.
-
-    Raises
-    ------
-    OutputError
-        If h5py is missing, or a file cannot be written or is not ours.
+    OutputError if h5py is missing, or a file cannot be written or is not ours.
     """
     h5py = _h5py()
     refuse_foreign(folder)

@@ -4,8 +4,6 @@ Per photograph two images, their keypoints, and three pairs: photograph-open, ph
 Rows of the user are read, never written.
 """
 
-from __future__ import annotations
-
 import os
 import sqlite3
 import time
@@ -68,7 +66,13 @@ def plan_links(
         for photograph in photographs:
             name = longest_suffix(names, photograph)
             if name is None:
-                plan.append(_without_image(path, names, photograph))
+                remedy = f"{path} has no image of that name; leave it out"
+                if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is not None:
+                    remedy = (
+                        f"{path} holds its views without the photograph, so that nothing can be linked; "
+                        "choose another --db, without --link"
+                    )
+                plan.append(DatabaseError(f"{photograph}: {remedy}"))
             elif name in first_of:
                 plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
             else:
@@ -78,16 +82,6 @@ def plan_links(
         if writes:
             check_room(path, database, 2 * writes)
     return plan
-
-
-def _without_image(path: Path, names: dict[str, int], photograph: Path) -> DatabaseError:
-    """Return why a photograph that the project does not hold is not linked."""
-    if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is None:
-        return DatabaseError(f"{photograph}: {path} has no image of that name; leave it out")
-    return DatabaseError(
-        f"{photograph}: {path} holds its views without the photograph, so that nothing can be linked; "
-        "choose another --db, without --link"
-    )
 
 
 def _plan_one(
@@ -124,11 +118,7 @@ def write_links(
     """Write planned views in one transaction; without any the file is not touched.
 
     Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
-
-    Raises
-    ------
-    DatabaseError
-        If the database cannot be used, or an image changed since the plan. Nothing is written then.
+    DatabaseError if the database cannot be used, or an image changed since the plan: nothing is written then.
     """
     if not links:
         return None
@@ -136,7 +126,11 @@ def write_links(
         with open_project(path, write=True) as database:
             names = image_names(database)
             for plan, _ in links:
-                _require_unchanged(path, database, names, plan)
+                name = plan.image.name
+                now = name in names and _plan_one(path, database, names, name, plan.step is Step.REPLACE)
+                same = isinstance(now, LinkStep) and (now.step, now.image.digest)
+                if same != (plan.step, plan.image.digest):
+                    raise DatabaseError(f"{path}: image {name} has changed meanwhile; run again")
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
@@ -148,16 +142,6 @@ def write_links(
                 raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
     return copy
-
-
-def _require_unchanged(
-    path: Path, database: sqlite3.Connection, names: dict[str, int], plan: LinkStep
-) -> None:
-    """Refuse a plan whose image another program has changed since."""
-    name = plan.image.name
-    now = _plan_one(path, database, names, name, plan.step is Step.REPLACE) if name in names else None
-    if not isinstance(now, LinkStep) or now.step is not plan.step or now.image.digest != plan.image.digest:
-        raise DatabaseError(f"{path}: image {name} has changed meanwhile; run again")
 
 
 def _write_link(database: sqlite3.Connection, image: ProjectImage, views: ExposureViews) -> None:

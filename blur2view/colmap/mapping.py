@@ -48,8 +48,6 @@ Photographs and views of a linked project, all anew, one by one or at once::
     pycolmap.global_mapping("project.db", "frames", "global", blur2view.global_options())
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from pathlib import Path
@@ -71,32 +69,15 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
-    Parameters
-    ----------
-    linked : bool
-        False: a database of exposures alone, each of which is a model of two images, which do not determine
-        the focal length: pass it to ``to-colmap``. True: the views stand beside the photographs of an
-        ordinary project (``--link``). Its wide baselines then begin the model, make the points and refine the
-        intrinsics, and only what would refuse the views is changed.
-    keep_photographs : bool
-        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
-        are, and the intrinsics. So views join the model that was there before them; smears, which err more
-        than features do, cannot bend it.
+    In a database of exposures alone each is a model of two images, which do not determine the focal length:
+    pass it to ``to-colmap``. In a linked one (``--link``) the views stand beside the photographs of an
+    ordinary project: its wide baselines begin the model, make the points and refine the intrinsics, and only
+    what would refuse the views is changed. ``keep_photographs`` leaves the poses of photographs in the model
+    that ``input_path`` names as they are, and the intrinsics: so views join the model that was there before
+    them; smears, which err more than features do, cannot bend it. ValueError if photographs are to be kept
+    where there are none.
 
-    Returns
-    -------
-    pycolmap.IncrementalPipelineOptions
-        The source says why each value differs from the default of pycolmap 4.2.
-
-    Raises
-    ------
-    ValueError
-        If photographs are to be kept where there are none.
-
-    Examples
-    --------
-    >>> mapper_options().triangulation.ignore_two_view_tracks
-    False
+    The source says why each value of the pycolmap.IncrementalPipelineOptions differs from pycolmap 4.2's.
     """
     import pycolmap
 
@@ -114,13 +95,7 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
         # not 30: a view sees only points whose smears are confident. None of its matches is a mistake of
         # appearance, as its keypoints are the photograph's, moved.
         options.mapper.abs_pose_min_num_inliers = 8
-    else:
-        _accept_exposures(options)
-    return options
-
-
-def _accept_exposures(options: Any) -> None:
-    """Change pycolmap.IncrementalPipelineOptions in place to build models of single exposures."""
+        return options
     options.min_model_size = 2  # in a database of many exposures each is a model of two images
     options.triangulation.ignore_two_view_tracks = False  # a smear is a track of two views; there is no other
     options.triangulation.min_angle = MIN_ANGLE_DEG  # not 1.5, of points made later or of an exposure alone
@@ -129,6 +104,7 @@ def _accept_exposures(options: Any) -> None:
     options.mapper.init_max_forward_motion = 1.0  # 0.95 refuses who walks forward
     options.mapper.init_min_num_inliers = 50  # not 100: a small or plain picture has few confident smears
     options.mapper.init_max_error = 2.0  # 4 px forgive a third of a smear
+    return options
 
 
 def global_options() -> Any:
@@ -149,23 +125,11 @@ def global_options() -> Any:
 def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     """Return the model of one exposure with the estimated poses, unchanged, and triangulated points.
 
-    Parameters
-    ----------
-    database : path-like
-        That ``blur2view to-colmap`` wrote with known intrinsics; it is only read.
-    name : str
-        Of the photograph.
-
-    Returns
-    -------
-    pycolmap.Reconstruction
-        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
-        length, and a point for every inlier whose rays meet before both cameras.
-
-    Raises
-    ------
-    DatabaseError
-        If the database lacks the views or a pose between them, or that pose has no translation.
+    The database is one that ``blur2view to-colmap`` wrote with known intrinsics, and only read; ``name`` is
+    the photograph's. The pycolmap.Reconstruction is of two images: the open one at the origin, the close one
+    at cam2_from_cam1 with a translation of unit length, and a point for every inlier whose rays meet before
+    both cameras. DatabaseError if the database lacks the views or a pose between them, or that pose has no
+    translation.
     """
     import pycolmap
 

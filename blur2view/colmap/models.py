@@ -1,15 +1,16 @@
 """COLMAP's models in folders: the largest of a mapper's, and the pictures that one is of."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from blur2view.arrays import Array
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.input_files import open_regular, read_regular
@@ -42,6 +43,19 @@ def read_model(folder: Path) -> Any:
         reason = "is no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+
+
+def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:
+    """Return the 3D points (N, 3) that an image's points of these places are of.
+
+    DatabaseError if the model does not have one of them, as a damaged one.
+    """
+    numbers = [image.points2D[place].point3D_id for place in places]
+    if not all(number in model.points3D for number in numbers):
+        raise DatabaseError(
+            f"{image.name}: sees points that the model does not have; let COLMAP write it again"
+        )
+    return np.array([model.points3D[number].xyz for number in numbers]).reshape(-1, 3)
 
 
 def _check_file(path: Path) -> None:
@@ -96,10 +110,7 @@ RECORDS: dict[str, Callable[[mmap.mmap, int], int]] = {
 def find_model(folder: Path) -> FoundModel:
     """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
 
-    Raises
-    ------
-    DatabaseError
-        If there is none that can be read.
+    DatabaseError if there is none that can be read.
     """
     below = [path for path in folder.iterdir() if holds_model(path)] if folder.is_dir() else []
     if holds_model(folder) or not below:

@@ -5,8 +5,6 @@ smears 22 of 28 views, the rotation during the exposure off by 88 %. Here the ph
 hardly harms, are the trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
 """
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
@@ -18,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap, normalised_points
-from blur2view.camera.colmap_geometry import rigid3d
-from blur2view.colmap.database_matches import read_keypoints, read_matches
-from blur2view.colmap.models import read_model
-from blur2view.colmap.project import frame_of, image_names, open_project
+from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
+from blur2view.colmap.models import read_model, seen_points
+from blur2view.colmap.project import frame_of, image_names, open_project, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import (
@@ -41,24 +37,18 @@ MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """A reconstruction with virtual views.
-
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-        As it was, with both views of ``placed`` beside their photographs, and with observations of its
-        points in them where these lie within `MAX_ERROR_PX`.
-    fraction : float
-        Exposure over frame interval: the given one, or as measured from the smears, with the same relative
-        bias as their length; NaN if unknown.
-    placed, left : tuple of str
-        Photographs whose views were placed; those registered, with views in the database, that were not.
-    """
+    """A reconstruction with virtual views."""
 
     model: Any
+    """pycolmap.Reconstruction as it was, with both views of ``placed`` beside their photographs, and with
+    observations of its points in them where these lie within `MAX_ERROR_PX`."""
     fraction: float
+    """Exposure over frame interval: the given one, or as measured from the smears, with the same relative
+    bias as their length; NaN if unknown."""
     placed: tuple[str, ...]
+    """Photographs whose views were placed."""
     left: tuple[str, ...]
+    """Those registered, with views in the database, that were not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,29 +68,13 @@ def place_views(
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
-    Parameters
-    ----------
-    database : path-like
-        That ``blur2view to-colmap --link`` has written views to.
-    model : path-like
-        Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
-    names : sequence of str, optional
-        Photographs of one video in order, none left out: those that are not registered or have no views are
-        passed over, and what they part does not follow one another. Default: those whose names differ by
-        one in their number follow one another.
-    fraction : float, optional
-        Exposure time over frame interval, if it is known; default: measured from the smears.
-
-    Returns
-    -------
-    Placement
-
-    Raises
-    ------
-    DatabaseError
-        If the database or the model is missing or broken, or holds no views of the model's photographs.
-    ValueError
-        If the fraction is not positive and finite.
+    ``blur2view to-colmap --link`` has written views to the database; ``model`` is the folder of a
+    reconstruction of its photographs, views left out (``image_names``, or made before). ``names`` are
+    photographs of one video in order, none left out: those that are not registered or have no views are
+    passed over, and what they part does not follow one another; by default those whose names differ by one in
+    their number follow one another. ``fraction`` is exposure time over frame interval, by default measured
+    from the smears. DatabaseError if the database or the model is missing or broken, or holds no views of the
+    model's photographs; ValueError if the fraction is not positive and finite.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
@@ -109,7 +83,11 @@ def place_views(
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
     frames, spreads = _frames(reconstruction, linked, names)
-    used, scale = _fraction_and_scale(frames, fraction)
+    used, scale = common_fraction(frames), 1.0
+    if fraction is not None and used * MOST_SCALED > fraction:
+        scale = fraction / used
+    elif fraction is not None:  # the smears are too few or too short to measure it
+        used = fraction
     placed: list[str] = []
     left: list[str] = []
     for one, frame, spread in zip(linked, frames, spreads, strict=True):
@@ -123,17 +101,6 @@ def place_views(
         placed=tuple(placed),
         left=tuple(left),
     )
-
-
-def _fraction_and_scale(frames: list[ExposedFrame], known: float | None) -> tuple[float, float]:
-    """Return the fraction to weigh smears with, and the factor that scales the motions to a known one.
-
-    The fraction is the known one, and the factor 1, if the smears are too few or too short to measure it.
-    """
-    measured = common_fraction(frames)
-    if known is None:
-        return measured, 1.0
-    return (measured, known / measured) if measured * MOST_SCALED > known else (known, 1.0)
 
 
 def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:
@@ -160,21 +127,18 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:
     """Return a photograph with its views, of which the database has both; ValueError if a row is damaged."""
-    names = photograph.name + OPEN, photograph.name + CLOSE
-    first, last = (_read_view(opened, ids[name], name, photograph.camera_id) for name in names)
+    import pycolmap
+
+    views = []
+    for name in (photograph.name + OPEN, photograph.name + CLOSE):
+        points, camera_id = read_keypoints(opened, ids[name]), photograph.camera_id
+        view = pycolmap.Image(name=name, keypoints=points, camera_id=camera_id, image_id=ids[name])
+        view.frame_id = frame_of(opened, ids[name])
+        views.append(view)
+    first, last = views
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
     count = min(image.num_points2D() for image in (photograph, first, last))
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
-
-
-def _read_view(opened: sqlite3.Connection, image_id: int, name: str, camera_id: int) -> Any:
-    """Return the pycolmap.Image of a view."""
-    import pycolmap
-
-    keypoints = read_keypoints(opened, image_id)
-    view = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
-    view.frame_id = frame_of(opened, image_id)
-    return view
 
 
 def _frames(
@@ -196,16 +160,11 @@ def _frames(
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
     """Return the smears of the features whose 3D point lies in front of the camera; no velocity yet."""
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
-    seen = np.array([i for i in one.matched if points[int(i)].has_point3D()], np.int64)
+    seen = [i for i in map(int, one.matched) if points[i].has_point3D()]
     pose = one.photograph.cam_from_world().matrix()
-    ids = [points[int(i)].point3D_id for i in seen]
-    if not all(number in model.points3D for number in ids):
-        raise DatabaseError(
-            f"{one.photograph.name}: sees points that the model does not have; let COLMAP write it again"
-        )
-    world = np.array([model.points3D[number].xyz for number in ids]).reshape(-1, 3)
+    world = seen_points(model, one.photograph, seen)
     depth = world @ pose[2, :3] + pose[2, 3]
-    pixels = np.array([[view.points2D[int(i)].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
+    pixels = np.array([[view.points2D[i].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
     first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
@@ -217,25 +176,25 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
 
 
 def _add_views(model: Any, one: _Linked, motion: Array) -> None:
-    """Add both images half of the motion before and after the photograph, and what they observe."""
-    for view, sign in zip(one.views, (-1, 1), strict=True):
-        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
-        _add_view(model, view, one.photograph, half * one.photograph.cam_from_world())
-        _observe(model, one, view.image_id)
+    """Add both images half of the motion before and after the photograph, and what they observe.
 
-
-def _add_view(model: Any, view: Any, photograph: Any, cam_from_world: Any) -> None:
-    """Add one image, alone in its frame; the rig, which may have more cameras, is that of the photograph."""
+    Each is alone in its frame; the rig, which may have more cameras, is that of the photograph.
+    """
     import pycolmap
 
-    if model.exists_frame(view.frame_id):  # the model is older than the project's frames
-        view.frame_id = 1 + max(model.frames)
-    frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
-    frame.add_data_id(view.data_id)
-    model.add_frame(frame)
-    model.add_image(view)
-    model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, cam_from_world)
-    model.register_frame(view.frame_id)
+    photograph = one.photograph
+    for view, sign in zip(one.views, (-1, 1), strict=True):
+        if model.exists_frame(view.frame_id):  # the model is older than the project's frames
+            view.frame_id = 1 + max(model.frames)
+        frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
+        frame.add_data_id(view.data_id)
+        model.add_frame(frame)
+        model.add_image(view)
+        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
+        pose = half * photograph.cam_from_world()
+        model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
+        model.register_frame(view.frame_id)
+        _observe(model, one, view.image_id)
 
 
 def _observe(model: Any, one: _Linked, image_id: int) -> None:

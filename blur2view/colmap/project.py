@@ -1,4 +1,4 @@
-"""A user's COLMAP project: its database opened, checked, and the images in it.
+"""A user's COLMAP project: its database opened, checked, and the images and matches in it.
 
 It is opened for reading only (`blur2view.colmap.connection`) but where views are linked. Then SQLite
 writes to the file, in place, and one transaction changes it or nothing does: its journal outlives a kill at
@@ -6,11 +6,9 @@ any moment, and it respects write-ahead logs and the locks of other programs. A 
 original would lose what others write meanwhile, and would come apart from a log beside the file.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sqlite3
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Container, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,11 +17,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.checks import check_schema
 from blur2view.colmap.connection import connect, database_errors, open_read_only
-from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, keypoints_from_blob, pair_id
+from blur2view.colmap.schema import (
+    CAMERA_SENSOR,
+    MAX_IMAGES,
+    keypoints_from_blob,
+    matches_from_blob,
+    pair_id,
+)
 from blur2view.errors import DatabaseError
+from blur2view.exposure.neighbours import NO_POINTS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,3 +168,54 @@ def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collecti
         (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
     ]
     return all(database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone() for table, key in wanted)
+
+
+class DatabaseMatcher:
+    """Matches of photographs of a COLMAP database, verified ones where it has them."""
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        self._path, self._names = path, names
+
+    def __call__(self, first: int, second: int) -> tuple[Array, Array]:
+        """Return matched pixels (M, 2) of two photographs by their indices, none where it has none."""
+        sql = "SELECT image_id FROM images WHERE name = ?"
+        with open_read_only(self._path) as database:
+            rows = [database.execute(sql, (self._names[one],)).fetchone() for one in (first, second)]
+            if None in rows or rows[0] == rows[1]:
+                return NO_POINTS, NO_POINTS
+            try:
+                id1, id2 = (int(image_id) for (image_id,) in rows)
+                index = read_matches(database, "two_view_geometries", id1, id2)
+                if len(index) == 0:  # not verified
+                    index = read_matches(database, "matches", id1, id2)
+                points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
+            except ValueError as error:
+                raise DatabaseError(f"{self._path}: matches cannot be read ({error}); match again") from None
+        inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
+        points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
+        finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
+        return points1[finite], points2[finite]
+
+
+def database_names(path: Path) -> list[str]:
+    """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out."""
+    with open_read_only(path) as database:
+        return list(image_names(database))
+
+
+def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
+
+    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
+    """
+    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
+    index = np.zeros((0, 2), np.int64) if row is None else matches_from_blob(*row)
+    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
+
+
+def read_keypoints(database: sqlite3.Connection, image_id: int) -> NDArray[np.float64]:
+    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
+    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    row = database.execute(query, (image_id,)).fetchone()
+    return NO_POINTS if row is None else keypoints_from_blob(*row)

@@ -3,8 +3,6 @@
 Every function takes a connection inside a transaction that the caller opened and will end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from sqlite3 import Connection
 from typing import NamedTuple
@@ -14,12 +12,10 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import to_colmap
-from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.colmap.project import rig_of
 from blur2view.colmap.schema import (
     CAMERA_SENSOR,
-    keypoints_blob,
     matches_blob,
     matrix_blob,
     model_number,
@@ -50,13 +46,10 @@ def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumn
     if camera is None:
         guess = GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0
         return CameraColumns("SIMPLE_RADIAL", width, height, guess, 0)
-    if camera.params and camera.known:
+    if camera.known:
         return CameraColumns(camera.model, width, height, camera.params, 1)
-    cx, cy = to_colmap(camera.K[:2, 2]).tolist()
-    if not camera.known:
-        return CameraColumns("SIMPLE_RADIAL", width, height, (camera.focal_px, cx, cy, 0.0), 1)
-    pinhole = float(camera.K[0, 0]), float(camera.K[1, 1]), cx, cy
-    return CameraColumns("PINHOLE", width, height, pinhole, 1)
+    hint = camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0
+    return CameraColumns("SIMPLE_RADIAL", width, height, hint, 1)
 
 
 def add_camera(database: Connection, camera: CameraColumns) -> int:
@@ -103,7 +96,7 @@ def put_keypoints(database: Connection, image_id: int, points: Array, *, replace
     """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
     if replace:
         database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
-    data = keypoints_blob(to_colmap(points))
+    data = np.ascontiguousarray(to_colmap(points), "<f4").tobytes()
     _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
 
 

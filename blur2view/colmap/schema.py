@@ -18,8 +18,6 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -105,11 +103,6 @@ def pair_id(image1: int, image2: int) -> int:
     if not 0 <= first < last < MAX_IMAGES:
         raise ValueError(f"image ids must differ and lie below {MAX_IMAGES}, got {image1} and {image2}")
     return MAX_IMAGES * first + last
-
-
-def keypoints_blob(points: NDArray[np.floating]) -> bytes:
-    """Return COLMAP's pixels (N, 2) as bytes."""
-    return np.ascontiguousarray(points, "<f4").tobytes()
 
 
 def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:

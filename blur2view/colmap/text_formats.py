@@ -10,8 +10,6 @@ F, E and the pose have no place in the text (COLMAP 3.8, with which this was che
 a zero F). With ``raw`` it would verify them at 4 px, at which most exposures are a plane to it.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -23,8 +21,8 @@ from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.database import inliers
 from blur2view.errors import OutputError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
-from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
+from blur2view.output_files import write_files
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of
 
@@ -51,11 +49,7 @@ def write_matches_text(
     The folder is created if needed; what an earlier call wrote there is replaced, see `refuse_foreign`.
     No name is there twice or has a blank (`has_blank`), at which the formats cut names. COLMAP reads the size
     and EXIF of every image it imports, so each view gets a symbolic link to its photograph.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written or is not ours.
+    OutputError if a file cannot be written or is not ours.
     """
     refuse_foreign(folder)
     matches, keypoints, images = paths = [folder / name for name in NAMES]

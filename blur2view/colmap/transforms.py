@@ -32,8 +32,6 @@ points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_d
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,13 +41,14 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import read_model
+from blur2view.colmap.models import read_model, seen_points
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.output_files import SIGNED_BY
 from blur2view.smears.sharpness import sharpness
 
+LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
@@ -98,31 +97,12 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
 def transforms(
     folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
 ) -> dict[str, Any]:
-    """Return the content of ``transforms.json``.
+    """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
-    Parameters
-    ----------
-    folder : Path
-        Of a model with views, as `place_views` gives it.
-    dialect : str
-        One of `DIALECTS`.
-    images : str
-        Folder of the photographs as seen from that of the file.
-    exposure_s : float
-        Exposure time in seconds, of nerfstudio's dialect.
-
-    Returns
-    -------
-    dict
-        Of plain JSON types; the module says what they mean.
-
-    Raises
-    ------
-    DatabaseError
-        If there is no such model, no photograph has both views, or a camera is of a kind that these files
-        cannot hold.
-    ValueError
-        If the dialect is unknown or the exposure time not positive and finite.
+    The folder is that of a model with views, as `place_views` gives it, ``images`` that of the photographs as
+    seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect. DatabaseError if there
+    is no such model, no photograph has both views, or a camera is of a kind that these files cannot hold;
+    ValueError if the dialect is unknown or the exposure time not positive and finite.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
@@ -187,26 +167,22 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
 
 def _world_from_camera(image: Any) -> Array:
     """Return the pose (4, 4) of a pycolmap.Image with OpenGL's camera axes."""
-    return _homogeneous(image.cam_from_world().inverse().matrix()) @ OPENGL
-
-
-def _homogeneous(pose: Array) -> Array:
-    """Return a pose (3, 4) as a matrix (4, 4)."""
-    return np.vstack([pose, [0, 0, 0, 1]])
+    return np.vstack([image.cam_from_world().inverse().matrix(), LAST_ROW]) @ OPENGL
 
 
 def _halfway(first: Array, last: Array) -> Array:
     """Return the pose (4, 4) halfway between two."""
     half = rotation_matrix(0.5 * rotation_vector(last[:3, :3] @ first[:3, :3].T))
-    return _homogeneous(np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])]))
+    pose = np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])])
+    return np.vstack([pose, LAST_ROW])
 
 
 def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
     """Return the median distance of what an image observes between both views."""
-    numbers = [point.point3D_id for point in image.points2D if point.has_point3D()]
-    if not numbers:
+    seen = [place for place, point in enumerate(image.points2D) if point.has_point3D()]
+    if not seen:
         return None
-    points = np.stack([model.points3D[number].xyz for number in numbers])
+    points = seen_points(model, image, seen)
     ends = [
         model.cameras[view.camera_id].img_from_cam(
             points @ (pose := view.cam_from_world().matrix())[:, :3].T + pose[:, 3]
@@ -214,8 +190,8 @@ def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
         for view in views
     ]
     length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    seen = np.isfinite(length)  # not behind a camera
-    return float(np.median(length[seen])) if seen.any() else None
+    before = np.isfinite(length)  # not behind a camera
+    return float(np.median(length[before])) if before.any() else None
 
 
 def _start_and_end(one: ExposedPhotograph) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_geometry import colmap_two_view_geometry
+from blur2view.camera.colmap_camera import colmap_two_view_geometry
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 

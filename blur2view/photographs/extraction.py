@@ -2,14 +2,14 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 
 from blur2view.errors import OutputError
-from blur2view.file_writing import write_files
 from blur2view.input_files import read_regular
-from blur2view.output_files import writing
+from blur2view.output_files import write_files, writing
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
@@ -52,13 +52,8 @@ def extract(folder: Path, files: Mapping[Path, str]) -> None:
         if not os.path.lexists(target):
             with writing(target.parent):
                 write_files({target: content})
-        elif not _holds(target, content):
-            raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")
-
-
-def _holds(path: Path, content: bytes) -> bool:
-    """Return whether a file has this content."""
-    try:
-        return read_regular(path) == content
-    except (OSError, ValueError):
-        return False
+            continue
+        with suppress(OSError):
+            if read_regular(target) == content:
+                continue
+        raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")

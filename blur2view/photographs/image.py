@@ -5,7 +5,7 @@ import logging
 import math
 import os
 import warnings
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
 from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import MAX_PIXELS, read_regular
-from blur2view.photographs.formats import HEIC_SUFFIXES, RAW_SUFFIXES, develop, is_heic, is_raw, register_heic
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 # Four cells of the network's grid: anything smaller shows no smear.
@@ -28,6 +27,15 @@ BACKDROP = 0.5
 # of these formats a file may be an animation or have pages
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
+# Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
+HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
+RAW_SUFFIXES = frozenset(
+    [".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw"]
+    + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
+)
+RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM")
+HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
@@ -42,34 +50,19 @@ def read_image(
     max_memory_gib: float = math.inf,
     content: bytes | None = None,
 ) -> NDArray[np.float32]:
-    """Return a photograph as upright float32 sRGB-coded RGB.
+    """Return a photograph (H, W, 3) as upright float32 sRGB-coded RGB in [0, 1].
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    as_stored : bool
-        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
-    max_memory_gib : float
-        Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
-    content : bytes, optional
-        The file's content, where it has been read already.
+    With ``as_stored`` the picture is left as its pixels are stored, as COLMAP does, instead of rotated
+    upright by EXIF. Photographs whose estimate takes more memory than allowed (`BYTES_PER_PIXEL`) are refused
+    before they are decoded. ``content`` is the file's, where it has been read already.
 
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float32
-        RGB in [0, 1], sRGB-coded.
-
-    Raises
-    ------
-    ImageError
-        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
-        be used. The message is one line that names the path and the remedy.
+    ImageError if the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
+    be used, in one line that names the path and the remedy.
     """
     path = Path(path)
     encoded = read_content(path) if content is None else content
@@ -77,7 +70,12 @@ def read_image(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        return _to_rgb(*_decode(path, encoded, as_stored, max_memory_gib))
+        pixels, white = _decode(path, encoded, as_stored, max_memory_gib)
+        values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
+        values /= white
+        if values.shape[2] in (2, 4):  # the last is alpha
+            values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
+        return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
 def read_content(path: Path, *, beside: bool = False) -> bytes:
@@ -105,14 +103,13 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
     """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
-    check_size = partial(_check_size, path, max_memory_gib=max_memory_gib)
     try:
         if is_raw(path, encoded):
-            return develop(path, encoded, as_stored=as_stored, check_size=check_size), 65535
+            return _develop(path, encoded, as_stored, max_memory_gib), 65535
         if is_heic(encoded):
-            register_heic(path)
+            _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
         with Image.open(io.BytesIO(encoded)) as photo:
-            check_size(*photo.size)
+            _check_size(path, *photo.size, max_memory_gib)
             if (pictures := _pictures(photo)) > 1:
                 raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
             stored = str([tile[3] for tile in photo.tile])  # asked before getexif, which may decode
@@ -140,7 +137,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        remedy = f"if it lists photographs, write @{path}" if _may_be_list(path, encoded) else _CONVERT
+        listed = _may_be_list(path, encoded)
+        remedy = f"if it lists photographs, write @{path}" if listed else "convert it to JPEG, PNG or TIFF"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise
@@ -150,7 +148,6 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
-_CONVERT = "convert it to JPEG, PNG or TIFF"
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
@@ -161,6 +158,46 @@ def _may_be_list(path: Path, content: bytes) -> bool:
     except UnicodeDecodeError:
         return False
     return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
+
+
+def is_raw(path: Path, encoded: bytes) -> bool:
+    """Return whether a file is a RAW photograph, by its name or its first bytes."""
+    known = encoded.startswith(RAW_MAGIC) or encoded[8:10] == b"CR" or encoded[4:11] == b"ftypcrx"
+    return known or path.suffix.lower() in RAW_SUFFIXES
+
+
+def is_heic(encoded: bytes) -> bool:
+    """Return whether a file is HEIC, by the brands that it names."""
+    return encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS)
+
+
+def _extra(path: Path, kind: str, module: str, convert: str) -> Any:
+    """Return the module that reads such files; ImageError if it is not installed."""
+    try:
+        return import_module(module)
+    except ImportError:
+        name = module.replace("_", "-")
+        remedy = f"install {name} (pip install {name}) or {convert} it to JPEG"
+        raise ImageError(f"{path}: is {kind}; {remedy}") from None
+
+
+def _develop(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> NDArray[np.uint16]:
+    """Return a RAW photograph (H, W, 3): sRGB with the camera's white balance, not brightened."""
+    rawpy = _extra(path, "RAW", "rawpy", "develop")
+    try:
+        with rawpy.imread(io.BytesIO(encoded)) as raw:
+            _check_size(path, raw.sizes.width, raw.sizes.height, max_memory_gib)
+            pixels: NDArray[np.uint16] = raw.postprocess(
+                output_bps=16,
+                use_camera_wb=True,
+                no_auto_bright=True,
+                gamma=(2.4, 12.92),
+                user_flip=0 if as_stored else None,
+            )
+    except rawpy.LibRawError as error:
+        reason = " ".join(str(error).split()).removeprefix("b'").removesuffix("'")
+        raise ImageError(f"{path}: cannot be developed ({reason}); develop it to JPEG or PNG") from None
+    return pixels
 
 
 def _pictures(photo: Image.Image) -> int:
@@ -219,12 +256,3 @@ def _upright(pixels: Pixels, orientation: int) -> Pixels:
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     return pixels
-
-
-def _to_rgb(pixels: Pixels, white: int) -> NDArray[np.float32]:
-    """Return RGB in [0, 1]: alpha composited, grey spread over three channels."""
-    values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
-    values /= white
-    if values.shape[2] in (2, 4):
-        values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
-    return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))

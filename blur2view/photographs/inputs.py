@@ -110,7 +110,8 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise ImageError(f"{source}: the list cannot be read ({reason}); {_NAME_LIST}") from None
+        remedy = "name a file that holds one name on each line, or pipe them to -"
+        raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
     lines = text.split("\0") if "\0" in text else text.splitlines()
     if len(lines) > MAX_LINES:
         raise ImageError(
@@ -124,9 +125,6 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
-
-
-_NAME_LIST = "name a file that holds one name on each line, or pipe them to -"
 
 
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
@@ -149,7 +147,8 @@ def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
     photographs = [
         path
         for path in sorted(entries, key=_in_order)
-        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file() and not _is_result(path)
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file()
+        if path.suffix.lower() != ".png" or not is_ours(path)  # as in a folder where results lie
     ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
@@ -165,8 +164,3 @@ def _in_order(path: Path) -> list[tuple[str, int, str]]:
     """Return what sorts names as a person does: frame_2 before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", str(path))
     return [(text, int(number or 0), number) for text, number in parts]
-
-
-def _is_result(path: Path) -> bool:
-    """Return whether a picture is one that blur2view drew, as in a folder where results lie."""
-    return path.suffix.lower() == ".png" and is_ours(path)

@@ -1,6 +1,6 @@
 """Which photographs of many to keep by their blur: the sharpest of all, or of neighbours of one view."""
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from itertools import groupby
 
 import cv2
@@ -32,7 +32,8 @@ def sharpest_of_each(
     order, None if there is none: what shows another view than all that are kept of its group is kept, too.
     """
     kept: set[int] = set()
-    for group in _groups(series, size):
+    runs = [list(run) for _, run in groupby(range(len(series)), key=series.__getitem__)]
+    for group in (run[first : first + size] for run in runs for first in range(0, len(run), size)):
         views = {one: view(one) for one in group}
         left = sorted(group, key=lambda one: _rank(lengths[one]))
         while left and (lengths[left[0]] is not None or kept.isdisjoint(group)):
@@ -40,13 +41,6 @@ def sharpest_of_each(
             kept.add(best)
             left = [one for one in left if not same_view(views[best], views[one])]
     return kept
-
-
-def _groups(series: Sequence[Hashable], size: int) -> Iterator[list[int]]:
-    """Yield runs of at most ``size`` indices that follow one another in one series."""
-    for _, run in groupby(range(len(series)), key=lambda one: series[one]):
-        indices = list(run)
-        yield from (indices[first : first + size] for first in range(0, len(indices), size))
 
 
 def _rank(length: float | None) -> float:

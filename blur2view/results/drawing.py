@@ -1,4 +1,7 @@
-"""Drawing primitives on RGB pictures: lines, text, colours."""
+"""Drawing primitives on RGB pictures: the canvas, lines, text, colours."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -7,22 +10,52 @@ from numpy.typing import ArrayLike, NDArray
 Picture = NDArray[np.uint8]  # (H, W, 3), RGB
 INK, PAPER, FAINT = (235, 235, 235), (26, 26, 30), (165, 165, 165)
 TEXT_SIZE, LEADING_PX = 0.42, 17
+# The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
+# reduced so that the file stays a picture to look at.
+MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _SHIFT = 4  # OpenCV draws with 1/16 px
 
 
-def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
-    """Return a vivid colour (N, 3), uint8 RGB, for the orientation of smears (N, 2), the same for d and -d.
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """The scale from the photograph to the canvas."""
 
-    Horizontal is red; the hue goes once around over 180 degrees.
-    """
-    if len(displacement) == 0:
-        return np.empty((0, 3), np.uint8)  # which OpenCV refuses to convert
-    degrees = np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180
-    hsv = np.full((len(degrees), 1, 3), 255, np.uint8)
-    hsv[:, 0, 0] = degrees.astype(np.uint8) % 180  # OpenCV's hue is 0 to 179
-    hsv[:, 0, 1] = 190  # a little pale: full blue would be dark
-    return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
+    width: int  # of the canvas, pixels
+    height: int
+    scale: float  # canvas pixels per pixel of the photograph
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], longest: int | None = None) -> "View":
+        """Return the canvas of a photograph of shape (H, W, ...), by default one to look at."""
+        height, width = shape[:2]
+        longer = max(height, width)
+        scale = (longest or min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX)) / longer
+        return cls(width=max(round(width * scale), 1), height=max(round(height * scale), 1), scale=scale)
+
+    def to_canvas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (..., 2) of the photograph on the canvas; its corners are the canvas's corners."""
+        return (points + 0.5) * self.scale - 0.5
+
+    def resized(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the photograph at this scale."""
+        interpolation = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
+        small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
+        return small.reshape(self.height, self.width, 3).astype(np.float32, copy=False)
+
+    def backdrop(self, image: NDArray[np.float32]) -> Picture:
+        """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
+        mixed = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 0.08)])  # grey, colour and a constant
+        pale: Picture = np.clip(cv2.transform(self.resized(image), 255 * mixed), 0, 255).astype(np.uint8)
+        return pale
+
+
+def with_room(canvas: Picture, width: int, below: int) -> Picture:
+    """Return a canvas with room below it, and on both sides if a narrow photograph leaves it narrower."""
+    left = (width - canvas.shape[1]) // 2
+    right = width - canvas.shape[1] - left
+    padded = cv2.copyMakeBorder(canvas, 0, below, left, right, cv2.BORDER_CONSTANT, value=PAPER)
+    return np.asarray(padded, np.uint8)
 
 
 def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thickness: int) -> None:
@@ -34,16 +67,18 @@ def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thi
 
 def write(
     canvas: Picture,
-    text: str,
+    text: str | Sequence[str],
     at: tuple[int, int],
     *,
     size: float = TEXT_SIZE,
     colour: tuple[int, int, int] = INK,
-    thickness: int = 1,
+    leading_px: int = LEADING_PX,
 ) -> None:
-    """Write one line; OpenCV's font has ASCII only."""
-    printable = text.encode("ascii", "replace").decode()
-    cv2.putText(canvas, printable, at, _FONT, size, colour, thickness, cv2.LINE_AA)
+    """Write a line, or several below each other; OpenCV's font has ASCII only."""
+    for index, line in enumerate([text] if isinstance(text, str) else text):
+        printable = line.encode("ascii", "replace").decode()
+        place = at[0], at[1] + leading_px * index
+        cv2.putText(canvas, printable, place, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def wrap(text: str, width: int, size: float) -> list[str]:
@@ -56,9 +91,3 @@ def wrap(text: str, width: int, size: float) -> list[str]:
         else:
             lines[-1] = longer
     return lines
-
-
-def heat_colours(share: NDArray[np.floating]) -> Picture:
-    """Return the colours, RGB, of a map (h, w) of shares 0 to 1."""
-    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)

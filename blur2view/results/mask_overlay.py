@@ -4,8 +4,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.results.drawing import FAINT, LEADING_PX, TEXT_SIZE, Picture, wrap, write
-from blur2view.results.overlay import MIN_SIDE_PX, View, with_room
+from blur2view.results.drawing import (
+    FAINT,
+    LEADING_PX,
+    MIN_SIDE_PX,
+    TEXT_SIZE,
+    Picture,
+    View,
+    with_room,
+    wrap,
+    write,
+)
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 
 PINK = (255, 70, 170)
@@ -33,17 +42,11 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
     canvas[moving] = ((1 - COVER) * canvas[moving] + COVER * np.array(PINK)).astype(np.uint8)
     rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
-    return _captioned(canvas, mask)
-
-
-def _captioned(canvas: Picture, mask: MotionMask) -> Picture:
-    """Return the picture with its words below; a narrow photograph leaves it narrower than them."""
-    width = max(canvas.shape[1], MIN_SIDE_PX)
+    width = max(view.width, MIN_SIDE_PX)  # a narrow photograph leaves the picture narrower than its words
     lines = wrap(mask.reason.partition(";")[0], width - 20, TEXT_SIZE)
     picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
-    write(picture, headline(mask), (10, canvas.shape[0] + 24), size=0.55, thickness=1)
-    for index, line in enumerate(lines):
-        write(picture, line, (10, canvas.shape[0] + 44 + LEADING_PX * index), colour=FAINT)
+    write(picture, headline(mask), (10, view.height + 24), size=0.55)
+    write(picture, lines, (10, view.height + 44), colour=FAINT)
     return picture
 
 

@@ -11,97 +11,63 @@ from blur2view.results.pose import CovarianceDocument, PoseDocument
 
 if TYPE_CHECKING:
     from blur2view.segmentation.mask import MotionMask
-    from blur2view.segmentation.pixels import MovingRegion
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegionDocument(Document):
-    """One connected part of a photograph that moves by itself.
-
-    Parameters
-    ----------
-    area_px : int
-        Its number of pixels.
-    box : list of 4 int
-        x, y, width and height of its bounding box.
-    centroid : list of 2 float
-        Mean x and y of its pixels.
-    probability : float
-        Mean probability of moving of its pixels.
-    """
+    """One connected part of a photograph that moves by itself."""
 
     area_px: int
+    """Its number of pixels."""
     box: list[int]
+    """x, y, width and height of its bounding box."""
     centroid: list[float]
+    """Mean x and y of its pixels."""
     probability: float
-
-    @classmethod
-    def of(cls, region: MovingRegion) -> RegionDocument:
-        """Return the document of a region."""
-        box, centroid = list(region.box), list(region.centroid)
-        return cls(area_px=region.area_px, box=box, centroid=centroid, probability=region.probability)
+    """Mean probability of moving of its pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaskDocument(Document):
-    """The document of one photograph of ``blur2view segment``; null where there is no such value.
-
-    Parameters
-    ----------
-    image : str
-        The photograph as it was named.
-    width, height : int
-        Its size in pixels, upright.
-    F, H : 3x3 or null
-        Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``.
-    K, E : 3x3 or null
-        Calibration matrix and essential matrix, as there.
-    cam2_from_cam1, pose_covariance : object or null
-        The camera's pose and its covariance, as there.
-    config : str
-        The configuration, a name of COLMAP's TwoViewGeometryConfiguration.
-    parallax : str
-        proven, undecided or absent.
-    geometry_reason : str
-        One sentence with the figures that decided on the configuration.
-    reason : str
-        What the motion of a pixel was measured against.
-    labels : object
-        The grey of static, moving and unobservable pixels in the mask: 0, 255 and 128.
-    shares : object
-        The share of the pixels with each of these labels.
-    regions : list
-        The connected moving parts, largest first: area_px, box (x, y, width, height), centroid and
-        probability (mean of moving).
-    beta, max_error_px, seed : number
-        The options of these names.
-    model_id : str
-        The weights of the smear network.
-    timings_s : object or null
-        Seconds per step: read, predict, select, solve, segment; null with --no-timings.
-    """
+    """The document of one photograph of ``blur2view segment``; null where there is no such value."""
 
     image: str
+    """The photograph as it was named."""
     width: int
     height: int
+    """Its size in pixels, upright."""
     F: Matrix | None
     H: Matrix | None
+    """Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``."""
     K: Matrix | None
     E: Matrix | None
+    """Calibration matrix and essential matrix, as there."""
     cam2_from_cam1: PoseDocument | None
     pose_covariance: CovarianceDocument | None
+    """The camera's pose and its covariance, as there."""
     config: str
+    """The configuration, a name of COLMAP's TwoViewGeometryConfiguration."""
     parallax: str
+    """proven, undecided or absent."""
     geometry_reason: str
+    """One sentence with the figures that decided on the configuration."""
     reason: str
+    """What the motion of a pixel was measured against."""
     labels: dict[str, int]
+    """The grey of static, moving and unobservable pixels in the mask: 0, 255 and 128."""
     shares: dict[str, float]
+    """The share of the pixels with each of these labels."""
     regions: list[RegionDocument]
+    """The connected moving parts, largest first: area_px, box (x, y, width, height), centroid and probability
+    (mean of moving)."""
     beta: float
     max_error_px: float
     seed: int
+    """The options of these names."""
     model_id: str
+    """The weights of the smear network."""
     timings_s: dict[str, float] | None
+    """Seconds per step: read, predict, select, solve, segment; null with --no-timings."""
 
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:
@@ -115,7 +81,7 @@ class MaskDocument(Document):
             "reason": mask.reason,
             "labels": {label.name.lower(): int(GREY[label]) for label in MotionLabel},
             "shares": {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
-            "regions": [RegionDocument.of(region) for region in mask.regions],
+            "regions": [RegionDocument.from_attributes(region) for region in mask.regions],
             "timings_s": (estimate.timings_s or {}) | {"segment": segment_s},
         }
         return cls(**values)
@@ -123,15 +89,9 @@ class MaskDocument(Document):
 
 @dataclass(frozen=True, kw_only=True)
 class MasksDocument(Document):
-    """What ``blur2view segment --json`` prints.
-
-    Parameters
-    ----------
-    masks : list
-        One document per photograph.
-    failures : list
-        Photographs that failed: image, error.
-    """
+    """What ``blur2view segment --json`` prints."""
 
     masks: list[MaskDocument]
+    """One document per photograph."""
     failures: list[FailureDocument]
+    """Photographs that failed: image, error."""

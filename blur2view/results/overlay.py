@@ -1,25 +1,34 @@
 """The overlay picture: smears, epipolar lines and certainty of one estimate, drawn with OpenCV alone."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import rgb_of
-from blur2view.results.drawing import FAINT, PAPER, Picture, draw_line, orientation_colours
-from blur2view.results.panel import draw_panel
+from blur2view.results.drawing import (
+    FAINT,
+    LEADING_PX,
+    MIN_SIDE_PX,
+    PAPER,
+    TEXT_SIZE,
+    Picture,
+    View,
+    draw_line,
+    with_room,
+    wrap,
+    write,
+)
+from blur2view.results.verdicts import sentence
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 
-# The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
-# reduced so that the file stays a picture to look at.
-MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
 EPIPOLAR_LINES = 14
+_AIDS_HEIGHT_PX = 132
+HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
 
 
 def draw_overlay(
@@ -36,35 +45,17 @@ def draw_overlay(
     the picture. The panel below holds the configuration and what it means, the key of the orientation colours
     and a map of sigma.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
-        The photograph, as it was estimated.
-    grid : SmearGrid
-        Of the same height and width; its sigma is mapped.
-    matches : SmearMatches
-        The smears that were used, N.
-    geometry : TwoViewGeometry
-        Its ``inlier_mask`` and ``swapped`` have N entries.
-    exposure_s : float, optional
-        Exposure time, with which a rotation is given as an angular velocity.
-
-    Returns
-    -------
-    ndarray of shape (H', W', 3), uint8
-        RGB; the photograph's longer side is 640 to 1280 pixels.
-
-    Raises
-    ------
-    ValueError
-        If the grid is not of the image's size or the masks are not of the matches' length.
+    The photograph is (H, W, 3) or (H, W), as it was estimated, the picture (H', W', 3), uint8, RGB; the
+    photograph's longer side becomes 640 to 1280 pixels. With an exposure time a rotation is given as an
+    angular velocity. ValueError if the grid is not of the image's size, or the masks of the geometry are not
+    of the matches' length.
     """
     if grid.shape != np.shape(image)[:2]:
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(rgb_of(image), matches, geometry)
-    panel = draw_panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
+    panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture
@@ -92,50 +83,7 @@ def draw_smears(
     return canvas
 
 
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """The scale from the photograph to the canvas.
-
-    Parameters
-    ----------
-    width, height : int
-        Size of the canvas in pixels.
-    scale : float
-        Canvas pixels per pixel of the photograph.
-    """
-
-    width: int
-    height: int
-    scale: float
-
-    @classmethod
-    def of(cls, shape: tuple[int, ...], longest: int | None = None) -> "View":
-        """Return the canvas of a photograph of shape (H, W, ...), by default one to look at."""
-        height, width = shape[:2]
-        longer = max(height, width)
-        scale = (longest or min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX)) / longer
-        return cls(width=max(round(width * scale), 1), height=max(round(height * scale), 1), scale=scale)
-
-    def to_canvas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., 2) of the photograph on the canvas; its corners are the canvas's corners."""
-        return (points + 0.5) * self.scale - 0.5
-
-    def resized(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the photograph at this scale."""
-        interpolation = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
-        small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
-        return small.reshape(self.height, self.width, 3).astype(np.float32, copy=False)
-
-    def backdrop(self, image: NDArray[np.float32]) -> Picture:
-        """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
-        mixed = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 0.08)])  # grey, colour and a constant
-        pale: Picture = np.clip(cv2.transform(self.resized(image), 255 * mixed), 0, 255).astype(np.uint8)
-        return pale
-
-
-def spread_subset(
-    points: NDArray[np.float64], quality: NDArray[np.floating], spacing: float
-) -> NDArray[np.intp]:
+def spread_subset(points: Array, quality: NDArray[np.floating], spacing: float) -> NDArray[np.intp]:
     """Return the index of the best point (N, 2) in every square of side ``spacing``, in increasing order.
 
     Larger quality (N,) is better; ties go to the first.
@@ -146,9 +94,21 @@ def spread_subset(
     return np.sort(best_first[first])
 
 
-def _draw_smears(
-    canvas: Picture, view: View, ends: NDArray[np.float64], inlier_mask: NDArray[np.bool_]
-) -> None:
+def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
+    """Return a vivid colour (N, 3), uint8 RGB, for the orientation of smears (N, 2), the same for d and -d.
+
+    Horizontal is red; the hue goes once around over 180 degrees.
+    """
+    if len(displacement) == 0:
+        return np.empty((0, 3), np.uint8)  # which OpenCV refuses to convert
+    degrees = np.degrees(np.arctan2(displacement[..., 1], displacement[..., 0])) % 180
+    hsv = np.full((len(degrees), 1, 3), 255, np.uint8)
+    hsv[:, 0, 0] = degrees.astype(np.uint8) % 180  # OpenCV's hue is 0 to 179
+    hsv[:, 0, 1] = 190  # a little pale: full blue would be dark
+    return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
+
+
+def _draw_smears(canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[np.bool_]) -> None:
     """Draw smears end to end, outliers first, inliers on a dark rim."""
     colours = orientation_colours(ends[:, 1] - ends[:, 0])
     drawn = view.to_canvas(ends)
@@ -160,7 +120,7 @@ def _draw_smears(
 
 
 def _draw_epipolar_lines(
-    canvas: Picture, view: View, F: NDArray[np.float64], geometry: TwoViewGeometry, matches: SmearMatches
+    canvas: Picture, view: View, F: Array, geometry: TwoViewGeometry, matches: SmearMatches
 ) -> None:
     """Draw lines F x1 beside the close ends of inliers spread over the photograph, half transparent."""
     inliers = np.flatnonzero(geometry.inlier_mask)
@@ -179,7 +139,7 @@ def _draw_epipolar_lines(
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
-def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def farthest_points(points: Array, count: int) -> NDArray[np.intp]:
     """Return indices of up to ``count`` points: a central one, then always the farthest from those chosen."""
     if len(points) == 0:
         return np.empty(0, np.intp)
@@ -192,20 +152,90 @@ def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.intp]
     return np.array(chosen)
 
 
-def _draw_epipoles(canvas: Picture, view: View, F: NDArray[np.float64]) -> None:
+def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
     """Ring the epipoles that lie on the canvas."""
     for epipole in epipoles(F):
         if abs(epipole[2]) < 1e-12:
             continue  # at infinity
         x, y = view.to_canvas(epipole[:2] / epipole[2])
         if 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]:
-            for radius, colour, thickness in ((11, (0, 0, 0), 4), (11, (255, 255, 255), 2)):
-                cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
+            for colour, thickness in (((0, 0, 0), 4), ((255, 255, 255), 2)):
+                cv2.circle(canvas, (round(x), round(y)), 11, colour, thickness, cv2.LINE_AA)
 
 
-def with_room(canvas: Picture, width: int, below: int) -> Picture:
-    """Return a canvas with room below it, and on both sides if a narrow photograph leaves it narrower."""
-    left = (width - canvas.shape[1]) // 2
-    right = width - canvas.shape[1] - left
-    padded = cv2.copyMakeBorder(canvas, 0, below, left, right, cv2.BORDER_CONSTANT, value=PAPER)
-    return np.asarray(padded, np.uint8)
+def _panel(
+    width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry, exposure_s: float | None
+) -> Picture:
+    """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
+    aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
+    room = width - aids.shape[1] - 24
+    verdict = wrap(sentence(geometry, matches, grid.size, exposure_s), room, HEAD_SIZE)
+    small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
+    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
+    panel = np.full((height, width, 3), PAPER, np.uint8)
+    panel[: aids.shape[0], width - aids.shape[1] :] = aids
+    write(panel, verdict, (10, 24), size=HEAD_SIZE, leading_px=HEAD_LEADING_PX)
+    write(panel, small, (10, 24 + HEAD_LEADING_PX * len(verdict)), colour=FAINT)
+    return panel
+
+
+def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
+    """Return how many smears were used and how long they are."""
+    if len(matches) == 0:
+        return "no smears used"
+    length = f"median length {np.median(matches.length_px):.1f} px"
+    if geometry.F is None:
+        return f"{len(matches)} smears used, {length}"
+    fit = f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F"
+    if geometry.H is not None:
+        return f"{fit}, but H explains them, too; {length}"
+    lines = "white: epipolar lines, where F lets the ends of smears lie"
+    return f"{fit}, {length}; {lines}; ring: the epipole, to or from which the camera moved"
+
+
+def _orientation_key() -> Picture:
+    """Return a wheel whose spokes have the colour of their orientation."""
+    key = np.full((_AIDS_HEIGHT_PX, 96, 3), PAPER, np.uint8)
+    angles = np.radians(np.arange(0, 180, 3))
+    spokes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    centre = np.array([47.5, 70.0])
+    for spoke, colour in zip(spokes, orientation_colours(spokes), strict=True):
+        for side in (-1, 1):
+            draw_line(key, centre + side * np.outer([16, 42], spoke), colour, thickness=2)
+    write(key, "orientation", (12, 16), colour=FAINT)
+    return key
+
+
+def _sigma_inset(grid: SmearGrid) -> Picture:
+    """Return a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
+    height, width = grid.shape
+    scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    x, y = ((np.arange(count) + 0.5) / scale - 0.5 for count in size)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    small = grid.at(points).sigma_px.reshape(size[::-1])
+    logs = np.log10(np.maximum(small, 1e-3))
+    low, high = np.percentile(logs, [2, 98])
+    high = max(high, low + 0.1)  # a constant map has one colour
+    inset = np.full((_AIDS_HEIGHT_PX, 150 + 62, 3), PAPER, np.uint8)
+    left = 150 - size[0]
+    inset[24 : 24 + size[1], left:150] = heat_colours((logs - low) / (high - low))
+    bar_height = _AIDS_HEIGHT_PX - 34
+    inset[24 : 24 + bar_height, 158:168] = heat_colours(
+        np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
+    )
+    write(inset, "uncertainty, px", (0, 16), colour=FAINT)
+    write(inset, short_number(10**high), (174, 35))
+    write(inset, short_number(10**low), (174, 24 + bar_height))
+    return inset
+
+
+def heat_colours(share: NDArray[np.floating]) -> Picture:
+    """Return the colours, RGB, of a map (h, w) of shares 0 to 1."""
+    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)
+
+
+def short_number(value: float) -> str:
+    """Return a positive number with two digits, without an exponent up to 9999, so that it fits the scale."""
+    return f"{value:.0f}" if 9.5 <= value < 9999.5 else f"{value:.2g}"

@@ -16,8 +16,7 @@ import numpy as np
 from blur2view.input_files import parse_json
 from blur2view.pipeline import FileEstimate
 from blur2view.results.overlay import draw_smears
-from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, picture
-from blur2view.results.report_photograph import photograph
+from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, photograph, picture
 from blur2view.results.verdicts import KINDS, VERDICT_ORDER
 from blur2view.segmentation.mask import MotionMask
 
@@ -31,34 +30,16 @@ PICTURE = re.compile(r"(data:image/[a-z]+;base64,[A-Za-z0-9+/=]+)?")
 class Entry:
     """One photograph of a report, as text that goes into the page.
 
-    Parameters
-    ----------
-    name : str
-        Its path without the folders that say where the user keeps it.
-    kind, verdict : str
-        Kind of verdict, see `verdicts.KINDS`, or "failed"; the configuration, or "FAILED".
-    text : str
-        One sentence on what the verdict means, or the error.
-    median_px : float or None
-        Median length of the smears that were used.
-    thumbnail : str
-        Data URI of the photograph with its smears, empty for a failed one.
-    content : str
-        JSON of `report_photograph.photograph`, empty for a failed photograph.
-
-    Raises
-    ------
-    ValueError
-        If what goes into the page as it is, which a file of an earlier call may say, is something else.
+    ValueError if what goes into it as it is, which a file of an earlier call may say, is something else.
     """
 
-    name: str
-    kind: str
-    verdict: str
-    text: str
-    median_px: float | None = None
-    thumbnail: str = ""
-    content: str = ""
+    name: str  # its path without the folders that say where the user keeps it
+    kind: str  # of verdict, see `verdicts.KINDS`, or "failed"
+    verdict: str  # the configuration, or "FAILED"
+    text: str  # one sentence on what the verdict means, or the error
+    median_px: float | None = None  # length of the smears that were used
+    thumbnail: str = ""  # data URI of the photograph with its smears; empty for a failed one
+    content: str = ""  # JSON of `report_pack.photograph`; empty for a failed one
 
     def __post_init__(self) -> None:
         """Check what is not escaped."""
@@ -80,7 +61,7 @@ class Entry:
         *,
         timings: bool = True,
     ) -> "Entry":
-        """Return the entry of a photograph that was estimated; see `report_photograph.photograph`."""
+        """Return the entry of a photograph that was estimated; see `report_pack.photograph`."""
         shown = photograph(one, mask, mask_s, timings=timings)
         matches, geometry = one.estimate.matches, one.estimate.geometry
         drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
@@ -116,9 +97,11 @@ def report(entries: Sequence[Entry], version: str) -> bytes:
     script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
     blocks = [_block(f"photo-data-{k}", one.content) if one.content else "" for k, one in enumerate(entries)]
     failures = [{"image": one.name, "error": one.text} for one in entries if not one.content]
+    proven, failed = sum(one.kind == "proven" for one in entries), len(failures)
+    counts = f"{len(entries)} photograph{'s' * (len(entries) != 1)}, {proven} with proven parallax"
     page = Template(_part("page.html")).substitute(
         title=escape(entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"),
-        summary=escape(_count(entries)),
+        summary=counts + f", {failed} failed" * bool(failed),
         version=escape(version),
         style=style,
         style_hash=_hash(style),
@@ -139,14 +122,6 @@ def _part(name: str) -> str:
 def _hash(text: str) -> str:
     """Return the source expression by which a Content-Security-Policy allows exactly this text."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _count(entries: Sequence[Entry]) -> str:
-    """Return how many photographs there are and in how many parallax is proven."""
-    failed = sum(not entry.content for entry in entries)
-    proven = sum(entry.kind == "proven" for entry in entries)
-    parts = [f"{len(entries)} photograph" + "s" * (len(entries) != 1), f"{proven} with proven parallax"]
-    return ", ".join(parts + [f"{failed} failed"] * bool(failed))
 
 
 def _card(index: int, entry: Entry) -> str:

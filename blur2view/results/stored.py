@@ -4,8 +4,6 @@ What is read is built by the types of our own fields: a file names no type, no f
 value of another type, a key too many or too few is a ValueError.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Mapping
@@ -13,14 +11,12 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.input_files import parse_json, read_regular
 
-Kind = TypeVar("Kind")
 DAMAGE = (ValueError, TypeError, LookupError, ArithmeticError)
 """What constructors of ours raise for values of the right types that make no sense."""
 
@@ -46,13 +42,8 @@ def plain(value: Any) -> Any:
 def restore(kind: Any, stored: Any) -> Any:
     """Return the object of a type that `plain` made a value of; ValueError if it cannot have been one.
 
-    Parameters
-    ----------
-    kind : type
-        A dataclass, an enum, NDArray, a list, tuple or dict of these, str, int, float or bool, or one of
-        them or None.
-    stored : object
-        Of JSON's types.
+    The type is a dataclass, an enum, NDArray, a list, tuple or dict of these, str, int, float or bool, or one
+    of them or None.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -65,14 +56,17 @@ def restore(kind: Any, stored: Any) -> Any:
     if origin is list:
         return [restore(arguments[0], one) for one in _of(list, stored)]
     if origin is tuple:
-        return _tuple(arguments, _of(list, stored))
+        stored = _of(list, stored)
+        kinds = arguments[:1] * len(stored) if arguments[-1] is Ellipsis else arguments
+        return tuple(restore(own, one) for own, one in zip(kinds, stored, strict=True))
     if origin is dict:
         return {name: restore(arguments[1], one) for name, one in _of(dict, stored).items()}
-    if is_dataclass(kind):
-        return _object(kind, _of(dict, stored))
-    if issubclass(kind, Enum):
-        return kind(_of(str, stored))
-    return _of(kind, stored)
+    if not is_dataclass(kind):
+        return kind(_of(str, stored)) if issubclass(kind, Enum) else _of(kind, stored)
+    hints, stored, make = get_type_hints(kind), _of(dict, stored), cast(Any, kind)
+    if hints.keys() != stored.keys():
+        raise ValueError(f"expected the fields of {make.__name__}, got others")
+    return make(**{name: restore(hint, stored[name]) for name, hint in hints.items()})
 
 
 def _of(kind: type, stored: Any) -> Any:
@@ -83,21 +77,6 @@ def _of(kind: type, stored: Any) -> Any:
     return stored
 
 
-def _tuple(kinds: tuple[Any, ...], stored: list[Any]) -> tuple[Any, ...]:
-    """Return a tuple of as many types, or of any length of one."""
-    if kinds[-1] is Ellipsis:
-        kinds = kinds[:1] * len(stored)
-    return tuple(restore(kind, one) for kind, one in zip(kinds, stored, strict=True))
-
-
-def _object(kind: Any, stored: dict[str, Any]) -> Any:
-    """Return a dataclass with these fields, all of them and no other."""
-    hints = get_type_hints(kind)
-    if hints.keys() != stored.keys():
-        raise ValueError(f"expected the fields of {kind.__name__}, got others")
-    return kind(**{name: restore(hint, stored[name]) for name, hint in hints.items()})
-
-
 def _array(kind: type[np.generic], stored: Any) -> AnyArray:
     """Return an array of finite numbers, no larger than its text."""
     stored = _of(dict, stored)
@@ -106,9 +85,3 @@ def _array(kind: type[np.generic], stored: Any) -> AnyArray:
         raise ValueError(f"expected finite numbers of type {kind.__name__}")
     shape = [_of(int, side) for side in _of(list, stored.get("shape"))]
     return array.reshape(shape).astype(kind)  # a copy that can be written
-
-
-def restored_file(kind: type[Kind], path: Path) -> Kind:
-    """Return the object that a JSON file holds; OSError or one of `DAMAGE` if it holds none."""
-    restored: Kind = restore(kind, parse_json(read_regular(path)))
-    return restored

@@ -7,7 +7,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document
 from blur2view.results.pose import rate_of
@@ -21,82 +21,59 @@ DIGITS = 6  # significant ones
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Document):
-    """What a table says of a photograph; empty where there is no such value.
+    """What a table says of a photograph; empty where there is no such value."""
 
-    Parameters
-    ----------
-    name : str
-        The photograph, as COLMAP names it: below the folder that was given, or that all share.
-    verdict : str
-        The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed.
-    parallax : str
-        proven, undecided or absent.
-    smear_px : float
-        Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
-        smears that were used is another: blur2view estimate -v and the report have it.)
-    smear_sigma_px : float
-        Median standard deviation of their lengths, pixels.
-    smear_percent : float
-        That over the diagonal of the picture, per cent: the same whatever its size.
-    direction_deg : float
-        Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down.
-    sharpness : float
-        1 / (1 + smear_px): higher is sharper, whatever the texture.
-    rotation_deg : float
-        Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
-        of both orders in time.
-    frame : int
-        Number of the frame in its video, from 0.
-    timestamp_s : float
-        Its time in the video, seconds.
-    wx, wy, wz : float
-        Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure
-        time is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
-        (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The
-        sign of all three is that of time: see time_confidence.
-    sigma_wx, sigma_wy, sigma_wz : float
-        Their standard deviations.
-    rate_unit : str
-        rad/s or rad; empty without a pose.
-    time_confidence : float
-        How sure neighbouring frames (blur2view estimate and report, of videos or with --sequence) are of the
-        order in time, 0 to 1; 0: the sign is arbitrary.
-    inliers : int
-        Smears that fit the geometry.
-    elapsed_s : float
-        Seconds that the estimate took, without --no-timings.
-    use : str
-        Of blur2view triage: sharp, blurred (geometry can use it), unclear or unusable.
-    error : str
-        Why a photograph failed.
-    meaning : str
-        What the configuration says of the camera, in words: the line that is printed.
-    """
-
+    null = ""
     name: str = ""
+    """The photograph, as COLMAP names it: below the folder that was given, or that all share."""
     verdict: str = ""
+    """The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed."""
     parallax: str = ""
+    """proven, undecided or absent."""
     smear_px: float | None = None
+    """Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
+    smears that were used is another: blur2view estimate -v and the report have it.)"""
     smear_sigma_px: float | None = None
+    """Median standard deviation of their lengths, pixels."""
     smear_percent: float | None = None
+    """That over the diagonal of the picture, per cent: the same whatever its size."""
     direction_deg: float | None = None
+    """Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down."""
     sharpness: float | None = None
+    """1 / (1 + smear_px): higher is sharper, whatever the texture."""
     rotation_deg: float | None = None
+    """Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
+    of both orders in time."""
     frame: int | None = None
+    """Number of the frame in its video, from 0."""
     timestamp_s: float | None = None
+    """Its time in the video, seconds."""
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
+    """Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure time
+    is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
+    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The sign
+    of all three is that of time: see time_confidence."""
     sigma_wx: float | None = None
     sigma_wy: float | None = None
     sigma_wz: float | None = None
+    """Their standard deviations."""
     rate_unit: str = ""
+    """rad/s or rad; empty without a pose."""
     time_confidence: float | None = None
+    """How sure neighbouring frames (blur2view estimate and report, of videos or with --sequence) are of the
+    order in time, 0 to 1; 0: the sign is arbitrary."""
     inliers: int | None = None
+    """Smears that fit the geometry."""
     elapsed_s: float | None = None
+    """Seconds that the estimate took, without --no-timings."""
     use: str = ""
+    """Of blur2view triage: sharp, blurred (geometry can use it), unclear or unusable."""
     error: str = ""
+    """Why a photograph failed."""
     meaning: str = ""
+    """What the configuration says of the camera, in words: the line that is printed."""
 
     @classmethod
     def of(cls, estimate: Estimate, exposure_s: float | None, elapsed_s: float | None) -> Row:
@@ -128,10 +105,6 @@ def table_text(rows: Sequence[Row]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Row)])
     for one in rows:
-        writer.writerow([_cell(value) for value in asdict(one).values()])
+        values = asdict(one).values()
+        writer.writerow([f"{one:.{DIGITS}g}" if isinstance(one, float) else one for one in values])
     return text.getvalue()
-
-
-def _cell(value: Any) -> str:
-    """Return a value as text; a float with six significant digits."""
-    return "" if value is None else f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +27,6 @@ KINDS = {
 }
 VERDICT_ORDER = [config.name for config in KINDS]
 COMMON_DIRECTION = 0.5  # least length of the smears' mean, in double angle, over their mean length
-UNDECIDED = "depth undecided"  # whether things of several depths are seen
 DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 
@@ -52,18 +50,11 @@ def sentence(
 ) -> str:
     """Return the one sentence that matters: what the camera did, or why that cannot be told.
 
-    Parameters
-    ----------
-    geometry : TwoViewGeometry
-    matches : SmearMatches
-        The smears it is of.
-    size : tuple of (int, int)
-        Width and height of the photograph: without intrinsics a turn is given as a share of the width.
-    exposure_s : float, optional
-        Exposure time, with which a rotation is given as an angular velocity.
+    ``size`` is width and height of the photograph: without intrinsics a turn is given as a share of the
+    width. With an exposure time a rotation is given as an angular velocity.
     """
     config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED
-    posed, blur = geometry.cam2_from_cam1 is not None, Blur.of(geometry, matches, size[0])
+    posed, (length, way) = geometry.cam2_from_cam1 is not None, _blur(geometry, matches, size[0])
     match config:
         case Configuration.DEGENERATE | Configuration.UNDEFINED:
             return _nothing(geometry, matches)
@@ -72,37 +63,27 @@ def sentence(
         case Configuration.PANORAMIC:
             return f"Camera {_turned(geometry, size, exposure_s)}{', may have moved, too' * undecided}"
         case Configuration.PLANAR_OR_PANORAMIC:
-            by = _amount(geometry, exposure_s) if posed else f"by {blur.length}"
+            by = _amount(geometry, exposure_s) if posed else f"by {length}"
             return f"Turned {by} or moved past something flat: cannot tell"
     if posed:
         turned = f"turned {_amount(geometry, exposure_s)}"
-        depth = f", {UNDECIDED}" * (config is Configuration.PLANAR and undecided)
+        depth = ", depth undecided" * (config is Configuration.PLANAR and undecided)
         return f"Camera moved {_direction(geometry)}, {turned}{depth}"
     if config is Configuration.PLANAR:
-        return f"Camera moved{f', {UNDECIDED}' if undecided else ' past something flat'}; {blur}"
-    return f"Camera moved past near and far things; {blur}"
+        return (
+            f"Camera moved{', depth undecided' if undecided else ' past something flat'}; blur {length}{way}"
+        )
+    return f"Camera moved past near and far things; blur {length}{way}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Blur:
-    """The smears that fit, as a share of the picture's width, and which way they run; empty if many."""
-
-    length: str
-    way: str
-
-    @classmethod
-    def of(cls, geometry: TwoViewGeometry, matches: SmearMatches, width_px: int) -> Blur:
-        """Return the blur of a photograph of this width."""
-        d = matches.displacement[geometry.inlier_mask] if geometry.inlier_mask.any() else np.zeros((1, 2))
-        lengths = np.hypot(*d.T)
-        doubled = ((d[:, 0] + 1j * d[:, 1]) ** 2 / np.maximum(lengths, TINY)).mean()  # d and -d are one
-        way = _way(*(np.sqrt(doubled).real, np.sqrt(doubled).imag))
-        common = abs(doubled) > COMMON_DIRECTION * lengths.mean()
-        return cls(length=_share(np.median(lengths), width_px), way=way if common else "")
-
-    def __str__(self) -> str:
-        """Return how long the blur is, and which way it runs."""
-        return f"blur {self.length}" + f", {self.way}" * bool(self.way)
+def _blur(geometry: TwoViewGeometry, matches: SmearMatches, width_px: int) -> tuple[str, str]:
+    """Return the smears that fit as a share of the picture's width, and which way they run, empty if many."""
+    d = matches.displacement[geometry.inlier_mask] if geometry.inlier_mask.any() else np.zeros((1, 2))
+    lengths = np.hypot(*d.T)
+    doubled = ((d[:, 0] + 1j * d[:, 1]) ** 2 / np.maximum(lengths, TINY)).mean()  # d and -d are one
+    way = _way(*(np.sqrt(doubled).real, np.sqrt(doubled).imag))
+    common = abs(doubled) > COMMON_DIRECTION * lengths.mean()
+    return _share(np.median(lengths), width_px), f", {way}" * bool(common)
 
 
 def _nothing(geometry: TwoViewGeometry, matches: SmearMatches) -> str:
@@ -124,23 +105,18 @@ def _turned(geometry: TwoViewGeometry, size: tuple[int, int], exposure_s: float 
 
     It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
     """
-    pan, roll = (np.zeros(2), 0.0) if geometry.H is None else _pan_and_roll(geometry.H, size)
+    to_middle = np.eye(3)
+    to_middle[:2, 2] = (1 - np.array(size)) / 2
+    centred = to_middle @ (np.eye(3) if geometry.H is None else geometry.H) @ np.linalg.inv(to_middle)
+    centred = centred / centred[2, 2]
+    (a, b), (c, d) = centred[:2, :2]
+    pan, roll = centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
     rolled = roll * np.hypot(*size) / 2 > np.hypot(*pan)
     way = "rolled" if rolled else f"turned {_way(*pan)}"
     if geometry.cam2_from_cam1 is not None:
         return f"{way} {_amount(geometry, exposure_s)}"
     by = f"{np.degrees(roll):.2g} degrees" if rolled else _share(np.hypot(*pan), size[0])
     return f"{way} by {by}"
-
-
-def _pan_and_roll(H: Array, size: tuple[int, int]) -> tuple[Array, float]:
-    """Return how far (2,) a homography moves the middle of a picture, and the angle it turns it by."""
-    to_middle = np.eye(3)
-    to_middle[:2, 2] = (1 - np.array(size)) / 2
-    centred = to_middle @ H @ np.linalg.inv(to_middle)
-    centred = centred / centred[2, 2]
-    (a, b), (c, d) = centred[:2, :2]
-    return centred[:2, 2], abs(float(np.arctan2(c - b, a + d)))
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:

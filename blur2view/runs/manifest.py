@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.file_writing import unwritable
 from blur2view.input_files import MAX_BYTES, parse_json
-from blur2view.output_files import ResultFiles
+from blur2view.output_files import ResultFiles, unwritable
 from blur2view.photographs.video import frame_of
 from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row

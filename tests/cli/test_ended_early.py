@@ -10,7 +10,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.cli import commands as cli
-from blur2view.file_writing import write_files
+from blur2view.output_files import write_files
 from blur2view.photographs.image import read_image
 from blur2view.runs import job
 from tests.support.many_photographs import contents, finish, start, write_photographs

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.arguments.help_text import keys
-from blur2view.results import document, estimate, masks, to_colmap
+from blur2view.results import document, estimate, masks, table, to_colmap
 from blur2view.results.document import Document
 
 COMPLETE = r"""
@@ -98,10 +97,18 @@ def test_help_fits_a_screen_and_shows_an_example(
 
 
 @pytest.mark.parametrize("kind", DOCUMENTS, ids=lambda kind: str(kind.__name__))
-def test_docstring_of_a_document_explains_every_key_in_order(kind: type[Document]) -> None:
-    explained = [name.strip() for names, _ in keys(kind) for name in names.split(",")]
+def test_a_document_explains_every_key_in_order(kind: type[Document]) -> None:
+    rows = kind.explanations()
+    explained = [name.strip() for names, _ in rows for name in names.split(",")]
     assert explained == [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    assert all(len(text) > 15 for _, text in keys(kind))
+    assert all(len(text) > 15 for _, text in rows)
+
+
+def test_types_of_keys_are_those_of_json_and_of_cells() -> None:
+    types = {name: text.partition(")")[0] for name, text in estimate.EstimateDocument.explanations()}
+    assert types["beta, max_error_px, seed"] == "(number" and types["wx, wy, wz"] == "(float or null"
+    assert types["F"] == "(3x3 or null" and types["scores"] == "(object"
+    assert dict(table.Row.explanations())["smear_px"].startswith("(float) ")
 
 
 @pytest.mark.parametrize(

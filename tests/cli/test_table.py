@@ -10,7 +10,7 @@ import pytest
 
 from blur2view import output_files
 from blur2view.errors import OutputError, RunError
-from blur2view.file_writing import write_files
+from blur2view.output_files import write_files
 from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
 from tests.support.tables import COLUMNS, Call, table

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.cli.commands import main
 from blur2view.colmap import connection, project
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.link import LinkStep, plan_links
@@ -17,7 +16,7 @@ from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
 from tests.colmap.test_link import link
 from tests.support.sql import run_sql
 from tools.database_safety.colmap_projects import ProjectOptions, make_project
-from tools.database_safety.malformed_projects import SQL_FAULTS, write_photograph
+from tools.database_safety.malformed_projects import SQL_FAULTS
 
 # What no COLMAP makes, and which would be written to in a way that nobody sees.
 NOT_COLMAPS = [
@@ -38,19 +37,12 @@ def faulty(path: Path, fault: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", NOT_COLMAPS)
-def test_what_no_colmap_makes_is_refused_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
-) -> None:
+def test_what_no_colmap_makes_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
     path = faulty(tmp_path / "project.db", SQL_FAULTS[kind])
     before = path.read_bytes()
-    photographs = [tmp_path / name for name in ("a_001.jpg", "a_002.jpg")]
-    for photograph in photographs:
-        write_photograph(photograph)
-    code = main(["to-colmap", "--link", "--db", str(path), *map(str, photographs)])
-    printed = capsys.readouterr()
-    assert code == 1 and printed.err.startswith(f"blur2view: {path}: ") and printed.err.count("\n") == 1
-    assert path.read_bytes() == before
-    assert sorted(os.listdir(tmp_path)) == ["a_001.jpg", "a_002.jpg", "project.db"]
+    with pytest.raises(DatabaseError, match=rf"^{path}: [^\n]*$"):
+        plan_links(path, [Path("a_001.jpg"), Path("a_002.jpg")])
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
 
 
 def test_rows_that_a_schema_replaces_are_rolled_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -37,13 +38,6 @@ def make_views(name: str = "a.jpg", camera: Camera | None = CAMERA) -> ExposureV
     return replace(plain, size=SIZE, camera=camera, geometry=geometry)
 
 
-def without_geometry(views: ExposureViews) -> ExposureViews:
-    found = replace(
-        views.geometry, F=None, E=None, H=None, cam2_from_cam1=None, config=Configuration.DEGENERATE
-    )
-    return replace(views, geometry=found)
-
-
 def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
     path, views = tmp_path / "new.db", make_views()
     write_database(str(path), [views])
@@ -72,8 +66,10 @@ def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
 
 
 def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
-    path = tmp_path / "new.db"
-    write_database(path, [without_geometry(make_views())])
+    path, views = tmp_path / "new.db", make_views()
+    none: dict[str, Any] = dict.fromkeys(("F", "E", "H", "cam2_from_cam1"))
+    without = replace(views.geometry, config=Configuration.DEGENERATE, **none)
+    write_database(path, [replace(views, geometry=without)])
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
         found = database.read_two_view_geometry(1, 2)
@@ -113,12 +109,9 @@ def test_time_direction_is_marked(tmp_path: Path) -> None:
     known = replace(make_views("b.jpg"), time=TimeDirection(known=True, confidence=0.8))
     write_database(path, [make_views("a.jpg"), known])
     columns = "photograph, role, config, time_known, time_confidence"
-    assert run_sql(path, f"SELECT {columns} FROM blur2view_views") == [
-        ("a.jpg", "open", "CALIBRATED", 0, 0.0),
-        ("a.jpg", "close", "CALIBRATED", 0, 0.0),
-        ("b.jpg", "open", "CALIBRATED", 1, 0.8),
-        ("b.jpg", "close", "CALIBRATED", 1, 0.8),
-    ]
+    of = {"a.jpg": ("CALIBRATED", 0, 0.0), "b.jpg": ("CALIBRATED", 1, 0.8)}
+    expected = [(name, role, *values) for name, values in of.items() for role in ("open", "close")]
+    assert run_sql(path, f"SELECT {columns} FROM blur2view_views") == expected
 
 
 def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:

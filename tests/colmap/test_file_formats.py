@@ -33,18 +33,11 @@ def write_text(folder: Path, sequence: Sequence[ExposureViews]) -> list[Path]:
 
 def imported_matches(text: str) -> Iterator[tuple[str, str, list[tuple[int, int]]]]:
     """Read as matches_importer does: blocks of a line of two names, then pairs up to a blank line."""
-    lines = iter(text.splitlines())
-    for line in lines:
-        if not line.strip():
-            continue
-        name1, name2 = line.split()
-        pairs = []
-        for row in lines:
-            if not row.strip():
-                break
-            index1, index2 = map(int, row.split())
-            pairs.append((index1, index2))
-        yield name1, name2, pairs
+    for block in text.removesuffix("\n\n").split("\n\n"):
+        names, *rows = block.splitlines()
+        name1, name2 = names.split()
+        pairs = [tuple(map(int, row.split())) for row in rows]
+        yield name1, name2, [(index1, index2) for index1, index2 in pairs]
 
 
 def imported_keypoints(text: str) -> tuple[np.ndarray, np.ndarray]:
@@ -64,9 +57,12 @@ def test_keypoints_are_colmaps_pixels() -> None:
     assert keypoints_text(np.zeros((0, 2))) == "0 128\n"
 
 
-def test_inliers_alone_are_matched_each_with_itself() -> None:
-    blocks = list(imported_matches(matches_text(some_views(count=6))))
+def test_inliers_alone_are_matched_each_with_itself_without_a_geometry_nothing() -> None:
+    views = some_views(count=6)
+    blocks = list(imported_matches(matches_text(views)))
     assert blocks == [("a.jpg#open", "a.jpg#close", [(1, 1), (2, 2), (4, 4), (5, 5)])]
+    none = replace(views, geometry=replace(views.geometry, F=None, inlier_mask=np.zeros(6, bool)))
+    assert list(imported_matches(matches_text(none))) == [("a.jpg#open", "a.jpg#close", [])]
 
 
 def test_all_texts_of_a_call_fit_each_other(tmp_path: Path) -> None:
@@ -90,9 +86,9 @@ def test_a_later_call_leaves_no_views_of_an_earlier_one_and_nothing_else_is_lost
     write_text(out, SEQUENCE)
     (out / "keypoints" / "note#1.txt").write_text("kept")
     write_text(out, SEQUENCE[1:])
-    left = sorted(path.name for path in out.rglob("*") if path.is_file() or path.is_symlink())
-    views = ["two.jpg#close", "two.jpg#close.txt", "two.jpg#open", "two.jpg#open.txt"]
-    assert left == sorted(["matches.txt", "note#1.txt", *views])
+    left = {path.name for path in out.rglob("*") if path.is_file() or path.is_symlink()}
+    views = {"two.jpg#close", "two.jpg#close.txt", "two.jpg#open", "two.jpg#open.txt"}
+    assert left == {"matches.txt", "note#1.txt"} | views
     assert (tmp_path / "one.jpg").read_bytes() and (tmp_path / "two.jpg").read_bytes()
 
 
@@ -107,12 +103,6 @@ def test_pycolmap_imports_the_pictures_under_the_views_names(tmp_path: Path) -> 
         images = {image.name: image.camera_id for image in opened.read_all_images()}
         sizes = {(opened.read_camera(i).width, opened.read_camera(i).height) for i in images.values()}
     assert set(images) == {"a.jpg#open", "a.jpg#close"} and sizes == {(120, 100)}
-
-
-def test_views_without_a_geometry_have_an_empty_block() -> None:
-    given = some_views()
-    none = replace(given, geometry=replace(given.geometry, F=None, inlier_mask=np.zeros(4, bool)))
-    assert list(imported_matches(matches_text(none))) == [("a.jpg#open", "a.jpg#close", [])]
 
 
 def hloc_matches(path: Path, name0: str, name1: str) -> tuple[np.ndarray, np.ndarray]:

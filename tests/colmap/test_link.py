@@ -8,11 +8,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_geometry import fundamental_to_colmap
+from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.database import write_database
-from blur2view.colmap.database_matches import DatabaseMatcher
 from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
-from blur2view.colmap.project import image_names, longest_suffix, open_project
+from blur2view.colmap.project import DatabaseMatcher, image_names, longest_suffix, open_project
 from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -153,9 +152,6 @@ def test_views_of_a_fresh_database_ask_for_replace_and_say_what_they_are(tmp_pat
     assert is_kept(path, "a.jpg")
 
 
-FEATURES_OF_ANOTHER = (
-    "UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2"
-)
 ANEW = (
     "CREATE TEMP TABLE kept AS SELECT * FROM keypoints WHERE image_id = 2",
     "DELETE FROM images WHERE image_id = 2",
@@ -169,7 +165,7 @@ ANEW = (
     [
         ["DELETE FROM images WHERE name = 'a_001.jpg#close'"],
         ANEW,
-        [FEATURES_OF_ANOTHER],
+        ["UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2"],
         ["UPDATE cameras SET params = zeroblob(length(params))"],
         ["UPDATE cameras SET model = 0"],
         ["UPDATE cameras SET prior_focal_length = 1 - prior_focal_length"],

@@ -43,29 +43,26 @@ def test_a_failed_link_leaves_no_backup(tmp_path: Path, path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["project.db"]
 
 
-def test_a_backup_is_what_was_there(path: Path) -> None:
+def test_a_backup_is_what_was_there_and_has_its_name_only_when_it_is_whole(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with closing(sqlite3.connect(path)) as database:
         before = list(database.iterdump())
-    copies = [link(path, "a_000.jpg", backup=True), link(path, "a_001.jpg", backup=True)]
-    assert all(copies) and len(set(copies)) == 2
-    assert copies[0] is not None and copies[0].name.startswith("project.db.") and copies[0].suffix == ".bak"
-    with closing(sqlite3.connect(copies[0])) as database:
-        assert list(database.iterdump()) == before
-
-
-def test_a_backup_has_its_name_only_when_it_is_whole(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
     connect = sqlite3.connect
 
     def note(name: object, *words: Any, **options: Any) -> sqlite3.Connection:
         opened.append(str(name))
-        connection: sqlite3.Connection = connect(str(name), *words, **options)
-        return connection
+        return connect(str(name), *words, **options)  # type: ignore[no-any-return]
 
-    monkeypatch.setattr(sqlite3, "connect", note)
-    copy = link(path, "a_001.jpg", backup=True)
-    assert copy is not None and copy.exists()
-    assert str(copy) not in opened and any(name.endswith(".bak.tmp") for name in opened)
+    with monkeypatch.context() as noting:
+        noting.setattr(sqlite3, "connect", note)
+        first, second = link(path, "a_000.jpg", backup=True), link(path, "a_001.jpg", backup=True)
+    assert first is not None and first.name.startswith("project.db.") and first.suffix == ".bak"
+    assert second not in (None, first) and str(first) not in opened
+    assert any(name.endswith(".bak.tmp") for name in opened)
+    with closing(sqlite3.connect(first)) as database:
+        assert list(database.iterdump()) == before
 
 
 @pytest.mark.parametrize(
@@ -96,14 +93,17 @@ def test_a_failure_midway_undoes_all(path: Path) -> None:
 
 
 @ROLLBACK
-def test_a_locked_database_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
     planned = link_of(only_plan(path))
-    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+    with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(DatabaseError, match="another program uses it"):
             write_links(path, [planned], backup=False)
         other.execute("ROLLBACK")
+        locked = pytest.raises(sqlite3.OperationalError, match="locked")
+        with open_project(path, write=True), locked:  # before it reads
+            other.execute("BEGIN IMMEDIATE")
     write_links(path, [planned], backup=False)
 
 
@@ -142,17 +142,6 @@ def test_killed_writes_leave_before_or_after() -> None:
     states = {state.split(",")[0] for counter in found.values() for state in counter}
     assert states <= {"before", "after"}
     assert sum(sum(counter.values()) for counter in found.values()) == 12
-
-
-@ROLLBACK
-def test_linking_holds_the_lock_before_it_reads(path: Path) -> None:
-    other = sqlite3.connect(path, timeout=0, isolation_level=None)
-    with (
-        closing(other),
-        open_project(path, write=True),
-        pytest.raises(sqlite3.OperationalError, match="locked"),
-    ):
-        other.execute("BEGIN IMMEDIATE")
 
 
 @ROLLBACK

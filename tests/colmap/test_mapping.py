@@ -84,12 +84,12 @@ def test_linked_projects_keep_colmaps_angles() -> None:
     assert options.ba_refine_focal_length and not mapper_options().ba_refine_focal_length
     kept = mapper_options(linked=True, keep_photographs=True)
     assert kept.fix_existing_frames and not kept.ba_refine_focal_length and not options.fix_existing_frames
+    assert mapper_options().check() and options.check()
     with pytest.raises(ValueError, match="keep_photographs"):
         mapper_options(keep_photographs=True)
 
 
-def test_options_are_valid() -> None:
-    assert mapper_options().check() and mapper_options(linked=True).check()
+def test_global_mapping_ends() -> None:
     adjustment = global_options().mapper.bundle_adjustment
     assert (
         adjustment.refine_focal_length and adjustment.ceres.solver_options.max_solver_time_in_seconds == 600

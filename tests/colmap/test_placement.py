@@ -1,7 +1,5 @@
 """Views placed into a model of their photographs: an exact walk, a known exposure, photographs left out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -103,14 +101,10 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
         }
 
 
-def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle(tmp_path: Path) -> None:
+def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle_images_are(tmp_path: Path) -> None:
     database, model = project(tmp_path)
     run_sql(database, f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
     assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
-
-
-def test_the_model_of_another_database_is_refused(tmp_path: Path) -> None:
-    database, model = project(tmp_path, [0, 1])
     renumber = "UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'"
     run_sql(database, "PRAGMA foreign_keys = OFF", renumber)
     with pytest.raises(DatabaseError, match=f"{NAMES[0]} has another id in the model; name the database"):

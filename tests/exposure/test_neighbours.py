@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.database_matches import DatabaseMatcher, database_names
+from blur2view.colmap.project import DatabaseMatcher, database_names
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.neighbours import detect, match_features, photograph_matcher, verified
 

@@ -9,8 +9,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_camera import to_colmap
-from blur2view.camera.colmap_geometry import fundamental_to_colmap, homography_to_colmap
+from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.colmap.rows import put_pair
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view

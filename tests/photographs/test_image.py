@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,10 +26,12 @@ def saved(path: Path, pixels: np.ndarray, **options: object) -> Path:
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
-def test_colour_of_8_bits_is_exact(tmp_path: Path, suffix: str) -> None:
-    image = read_image(saved(tmp_path / f"a.{suffix}", RGB8))
-    assert image.dtype == np.float32 and image.flags.c_contiguous
-    np.testing.assert_array_equal(image, RGB8.astype(np.float32) / np.float32(255))
+def test_8_bits_are_exact(tmp_path: Path, suffix: str) -> None:
+    for pixels in (RGB8, RGB8[..., 0]):
+        image = read_image(saved(tmp_path / f"a.{suffix}", pixels))
+        assert image.dtype == np.float32 and image.flags.c_contiguous
+        expected = np.broadcast_to(pixels.reshape(20, 30, -1), (20, 30, 3))
+        np.testing.assert_array_equal(image, expected / np.float32(255))
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])
@@ -40,21 +43,19 @@ def test_16_bits_are_kept(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(grey, np.repeat(RGB16[..., :1], 3, 2) / 65535, atol=1e-7)
 
 
-def test_grey_black_and_white_and_palette_are_read(tmp_path: Path) -> None:
-    picture = Image.fromarray(RGB8)
-    picture.convert("1").save(tmp_path / "bits.png")
-    picture.convert("P").save(tmp_path / "palette.png")
-    assert set(np.unique(read_image(tmp_path / "bits.png"))) == {0.0, 1.0}
-    grey = read_image(saved(tmp_path / "grey.png", RGB8[..., 0]))
-    np.testing.assert_array_equal(grey, np.repeat(RGB8[..., :1], 3, 2) / np.float32(255))
-    assert read_image(tmp_path / "palette.png").shape == (20, 30, 3)
-
-
-@pytest.mark.parametrize("mode", ["CMYK", "YCbCr"])
-def test_other_colour_models_become_rgb(tmp_path: Path, mode: str) -> None:
-    flat = Image.new("RGB", (32, 32), (200, 100, 50)).convert(mode)
-    flat.save(tmp_path / "a.jpg", quality=98)
-    np.testing.assert_allclose(read_image(tmp_path / "a.jpg")[16, 16] * 255, [200, 100, 50], atol=3)
+@pytest.mark.parametrize(
+    ("mode", "name", "shown"),
+    [
+        ("CMYK", "a.jpg", (200, 100, 50)),
+        ("YCbCr", "a.jpg", (200, 100, 50)),
+        ("P", "a.png", (204, 102, 51)),
+        ("1", "a.png", (0, 0, 0)),
+    ],
+)
+def test_other_colour_models_become_rgb(tmp_path: Path, mode: str, name: str, shown: tuple[int, ...]) -> None:
+    flat = Image.new("RGB", (32, 32), (200, 100, 50)).convert(mode, dither=Image.Dither.NONE)
+    flat.save(tmp_path / name, quality=98)
+    np.testing.assert_allclose(read_image(tmp_path / name)[16, 16] * 255, shown, atol=3)
 
 
 @pytest.mark.parametrize("depth", [8, 16])
@@ -82,63 +83,49 @@ def test_orientation_is_applied(tmp_path: Path, orientation: int, suffix: str, d
     np.testing.assert_allclose(read_image(tmp_path / f"a.{suffix}")[..., 0], upright, atol=0.02)
 
 
-def jpeg_bytes(size: tuple[int, int] = (200, 150), **options: object) -> bytes:
-    pixels = np.random.default_rng(3).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "JPEG", **options)
-    return stream.getvalue()
-
-
-@pytest.mark.parametrize("progressive", [False, True])
-@pytest.mark.parametrize("share", [0.05, 0.3, 0.6, 0.99])
-def test_truncated_jpeg_is_refused(tmp_path: Path, share: float, progressive: bool) -> None:
-    content = jpeg_bytes(progressive=progressive)
-    path = tmp_path / "cut.jpg"
-    path.write_bytes(content[: int(len(content) * share)])
-    with pytest.raises(ImageError, match=r"cut\.jpg: is (damaged|not a readable image)"):
-        read_image(path)
-
-
-@pytest.mark.parametrize("depth", [8, 16])
-@pytest.mark.parametrize("suffix", ["png", "tif"])
-def test_truncated_lossless_file_is_refused(tmp_path: Path, suffix: str, depth: int) -> None:
-    pixels = RGB8 if depth == 8 else RGB16
-    encoded = cv2.imencode(f".{suffix}", pixels)[1].tobytes()
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("pixels", [RGB8, RGB16], ids=["8 bits", "16 bits"])
+@pytest.mark.parametrize("kind", ["png", "tif", "jpg", "progressive jpg"])
+def test_truncated_file_is_refused(tmp_path: Path, kind: str, pixels: np.ndarray, share: float) -> None:
+    *progressive, suffix = kind.split()
+    options = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1] if progressive else []
+    content = cv2.imencode(f".{suffix}", pixels if suffix != "jpg" else RGB8, options)[1].tobytes()
     path = tmp_path / f"cut.{suffix}"
-    path.write_bytes(encoded[: len(encoded) // 2])
-    with pytest.raises(ImageError, match="cut"):
+    path.write_bytes(content[: int(len(content) * share)])
+    with pytest.raises(ImageError, match=r"cut\.\w+: is (damaged|not a readable image)"):
         read_image(path)
 
 
-def tiff(path: Path, data: bytes, *, bits: int, photometric: int = 1, planes: int = 1) -> Path:
-    """Write a TIFF of 30x20 pixels whose data lie as they are given, one strip per plane."""
-    tags = TiffImagePlugin.ImageFileDirectory_v2()
-    tags[256], tags[257], tags[278] = 30, 20, 20
-    tags[258], tags[277], tags[259], tags[262] = (bits,) * planes, planes, 1, photometric
-    tags[284] = 1 if planes == 1 else 2
-    size = len(data) // planes
-    tags[273], tags[279] = tuple(range(0, len(data), size)), (size,) * planes  # Pillow adds where they end
-    path.write_bytes(b"II*\0\x08\0\0\0" + tags.tobytes(8) + data)
+def tiff(path: Path, data: np.ndarray, *, bits: int = 16, planes: int = 1, tags: dict[int, Any]) -> Path:
+    """Write a TIFF whose data lie as they are given, one strip per plane, with these tags."""
+    height, width = data.shape[-2:] if bits == 16 else (20, 30)
+    content, size = data.tobytes(), data.nbytes // planes
+    written = TiffImagePlugin.ImageFileDirectory_v2()
+    written.tagtype |= {33421: 3, 33422: 1, 50721: 10}  # of a DNG
+    layout = {256: width, 257: height, 258: (bits,) * planes, 259: 1, 277: planes, 278: height}
+    strips = {273: tuple(range(0, data.nbytes, size)), 279: (size,) * planes}  # Pillow adds where they end
+    for number, value in (layout | strips | {262: 1, 284: 1} | tags).items():
+        written[number] = value
+    path.write_bytes(b"II*\0\x08\0\0\0" + written.tobytes(8) + content)
     return path
 
 
 def test_colour_of_16_bits_in_planes_is_refused(tmp_path: Path) -> None:
-    data = np.moveaxis(RGB16, 2, 0).astype("<u2").tobytes()
+    path = tiff(tmp_path / "a.tif", np.moveaxis(RGB16, 2, 0), planes=3, tags={262: 2, 284: 2})
     with pytest.raises(ImageError, match="separate planes; save it with RGB pixels"):
-        read_image(tiff(tmp_path / "a.tif", data, bits=16, photometric=2, planes=3))
+        read_image(path)
 
 
 def test_grey_of_12_bits_keeps_its_brightness(tmp_path: Path) -> None:
     grey = RGB16[..., 0] >> 4
     even, odd = grey[:, ::2], grey[:, 1::2]
     packed = np.stack([even >> 4, (even & 15) << 4 | odd >> 8, odd & 255], axis=-1).astype(np.uint8)
-    image = read_image(tiff(tmp_path / "a.tif", packed.tobytes(), bits=12))
+    image = read_image(tiff(tmp_path / "a.tif", packed, bits=12, tags={}))
     np.testing.assert_allclose(image[..., 0], grey / 4095, atol=1e-6)
 
 
 def test_grey_whose_zero_is_white_is_no_negative(tmp_path: Path) -> None:
-    data = RGB16[..., 0].astype("<u2").tobytes()
-    image = read_image(tiff(tmp_path / "a.tif", data, bits=16, photometric=0))
+    image = read_image(tiff(tmp_path / "a.tif", RGB16[..., 0], tags={262: 0}))
     np.testing.assert_allclose(image[..., 0], 1 - RGB16[..., 0] / 65535, atol=1e-6)
 
 
@@ -162,19 +149,16 @@ def test_photograph_that_takes_too_much_memory_is_refused_before_it_is_decoded(
         read_image(path, max_memory_gib=2)
 
 
-def bitmap(side: int) -> bytes:
-    """Return the header of a bitmap that claims to have this side."""
-    header = io.BytesIO()
-    Image.new("L", (20, 20)).save(header, "BMP")
-    content = bytearray(header.getvalue())
-    content[18:26] = side.to_bytes(4, "little") * 2
-    return bytes(content)
-
-
 def encoded(picture: Image.Image, kind: str) -> bytes:
     stream = io.BytesIO()
     picture.save(stream, kind)
     return stream.getvalue()
+
+
+def bitmap(side: int) -> bytes:
+    """Return the header of a bitmap that claims to have this side."""
+    content = encoded(Image.new("L", (20, 20)), "BMP")
+    return content[:18] + side.to_bytes(4, "little") * 2 + content[26:]
 
 
 @pytest.mark.parametrize(
@@ -187,6 +171,7 @@ def encoded(picture: Image.Image, kind: str) -> bytes:
         (bitmap(40_000), "too many pixels; resize"),
         (bitmap(13_300), "13300x13300 pixels; resize"),
         (encoded(Image.fromarray(np.ones((20, 20), np.float32)), "TIFF"), "floating-point"),
+        (cv2.imencode(".tif", np.ones((20, 20, 3), np.float32))[1].tobytes(), ""),
         (encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"), "32-bit"),
         ("folder", "is a directory"),
         (None, "no such file"),
@@ -225,9 +210,13 @@ def test_whatever_a_decoder_stumbles_over_is_one_line(
         read_image(path)
 
 
-def test_path_that_cannot_be_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ImageError, match="cannot be read"):
-        read_image("a\0b.jpg")
+def test_path_that_cannot_be_read_or_never_ends_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.mkfifo(tmp_path / "pipe.jpg")
+    for path, words in ((tmp_path / "pipe.jpg", "no regular"), ("/dev/zero", "no regular"), ("a\0b.jpg", "")):
+        with pytest.raises(ImageError, match=f"cannot be read .*{words}"):
+            read_image(path)
 
     def denied(path: Path) -> bytes:  # chmod would not stop root
         raise PermissionError(13, "Permission denied")
@@ -235,13 +224,6 @@ def test_path_that_cannot_be_read_is_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr("blur2view.photographs.image.read_regular", denied)
     with pytest.raises(ImageError, match="Permission denied"):
         read_image(tmp_path / "a.png")
-
-
-def test_pipe_is_refused_instead_of_waiting_for_its_end(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.jpg")
-    for path in (tmp_path / "pipe.jpg", Path("/dev/zero")):
-        with pytest.raises(ImageError, match="is no regular file"):
-            read_image(path)
 
 
 def test_what_a_decoder_has_to_say_is_not_printed(tmp_path: Path) -> None:

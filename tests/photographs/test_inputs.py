@@ -37,24 +37,16 @@ def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder:
     found = listed(folder)
     assert [path.name for path in found.paths] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     assert not found.refused and not found.names
+    below = listed(folder, recursive=True)
+    assert below.paths == [*found.paths, folder / "sub/a.tif", folder / "sub/deep/b.heic"]
+    assert {str(name) for name in below.names.values()} == {"sub/a", "sub/deep/b"}
 
 
-def test_subfolders_are_kept_in_names(folder: Path) -> None:
-    found = listed(folder, recursive=True)
-    below = [path.relative_to(folder).as_posix() for path in found.paths]
-    assert below == ["c.NEF", "frame_2.JPG", "frame_10.jpg", "sub/a.tif", "sub/deep/b.heic"]
-    assert found.names == {
-        folder / "sub/a.tif": Path("sub/a"),
-        folder / "sub/deep/b.heic": Path("sub/deep/b"),
-    }
-
-
-def test_folder_without_photographs_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("recursive", [False, True])
+def test_folder_without_photographs_is_refused_with_the_remedy(folder: Path, recursive: bool) -> None:
     (folder / "empty").mkdir()
-    (found,) = listed(folder / "empty").refused.values()
-    assert "holds no photograph" in found and "--recursive" in found
-    (found,) = listed(folder / "empty", recursive=True).refused.values()
-    assert "holds no photograph" in found and "--recursive" not in found
+    (found,) = listed(folder / "empty", recursive=recursive).refused.values()
+    assert "holds no photograph" in found and ("--recursive" in found) != recursive
 
 
 @pytest.mark.parametrize("separator", ["\n", "\r\n", "\0"])
@@ -94,35 +86,24 @@ def test_names_of_a_list_are_its_lines_but_blanks_and_comments(
 def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     found = listed("frame_10.jpg", folder, "sub/../frame_10.jpg", "sub", "sub", "absent.jpg", "./absent.jpg")
-    assert [path.name for path in found.paths] == [
-        "frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"
-    ]  # fmt: skip
+    names = [path.name for path in found.paths]
+    assert names == ["frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"]
     (folder / "empty").mkdir()
     assert len(listed("empty", "empty").paths) == 1
+    (folder / "link").symlink_to(folder / "sub/deep")
+    assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is sub/x.jpg
 
 
-def test_name_through_a_link_is_another_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "real/sub").mkdir(parents=True)
-    (tmp_path / "link").symlink_to(tmp_path / "real/sub")
-    monkeypatch.chdir(tmp_path)
-    assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is real/x.jpg
-    assert len(listed("x.jpg", "./x.jpg").paths) == 1
-
-
-def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
+def test_list_that_may_never_end_or_is_too_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     os.mkfifo(tmp_path / "pipe")
     for endless in ("/dev/zero", tmp_path / "pipe"):
         with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
             listed(f"@{endless}")
-
-
-def test_list_larger_than_one_of_photographs_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.photographs.inputs.MAX_LIST_BYTES", 1 << 20)
-    with (
-        open("/dev/zero", "rb") as endless,
-        pytest.raises(ImageError, match="standard input.*larger than 1 MiB"),
-    ):
-        listed("-", stdin=endless)
+    with open("/dev/zero", "rb") as zeros, pytest.raises(ImageError, match="standard input.*larger than 1 M"):
+        listed("-", stdin=zeros)
     monkeypatch.setattr("blur2view.photographs.inputs.MAX_LINES", 3)
     for separator in ("\n", "\0", "\u2028"):
         assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3

@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.results import panel
-from blur2view.results.drawing import FAINT, TEXT_SIZE, orientation_colours, wrap
+from blur2view.results import overlay
+from blur2view.results.drawing import FAINT, TEXT_SIZE, View, wrap
 from blur2view.results.mask_overlay import headline
-from blur2view.results.overlay import View, draw_overlay, farthest_points, spread_subset
-from blur2view.results.panel import short_number
+from blur2view.results.overlay import (
+    draw_overlay,
+    farthest_points,
+    orientation_colours,
+    short_number,
+    spread_subset,
+)
 from blur2view.segmentation.mask import MotionLabel
-from blur2view.segmentation.pixels import moving_regions
+from blur2view.segmentation.pixels import MovingRegion
 from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -25,8 +30,7 @@ from tests.support.report_scenes import boxed_mask
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
 
 
-def flat_photo(height: int, width: int) -> NDArray[np.float32]:
-    return np.full((height, width, 3), 0.5, np.float32)
+PHOTO = np.full((480, 640, 3), 0.5, np.float32)
 
 
 def blank_grid(shape: tuple[int, ...]) -> SmearGrid:
@@ -58,8 +62,8 @@ def drawn(
     displacement: tuple[float, float] = (12, 0),
 ) -> NDArray[np.uint8]:
     """Return the overlay of smears at points of a grey photograph of 640x480."""
-    photo, matches = flat_photo(480, 640), matches_at(points, displacement)
-    return draw_overlay(photo, blank_grid(photo.shape), matches, geometry_of(inliers, F))
+    matches = matches_at(points, displacement)
+    return draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches, geometry_of(inliers, F))
 
 
 def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
@@ -98,8 +102,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
     matches = SmearMatches(ends=ends, sigma_px=np.ones(1))
     geometry = replace(geometry_of([True], F), swapped=np.array([swapped]))
-    photo = flat_photo(480, 640)
-    picture = draw_overlay(photo, blank_grid(photo.shape), matches, geometry)
+    picture = draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches, geometry)
     columns = np.array([20, 60, 580, 620])
     rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
     inside = (rows > 2) & (rows < 477)
@@ -125,7 +128,7 @@ def test_epipole_in_the_picture_is_ringed() -> None:
     ],
 )
 def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
-    photo = flat_photo(*size)
+    photo = np.full((*size, 3), 0.5, np.float32)
     picture = draw_overlay(photo, blank_grid(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
     assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
     assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
@@ -148,19 +151,18 @@ def test_scaling_keeps_corner_pixels_in_place() -> None:
 
 
 def test_long_verdict_makes_the_panel_taller_instead_of_being_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    photo = flat_photo(480, 640)
     heights = []
     for words in (3, 60):
-        monkeypatch.setattr(panel, "sentence", lambda *_, count=words: "words " * count)
-        heights.append(draw_overlay(photo, blank_grid(photo.shape), matches_at([]), geometry_of([])).shape[0])
+        monkeypatch.setattr(overlay, "sentence", lambda *_, count=words: "words " * count)
+        heights.append(len(drawn([], [])))
     assert heights[1] > heights[0] + 100
 
 
 def test_caption_says_in_plain_words_what_the_verdict_means(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[str] = []
-    monkeypatch.setattr(panel, "write", lambda canvas, text, at, **style: written.append(text))
+    monkeypatch.setattr(overlay, "write", lambda canvas, text, *_, **style: written.extend(np.ravel(text)))
     geometry = replace(geometry_of([True], SIDEWAYS), config=Configuration.UNCALIBRATED, reason="cost 8.1")
-    draw_overlay(flat_photo(480, 640), blank_grid((480, 640)), matches_at([(20, 20)]), geometry)
+    draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches_at([(20, 20)]), geometry)
     caption = " ".join(written)
     assert "Camera moved past near and far things; blur" in caption
     assert "1 of 1 smears fit F" in caption and "cost 8.1" not in caption
@@ -171,34 +173,34 @@ def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:
     assert shown == ["0.012", "0.34", "8.2", "9.5", "10", "82", "820", "1000"]
 
 
-def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_be_judged() -> None:
-    mask, still, moving = boxed_mask(), MotionLabel.STATIC, MotionLabel.MOVING
-    assert headline(mask) == "nothing moves; motion is unobservable in 25%"
+@pytest.mark.parametrize(
+    ("still", "moving", "expected"),
+    [
+        (100, 0, "nothing moves"),
+        (75, 0, "nothing moves; motion is unobservable in 25%"),
+        (22, 0, "motion is unobservable in 78%; elsewhere nothing moves"),
+        (0.01, 0, "motion is unobservable in 99%; elsewhere nothing moves"),
+        (0, 0, "motion is unobservable everywhere"),
+        (18, 4, "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"),
+        (99.96, 0.04, "1 moving part, under 0.1% of the photograph"),
+    ],
+)
+def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_be_judged(
+    still: float, moving: float, expected: str
+) -> None:
     labels = np.full((100, 100), MotionLabel.UNOBSERVABLE, np.uint8)
-    assert headline(replace(mask, labels=np.full_like(labels, still))) == "nothing moves"
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable everywhere"
-    labels[:22] = still
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 78%; elsewhere nothing moves"
-    labels[:4] = moving
-    regions = moving_regions(labels == moving, np.ones(labels.shape, np.float32))
-    counted = headline(replace(mask, labels=labels, regions=regions))
-    assert counted == "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"
-    few = np.full((400, 400), still, np.uint8)
-    few[:8, :8] = moving
-    counted = headline(replace(mask, labels=few, regions=regions))
-    assert counted == "1 moving part, under 0.1% of the photograph"
-    labels[:], labels[0, 0] = MotionLabel.UNOBSERVABLE, still
-    assert headline(replace(mask, labels=labels)) == "motion is unobservable in 99%; elsewhere nothing moves"
+    labels.flat[: round(100 * (still + moving))] = MotionLabel.STATIC
+    labels.flat[: round(100 * moving)] = MotionLabel.MOVING
+    one = MovingRegion(area_px=1, box=(0, 0, 1, 1), centroid=(0.0, 0.0), probability=1.0)
+    assert headline(replace(boxed_mask(), labels=labels, regions=(one,) * bool(moving))) == expected
 
 
 def test_sizes_that_disagree_are_refused() -> None:
-    photo = flat_photo(48, 64)
-    with pytest.raises(ValueError, match="grid of shape"):
-        draw_overlay(photo, blank_grid((64, 48)), matches_at([]), geometry_of([]))
-    with pytest.raises(ValueError, match=r"grid of shape \(\), got"):
-        draw_overlay("a.jpg", blank_grid(photo.shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
+    for photo, shape in ((PHOTO, (640, 480)), ("a.jpg", (480, 640))):
+        with pytest.raises(ValueError, match="expected a grid of shape"):
+            draw_overlay(photo, blank_grid(shape), matches_at([]), geometry_of([]))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="masks of 1 matches, got 2"):
-        draw_overlay(photo, blank_grid(photo.shape), matches_at([(8, 8)]), geometry_of([True, True]))
+        drawn([(8, 8)], [True, True])
 
 
 def test_colours_depend_on_orientation_and_not_on_sign() -> None:
@@ -208,13 +210,10 @@ def test_colours_depend_on_orientation_and_not_on_sign() -> None:
     assert np.abs(horizontal - vertical).max() > 150
 
 
-def test_subset_keeps_the_best_of_every_square() -> None:
+def test_subset_keeps_the_best_of_every_square_farthest_points_reach_the_corners_first() -> None:
     points = np.array([[1.0, 1], [2, 2], [11, 1], [12, 3], [13, 2]])
     quality = np.array([1.0, 2, 5, 9, 9])
     np.testing.assert_array_equal(spread_subset(points, quality, spacing=10), [1, 3])
-
-
-def test_farthest_points_reach_the_corners_first() -> None:
     square = np.array([[0.0, 0], [10, 0], [0, 10], [10, 10], [5, 5], [6, 5], [4, 5]])
     assert set(farthest_points(square, 5)) == {0, 1, 2, 3, 4}
     assert len(farthest_points(square, 50)) == len(square)

@@ -19,20 +19,18 @@ from blur2view.cli import commands as cli
 from blur2view.cli import report as report_command
 from blur2view.cli.report import FOLDERS, shown_names
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.pipeline import Estimate
 from blur2view.results.report import Entry, report
-from blur2view.results.report_photograph import photograph
+from blur2view.results.report_pack import photograph
 from blur2view.results.verdicts import KINDS
-from blur2view.segmentation.mask import MotionMask, segment
-from tests.support.colour_code import colour_code, write_picture
+from blur2view.segmentation.mask import MotionMask
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
 Report = Callable[..., int]
 
 
-class Markup(HTMLParser):
-    """The elements of a page, with their attributes and text."""
+class _Markup(HTMLParser):
+    """The elements of a page with their attributes, and its texts with the elements they lie in."""
 
     def __init__(self, page: bytes) -> None:
         super().__init__()
@@ -40,25 +38,19 @@ class Markup(HTMLParser):
         self.texts: list[tuple[str, str]] = []
         self.inside = ""
         self.feed(page.decode())
+        scripts = [text for tag, text in self.texts if tag == "script"]
+        # blocks of data: the failures, then the photographs
+        self.blocks: list[Any] = [json.loads(text) for text in scripts if text.startswith(("{", "["))]
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        """Note an element."""
         self.inside = tag
         self.elements.append((tag, dict(attributes)))
 
     def handle_endtag(self, tag: str) -> None:
-        """Leave an element."""
         self.inside = ""
 
     def handle_data(self, data: str) -> None:
-        """Note a text with the element it lies in."""
         self.texts.append((self.inside, data))
-
-    def blocks(self) -> list[Any]:
-        """Blocks of data, decoded: the failures, then the photographs."""
-        return [
-            json.loads(text) for tag, text in self.texts if tag == "script" and text.startswith(("{", "["))
-        ]
 
 
 @pytest.fixture
@@ -72,14 +64,6 @@ def call(tiny_model: Path, tmp_path: Path) -> Report:
     return run
 
 
-@pytest.fixture
-def moving(tmp_path: Path) -> Path:
-    """Return a picture in which the tiny network sees forward motion."""
-    y, x = np.mgrid[:120, :160].astype(float)
-    smears = 0.2 * np.stack([x - 70, y - 50], -1)
-    return write_picture(tmp_path / "moving.png", colour_code(smears, 1.0))
-
-
 @pytest.mark.slow
 def test_page_holds_what_estimate_prints(
     call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
@@ -88,13 +72,16 @@ def test_page_holds_what_estimate_prints(
     assert "moving.png: " in (shown := capsys.readouterr().out) and "page.html" in shown
     assert cli.main(["estimate", "--json", "--model", str(tiny_model), str(moving)]) == 0
     (printed,) = json.loads(capsys.readouterr().out)["estimates"]
-    _, shown = Markup((tmp_path / "page.html").read_bytes()).blocks()
+    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
     document = json.loads(shown["document"])
     assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
     assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
     assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
     assert document == printed
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
+    assert call(moving, "--no-mask") == 0
+    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
+    assert shown["mask"] is None and "mask" not in shown["seconds"]
 
 
 def test_masks_are_made_with_the_seed_of_the_call(
@@ -102,9 +89,9 @@ def test_masks_are_made_with_the_seed_of_the_call(
 ) -> None:
     noted: list[float] = []
 
-    def mask_of(estimate: Estimate, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
+    def mask_of(estimate: object, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
         noted.append(rng.random())
-        return segment(estimate, image, rng)
+        return boxed_mask((image.shape[1], image.shape[0]))
 
     monkeypatch.setattr(report_command, "segment", mask_of)
     assert call(moving, "--seed", 5, "--jobs", 1) == 0
@@ -130,12 +117,12 @@ def test_failure_is_a_card_not_the_end(
     broken.write_bytes(b"no picture")
     assert call(broken, moving, tmp_path / "absent.jpg") == 1
     assert len(capsys.readouterr().err.splitlines()) == 2
-    markup = Markup((tmp_path / "page.html").read_bytes())
+    markup = _Markup((tmp_path / "page.html").read_bytes())
     cards = [attributes for tag, attributes in markup.elements if tag == "li" and "data-index" in attributes]
     assert ["card-failed" in str(card["class"]) for card in cards] == [True, False, True]
     text = "".join(data for _, data in markup.texts)
     assert "is not a readable image" in text and "no such file" in text
-    failures, photo = markup.blocks()
+    failures, photo = markup.blocks
     assert [Path(failure["image"]).name for failure in failures] == ["broken.jpg", "absent.jpg"]
     assert photo["name"] == "moving.png"
     assert str(tmp_path) not in (tmp_path / "page.html").read_text()
@@ -194,22 +181,16 @@ def test_nothing_is_written_if_every_photograph_fails(
     assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
 
 
-def test_mask_can_be_left_out(call: Report, moving: Path, tmp_path: Path) -> None:
-    assert call(moving, "--no-mask") == 0
-    _, photo = Markup((tmp_path / "page.html").read_bytes()).blocks()
-    assert photo["mask"] is None and "mask" not in photo["seconds"]
-
-
 @pytest.mark.parametrize(
     "name", [HOSTILE, "</script><script>alert(3)</script>", "<!--<script>", "\udcff.png", "$title"]
 )
 def test_names_and_errors_never_become_markup(name: str) -> None:
     entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
-    markup = Markup(report(entries, "1.0"))
-    plain = Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
+    markup = _Markup(report(entries, "1.0"))
+    plain = _Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
     assert [tag for tag, _ in markup.elements] == [tag for tag, _ in plain.elements]
     assert not any(key.startswith("on") for _, attributes in markup.elements for key in attributes)
-    failures, photo = markup.blocks()
+    failures, photo = markup.blocks
     assert photo["name"] == str(Path(name)) and failures[0]["image"] == name
     text = "".join(data for _, data in markup.texts)
     readable = name.encode("utf-8", "backslashreplace").decode()
@@ -218,7 +199,7 @@ def test_names_and_errors_never_become_markup(name: str) -> None:
 
 def test_page_forbids_loading_and_foreign_scripts() -> None:
     page = report([Entry.of(made_up(F=turning_F()), boxed_mask())], "1.0")
-    markup = Markup(page)
+    markup = _Markup(page)
     (policy,) = (
         str(a["content"]) for tag, a in markup.elements if a.get("http-equiv") == "Content-Security-Policy"
     )
@@ -235,12 +216,8 @@ def test_page_forbids_loading_and_foreign_scripts() -> None:
 
 
 def test_photograph_of_1280x720_stays_small() -> None:
-    one = made_up(F=turning_F(), size=(1280, 720))
-    rng = np.random.default_rng(3)
-    grain = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1).astype(
-        np.float32
-    )  # 10 of 255 levels
-    one.image[:] = grain
+    one, rng = made_up(F=turning_F(), size=(1280, 720)), np.random.default_rng(3)
+    one.image[:] = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1)  # a grain of 10 of 255 levels
     one.estimate.grid.cells[..., :2] = rng.normal(0, 20, (*one.estimate.grid.cells.shape[:2], 2))
     assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
 
@@ -257,23 +234,21 @@ def test_every_configuration_has_words_and_card_and_page_say_the_same() -> None:
         assert json.loads(shown["document"])["meaning"] == entry.text
 
 
-def test_what_is_undecided_is_said() -> None:
-    proven = made_up(F=turning_F())
-    beside_H = made_up(F=turning_F(), config=Configuration.PLANAR_OR_PANORAMIC)
-    assert (photograph(beside_H)["kind"], photograph(proven)["kind"]) == ("undecided", "proven")
-    either = made_up(config=Configuration.PLANAR_OR_PANORAMIC)
-    assert photograph(either)["kind"] == "flat"
-    for one, parallax in ((proven, "proven"), (beside_H, "undecided"), (either, "absent")):
-        assert json.loads(photograph(one)["document"])["parallax"] == parallax
+@pytest.mark.parametrize(
+    ("with_F", "config", "kind", "parallax"),
+    [
+        (True, Configuration.UNCALIBRATED, "proven", "proven"),
+        (True, Configuration.PLANAR_OR_PANORAMIC, "undecided", "undecided"),
+        (False, Configuration.PLANAR_OR_PANORAMIC, "flat", "absent"),
+    ],
+)
+def test_what_is_undecided_is_said(with_F: bool, config: Configuration, kind: str, parallax: str) -> None:
+    shown = photograph(made_up(F=turning_F() if with_F else None, config=config))
+    assert shown["kind"] == kind and json.loads(shown["document"])["parallax"] == parallax
 
 
-ENTRY: dict[str, Any] = {
-    "name": "a",
-    "kind": "flat",
-    "verdict": "PLANAR",
-    "text": "",
-    "content": '{"document": "{}"}',
-}
+ENTRY: dict[str, Any] = {"name": "a", "kind": "flat", "verdict": "PLANAR", "text": ""}
+ENTRY |= {"content": '{"document": "{}"}'}
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     for x, y in [inside, right, *nodes]:
         scale = scale_of(page)
         page.locator("#stage").hover(position={"x": (x + 1.4) * scale, "y": (y - 0.4) * scale})
-        d, ends = field_.displacement[y, x], quantised_ends((x, y), field_.displacement[y, x])
+        d, ends = field_.displacement[y, x], quantised_ends(one, x, y)
 
         def shown(key: str) -> list[float]:
             return numbers(value(page, key, "pointer"))
@@ -85,6 +85,7 @@ def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
     left, top, right, bottom = MOVING_BOX
     row, column = round((top + bottom) / 2 * scale), round((left + right) / 2 * scale)
     toggle(page, "mask")
+    assert page.locator("#mask-reason").inner_text() == f"{headline(boxed_mask())}; F"  # as it is printed
     pixels = stage_pixels(page)
     pink = near(pixels, tuple((np.array([255, 64, 160]) * 150 + backdrop * 105) / 255), 12)
     for line, low, high in ((pink[row], left, right), (pink[:, column], top, bottom)):
@@ -194,9 +195,3 @@ def test_drag_pans_the_zoomed_photograph_and_chooses_nothing(opened: Opener) -> 
     after = stage_pixels(page)
     np.testing.assert_array_equal(after[40:-60, 40:-90], before[60:-40, 90:-40])
     assert value(page, "position") == "-"
-
-
-def test_mask_is_described_as_it_is_printed(opened: Opener) -> None:
-    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
-    toggle(page, "mask")
-    assert page.locator("#mask-reason").inner_text() == f"{headline(boxed_mask())}; F"

@@ -119,18 +119,11 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         make("Reshape", ["flat", "bins"], ["logits"]),
         make("MatMul", ["logits", "none"], ["features"]),
     ]
-    return model_of(nodes, constants, CHANNELS, **(METADATA | metadata))
-
-
-def model_of(
-    nodes: list[onnx.NodeProto], constants: dict[str, NDArray[np.generic]], channels: int, **metadata: str
-) -> onnx.ModelProto:
-    """Return a network of the shipped inputs and outputs."""
     ends: dict[str, list[str | int | None]] = {
         "grey": [1, 1, "H", "W"],
         "cepstra": [1, "h", "w", DIRECTIONS, LAGS],
         "scales": [1, "h", "w", SCALES],
-        "coarser": [1, "h", "w", DIRECTIONS, channels],
+        "coarser": [1, "h", "w", DIRECTIONS, CHANNELS],
         "logits": [1, "h2", "w2", "d", "b"],
         "features": [1, "h2", "w2", "d", "c"],
     }
@@ -141,7 +134,7 @@ def model_of(
     ]
     graph = helper.make_graph(nodes, "code", infos[: len(INPUTS)], infos[len(INPUTS) :], arrays)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, metadata)
+    helper.set_model_props(model, METADATA | metadata)
     return model
 
 

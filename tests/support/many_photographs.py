@@ -4,15 +4,18 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from blur2view.arrays import AnyArray
 from tests.support.colour_code import colour_code, write_picture
 
 ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = ROOT / "models/sample.jpg"
 
 
 def write_photographs(folder: Path, count: int, shape: tuple[int, int] = (64, 80)) -> list[Path]:
@@ -28,9 +31,15 @@ def write_photographs(folder: Path, count: int, shape: tuple[int, int] = (64, 80
 
 def write_video(path: Path, count: int, shape: tuple[int, int] = (64, 80)) -> Path:
     """Return a video of frames that grow lighter, ten a second."""
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, shape[::-1])
-    for index in range(count):
-        video.write(np.full((*shape, 3), 20 + 2 * index, np.uint8))
+    return write_frames(path, [np.full((*shape, 3), 20 + 2 * index, np.uint8) for index in range(count)])
+
+
+def write_frames(path: Path, frames: Sequence[AnyArray]) -> Path:
+    """Return a video of these frames (H, W, 3), BGR, ten a second."""
+    size = frames[0].shape[1], frames[0].shape[0]
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, size)
+    for frame in frames:
+        video.write(frame)
     video.release()
     return path
 

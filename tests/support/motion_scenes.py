@@ -8,9 +8,8 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate, Timings
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
+from tests.support.grids import grid_of
 
 HEIGHT, WIDTH, STRIDE = 480, 640, 32
 SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # epipolar lines are horizontal
@@ -57,9 +56,7 @@ def estimate_of(
     height, width = displacement.shape[:2]
     centres = [np.minimum(np.arange(STRIDE // 2, n + STRIDE // 2, STRIDE), n - 1) for n in (height, width)]
     here = displacement[np.ix_(*centres)]
-    sigmas = np.broadcast_to(np.array([sigma_px, sigma_rad], np.float32), here.shape)
-    cells = np.concatenate([to_double_angle(here), sigmas], axis=-1).astype(np.float32)
-    grid = SmearGrid(cells=cells, stride=STRIDE, shape=(height, width))
+    grid = grid_of(here, sigma_px, sigma_rad, stride=STRIDE, shape=(height, width))
     none = np.zeros(0, bool)
     geometry = TwoViewGeometry(
         F=F, H=None, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none

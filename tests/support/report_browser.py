@@ -1,7 +1,5 @@
 """What the tests of the report in headless Chromium share: opening it, using it, reading it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -13,11 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Page
 
-from blur2view.geometry.sampson import sampson
-from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.pipeline import FileEstimate
 from blur2view.results.report import Entry, report
 from blur2view.smears.field import smear_ends
-from tests.support.report_scenes import WIDTH, made_up, turning_F
+from tests.support.report_scenes import WIDTH
 
 READY = "performance.getEntriesByName('blur2view-ready').length > 0"
 CYAN, AMBER = (34, 211, 238), (251, 191, 36)  # of the ends 1 and 2 and of the lines in their views
@@ -96,7 +93,7 @@ def scale_of(page: Page) -> float:
     return box["width"] / WIDTH
 
 
-def click_at(page: Page, point: tuple[float, float], zoom: float = 1.0) -> None:
+def click_at(page: Page, point: tuple[float, float]) -> None:
     """Click on a pixel of a photograph that is shown whole."""
     scale = scale_of(page)
     page.locator("#stage").click(position={"x": (point[0] + 0.5) * scale, "y": (point[1] + 0.5) * scale})
@@ -122,32 +119,8 @@ def numbers(text: str) -> list[float]:
     return [float(word) for word in kept.split() if word != "-"]
 
 
-def quantised_ends(point: tuple[int, int], displacement: NDArray[np.floating]) -> NDArray[np.float64]:
+def quantised_ends(one: FileEstimate, x: int, y: int) -> NDArray[np.float64]:
     """Return the ends of the smear at a pixel, its displacement rounded to 1/64 pixel as the page has it."""
-    rounded = np.round(64.0 * displacement.astype(float)) / 64
-    ends: NDArray[np.float64] = smear_ends(np.array([point], float), rounded[None])[0]
-    return ends
-
-
-def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Both ends, the one of view 1 first, by the smaller Sampson distance."""
-    forward, backward = (sampson(F, *(end[None] for end in pair))[0] for pair in (ends, ends[::-1]))
-    return ends if forward <= backward else ends[::-1]
-
-
-def on_screen(line: NDArray[np.float64], scale: float, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a line of the photograph on the screen, where pixel (0, 0) lies at ``corner``."""
-    a, b, c = line
-    return np.array([a, b, c * scale - a * corner[0] - b * corner[1]])
-
-
-def gallery_entries() -> list[Entry]:
-    """Four photographs and a failure."""
-    F = turning_F()
-    return [
-        Entry.of(made_up("b10.png", F=F)),
-        Entry.of(made_up("b9.png", config=Configuration.DEGENERATE, scale=0.2)),
-        Entry.failed("a.png", "a.png: is damaged"),
-        Entry.of(made_up("c.png", F=F, config=Configuration.CALIBRATED, scale=2)),
-        Entry.of(made_up("d.png", F=F, config=Configuration.MULTIPLE, scale=0.5)),
-    ]
+    displacement = one.estimate.grid.at_pixels().displacement[y, x].astype(float)
+    ends = smear_ends(np.array([[x, y]], float), np.round(64 * displacement[None]) / 64)
+    return np.asarray(ends[0], float)

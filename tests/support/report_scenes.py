@@ -1,8 +1,5 @@
 """Made-up estimates for the tests of the report: every value on the page is known from here."""
 
-import base64
-import zlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +11,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
-from blur2view.results.report_pack import Packed
 from blur2view.segmentation.mask import MotionLabel, MotionMask
-from blur2view.smears.grid import SmearGrid
-from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.grids import grid_of
@@ -34,22 +28,6 @@ def turning_F(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float64]:
     return fundamental_from_pose(K, rotation_matrix(np.array([0.02, -0.03, 0.1])), np.array([0.3, 0.1, 0.2]))
 
 
-def wavy_grid(width: int = WIDTH, height: int = HEIGHT, scale: float = 1.0) -> SmearGrid:
-    """Smears whose every value differs from its neighbours', in cells of 32 pixels."""
-    y, x = 32 * np.mgrid[: -(-height // 32), : -(-width // 32)] + 15.5
-    displacement = scale * np.stack([18 + 6 * np.sin(x / 50), 9 * np.cos(y / 40 + x / 90)], axis=-1)
-    sigma_px, sigma_rad = 0.5 + 4 * x / width, 0.05 + 0.3 * y / height
-    return grid_of(displacement, sigma_px, sigma_rad, stride=32, shape=(height, width))
-
-
-def dotted_photograph(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float32]:
-    """Black but for two white pixels."""
-    image = np.zeros((height, width, 3), np.float32)
-    for x, y in DOTS:
-        image[y % height, x % width] = 1
-    return image
-
-
 def made_up(
     name: str = "folder/photo.png",
     *,
@@ -60,39 +38,38 @@ def made_up(
     camera: Camera | None = None,
     scale: float = 1.0,
 ) -> FileEstimate:
-    """Return a made-up estimate of a photograph; ``scale`` stretches its smears."""
-    grid = wavy_grid(*size, scale=scale)
+    """Return a made-up estimate of a photograph that is black but for two white pixels.
+
+    Smears, in cells of 32 pixels, differ from their neighbours in every value; ``scale`` stretches them. The
+    half that fits F better are inliers, none without F.
+    """
+    width, height = size
+    y, x = 32 * np.mgrid[: -(-height // 32), : -(-width // 32)] + 15.5
+    displacement = scale * np.stack([18 + 6 * np.sin(x / 50), 9 * np.cos(y / 40 + x / 90)], axis=-1)
+    sigma_px, sigma_rad = 0.5 + 4 * x / width, 0.05 + 0.3 * y / height
+    grid = grid_of(displacement, sigma_px, sigma_rad, stride=32, shape=(height, width))
     select = SelectOptions(max_matches=300)
     used = select_matches(grid, select)
-    geometry = replace(some_geometry(used, config, F), H=H)
-    estimate = Estimate(
-        grid=grid,
-        matches=used,
-        geometry=geometry,
-        model_id="made-up",
-        timings=Timings(predict_s=0.3, select_s=0.01, solve_s=0.2),
-        camera=camera,
-    )
-    run = Run(select=select, options=EstimatorOptions(), seed=0)
-    image = dotted_photograph(*size)
-    return FileEstimate(path=Path(name), image=image, estimate=estimate, run=run, read_s=0.04)
-
-
-def some_geometry(
-    used: SmearMatches, config: Configuration, F: NDArray[np.float64] | None
-) -> TwoViewGeometry:
-    """Give a geometry whose inliers are the half of the smears that fits F better, none without F."""
-    none = np.zeros(len(used), bool)
     errors = np.zeros(len(used)) if F is None else serrmin(F, used.ends)
-    return TwoViewGeometry(
+    geometry = TwoViewGeometry(
         F=F,
+        H=H,
         config=config,
         reason="the figures <that> decided & more",
         inlier_mask=errors < np.median(errors),
-        swapped=none if F is None else swapped_order(F, used.ends),
+        swapped=np.zeros(len(used), bool) if F is None else swapped_order(F, used.ends),
         model=MotionModel.NONE if F is None else MotionModel.CAMERA,
         scores=() if F is None else SCORES,
     )
+    timings = Timings(predict_s=0.3, select_s=0.01, solve_s=0.2)
+    estimate = Estimate(
+        grid=grid, matches=used, geometry=geometry, model_id="made-up", timings=timings, camera=camera
+    )
+    image = np.zeros((height, width, 3), np.float32)
+    for column, row in DOTS:
+        image[row % height, column % width] = 1
+    run = Run(select=select, options=EstimatorOptions(), seed=0)
+    return FileEstimate(path=Path(name), image=image, estimate=estimate, run=run, read_s=0.04)
 
 
 def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
@@ -104,19 +81,3 @@ def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
     labels[:, 3 * width // 4 :] = MotionLabel.UNOBSERVABLE
     probability = np.where(labels == MotionLabel.MOVING, 0.9, 0.1).astype(np.float32)
     return MotionMask(labels=labels, probability=probability, regions=(), reason="F")
-
-
-def unpacked(packed: Packed) -> NDArray[np.float64]:
-    """Decode `report_pack.packed`, written from its description with Python's integers."""
-    planes = zlib.decompress(base64.b64decode(packed["data"]))
-    bits = int(packed["type"].lstrip("uint"))
-    signed, octets = packed["type"].startswith("i"), bits // 8
-    shape = packed["shape"]
-    count = len(planes) // octets
-    values, total = [], 0
-    for index in range(count):
-        delta = sum(planes[plane * count + index] << (8 * plane) for plane in range(octets))
-        total = (delta if index % shape[-1] == 0 else total + delta) % 2**bits
-        values.append(total - 2**bits if signed and total >= 2 ** (bits - 1) else total)
-    step: float = packed["step"]
-    return np.array(values, float).reshape(shape) * step

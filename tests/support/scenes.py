@@ -1,7 +1,5 @@
 """Seeded synthetic two-view smears with exact truth: the oracle of the geometry tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,16 +1,19 @@
-"""Tools that are given what is not there say so in one line."""
+"""Tools that are given what is not there say so in one line; their workers have one thread."""
 
-import ast
 import contextlib
+import os
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import pytest
 
+from tests.test_layers import third_party
 from tools import EXTRA_OF
+from tools.processes import THREAD_COUNTS, single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -57,12 +60,18 @@ def test_every_module_of_an_extra_is_known_with_it() -> None:
     named = {"skimage": "scikit-image"}
     for module, extra in EXTRA_OF.items():
         assert any(line.startswith(named.get(module, module)) for line in extras[extra])
-    imported = set()
-    for path in (ROOT / "tools").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                imported |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                imported.add((node.module or "").partition(".")[0])
-    required = {"blur2view", "cv2", "numpy", "onnxruntime", "PIL", "pycolmap", "scipy", "tools", "tqdm"}
-    assert imported - sys.stdlib_module_names - required == set(EXTRA_OF)
+    imported = {name for path in (ROOT / "tools").rglob("*.py") for name in third_party(path)}
+    required = {"cv2", "numpy", "onnxruntime", "PIL", "pycolmap", "scipy", "tools", "tqdm"}
+    assert imported - required == set(EXTRA_OF)
+
+
+def threads(_: int) -> tuple[list[str | None], int]:
+    """Report the limits that this process sees."""
+    return [os.environ.get(name) for name in THREAD_COUNTS], cv2.getNumThreads()
+
+
+def test_workers_have_one_thread() -> None:
+    with single_threaded_pool(1) as pool:
+        assert pool.map(threads, [0]) == [(["1"] * len(THREAD_COUNTS), 1)]
+    with pytest.raises(RuntimeError, match="stop"), single_threaded_pool(1):
+        raise RuntimeError("stop")

@@ -9,7 +9,6 @@ from tools.metrics import (
     epe_s,
     epipole_angle_deg,
     inlier_share,
-    length_ratio,
     rho,
     rotation_error,
     share_under,
@@ -25,7 +24,6 @@ def test_epe_s_and_direction_are_blind_to_sign() -> None:
     expected = [0, 0, np.degrees(np.arccos(0.8)), 0]
     assert np.allclose(direction_error_deg(d, truth), expected)
     assert np.allclose(direction_error_deg([1.0, 0], [0.0, -2]), 90)
-    assert np.allclose(length_ratio(d, truth), [1, 1, 1, 0])
 
 
 def test_sparsification_by_hand_and_its_order() -> None:

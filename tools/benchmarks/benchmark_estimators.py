@@ -9,8 +9,6 @@ was; ``--first-seed 10000`` takes other seeds, to tune on. Every method gets the
 process, one after the other, with one thread; times are CPU times of single calls.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from dataclasses import asdict, replace
@@ -27,17 +25,18 @@ from tools.benchmarks.estimator_cells import (
     DEVELOPMENT_SEED,
     NETWORK,
     Instance,
+    Measured,
     Plan,
+    Record,
     moving_scenes,
     network_problem,
     synthetic_problem,
 )
-from tools.benchmarks.estimator_log import Measured, Record, begun, read
 from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
-from tools.evaluation.pose_error import NO_POSE_DEG, pose_error_deg
-from tools.pages import append_line, publish
+from tools.metrics import NO_POSE_DEG, pose_error_deg
+from tools.pages import append_line, begun, finished_lines, publish
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,10 +47,10 @@ def measure(method: Method, problem: Problem) -> Measured:
     start = time.process_time()
     F = method(problem)
     seconds = time.process_time() - start
-    judged = judge(F, problem, problem.true_ends)
+    judged = judge(F, problem.F, problem.K, problem.true_ends)
     ends = problem.matches.ends
     pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
-    return Measured(**asdict(judged), found=float(F is not None), pose_deg=pose, ms=1e3 * seconds)
+    return Measured(**asdict(judged), pose_deg=pose, ms=1e3 * seconds)
 
 
 def run_instance(instance: Instance, plan: Plan, scenes: Path | None = None) -> Record:
@@ -86,10 +85,12 @@ def warm_up() -> None:
             measure(method, problem)
 
 
-def code_digest() -> str:
-    """Return a short digest of the sources that the figures may depend on."""
+def head() -> dict[str, str]:
+    """Return what figures may depend on: a digest of all sources, the machine, versions of libraries."""
     sources = sorted(path for room in ("blur2view", "tools") for path in (ROOT / room).rglob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    libraries = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
+    return {"code": digest, "machine": machine(), **{name: metadata.version(name) for name in libraries}}
 
 
 def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
@@ -106,18 +107,11 @@ def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes
 
 def run(log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
     """Run what the log does not hold yet."""
-    head = {"code": code_digest(), "machine": machine(), **versions()}
-    done = {record.instance for record in begun(log, head)}
+    done = {Record.of(row).instance for row in begun(log, head())}
     wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
     pending = [instance for instance in wanted if instance not in done]
     if pending:
         sweep(pending, log, plan, processes, scenes)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the libraries that are compared."""
-    distributions = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
-    return {name: metadata.version(name) for name in distributions}
 
 
 def main() -> None:
@@ -139,8 +133,8 @@ def main() -> None:
         plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
     if not arguments.report:
         run(arguments.log, plan, arguments.processes, arguments.scenes)
-    head, records = read(arguments.log)
-    publish(estimator_report.markdown(records, head), arguments.out)
+    first, *rows = finished_lines(arguments.log) or [{}]
+    publish(estimator_report.markdown([Record.of(row) for row in rows], first), arguments.out)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,11 @@ degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1 (0.78; 0.5 gave 0.79 in three
 it by default, or for OpenCV as in :mod:`tools.estimators.baselines`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
@@ -41,45 +40,41 @@ class Problem:
 Method = Callable[[Problem], "AnyArray | None"]
 
 
-def ours(problem: Problem) -> AnyArray | None:
-    """Return the F of the smears and of what a photograph gives: the image's size."""
-    return estimate_two_view(problem.matches).F
-
-
-def without_size(problem: Problem) -> AnyArray | None:
-    """Return the F found with no camera assumed."""
-    return estimate_two_view(replace(problem.matches, image_size=None)).F
-
-
 def with_camera(problem: Problem) -> AnyArray | None:
-    """Return the F found with the true intrinsics."""
+    """Return our F, found with the true intrinsics."""
     assert problem.matches.image_size is not None
     width, height = problem.matches.image_size
     return estimate_two_view(problem.matches, camera=Camera(K=problem.K, width=width, height=height)).F
 
 
-def ordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
-    """Return the F of another's solver, given the true order."""
+def ordered_with_camera(problem: Problem) -> AnyArray | None:
+    """Return the F of PoseLib, given the true order and intrinsics."""
+    solver = partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0)
     return baselines.solve(solver, problem.ordered)
 
 
-def ordered_with_camera(problem: Problem) -> AnyArray | None:
-    """Return the F of PoseLib, given the true order and intrinsics."""
-    return ordered(partial(baselines.poselib_calibrated, K=problem.K, max_error_px=3.0), problem)
+def scrambled(problem: Problem) -> AnyArray:
+    """Return the ends in random order."""
+    return baselines.scrambled(problem.matches.ends, np.random.default_rng(0))
 
 
-def unordered(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
-    """Return the F of another's solver, given ends in random order."""
-    return baselines.solve(solver, baselines.scrambled(problem.matches.ends, np.random.default_rng(0)))
+def rightward(problem: Problem) -> AnyArray:
+    """Return the ends ordered by x."""
+    return baselines.rightward(problem.matches.ends)
 
 
-def rightward(solver: baselines.Solver, problem: Problem) -> AnyArray | None:
-    """Return the F of another's solver, given ends ordered by x."""
-    return baselines.solve(solver, baselines.rightward(problem.matches.ends))
+def rival(solver: baselines.Solver, order: Callable[[Problem], AnyArray]) -> Method:
+    """Return another's solver, given the ends in some order."""
+    return lambda problem: baselines.solve(solver, order(problem))
 
 
-MAGSAC = partial(baselines.opencv_magsac, max_error_px=1.0)
-ACCURATE = partial(baselines.opencv_accurate, max_error_px=1.5)
+def told(solver: baselines.Solver) -> Method:
+    """Return another's solver, given the true order."""
+    return rival(solver, lambda problem: problem.ordered)
+
+
+MAGSAC = partial(baselines.opencv, max_error_px=1.0)
+ACCURATE = partial(baselines.opencv, method=cv2.USAC_ACCURATE, max_error_px=1.5)
 PYCOLMAP = partial(baselines.pycolmap_ransac, max_error_px=2.0, trials=(1000, 100_000))
 COLMAP = partial(baselines.pycolmap_ransac, max_error_px=2.0, trials=(100, 10_000), confidence=0.999)
 POSELIB = partial(baselines.poselib_ransac, max_error_px=2.0, max_iterations=100_000)
@@ -88,20 +83,20 @@ OURS = "ours"
 PAPER = "the paper's"
 PYCOLMAP_NAME = "true order, pycolmap"
 TRUE_ORDER: dict[str, Method] = {
-    "true order, OpenCV MAGSAC": partial(ordered, MAGSAC),
-    "true order, OpenCV ACCURATE": partial(ordered, ACCURATE),
-    PYCOLMAP_NAME: partial(ordered, PYCOLMAP),
-    "true order, pycolmap at COLMAP's trials": partial(ordered, COLMAP),
-    "true order, PoseLib": partial(ordered, POSELIB),
+    "true order, OpenCV MAGSAC": told(MAGSAC),
+    "true order, OpenCV ACCURATE": told(ACCURATE),
+    PYCOLMAP_NAME: told(PYCOLMAP),
+    "true order, pycolmap at COLMAP's trials": told(COLMAP),
+    "true order, PoseLib": told(POSELIB),
 }
 METHODS: dict[str, Method] = {
-    OURS: ours,
-    "ours, no image size": without_size,
+    OURS: lambda problem: estimate_two_view(problem.matches).F,
+    "ours, no image size": lambda problem: estimate_two_view(replace(problem.matches, image_size=None)).F,
     "ours, K given": with_camera,
     "two-parameter F": lambda problem: baselines.two_parameter_fundamental(problem.matches),
     PAPER: lambda problem: paper_of_matches(problem.matches),
-    "unordered, OpenCV MAGSAC": partial(unordered, MAGSAC),
-    "u > 0 order, OpenCV MAGSAC": partial(rightward, MAGSAC),
+    "unordered, OpenCV MAGSAC": rival(MAGSAC, scrambled),
+    "u > 0 order, OpenCV MAGSAC": rival(MAGSAC, rightward),
     **TRUE_ORDER,
     "true order and K, PoseLib": ordered_with_camera,
 }

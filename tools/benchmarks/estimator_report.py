@@ -1,15 +1,12 @@
 """Tables, figures and answers from the log of :mod:`tools.benchmarks.benchmark_estimators`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
 
-from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Plan
-from tools.benchmarks.estimator_log import Measured, Record
+from tools.benchmarks.estimator_cells import BASE, CELLS, HARD, NETWORK, Measured, Plan, Record
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
-from tools.evaluation.pose_error import pose_auc
+from tools.metrics import pose_auc
 from tools.pages import table
 
 SUCCESS_RHO = 0.05

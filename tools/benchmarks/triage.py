@@ -11,8 +11,6 @@ features of sharp photographs that are matched, within 3 px of their place, afte
 without blur under fresh noise; the limit is the longest blur at which half are left in the first folder.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +22,7 @@ import blur2view
 from blur2view.arrays import AnyArray, Array
 from blur2view.smears.sharpness import median_smear
 from tools.arguments import existing, parser_of, target
-from tools.datasets.testset import TestScene, read_test_set
+from tools.datasets.testset import read_test_set
 from tools.evaluation.even_blur import blurred, middles
 from tools.pages import publish, table
 
@@ -55,11 +53,6 @@ def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) ->
     return Ordered(true_px=true_px, ours_px=ours_px, laplacian=laplacian_variance(image))
 
 
-def first_instant(scene: TestScene) -> Path:
-    """Return the path of a scene as it was when the shutter opened."""
-    return scene.image_path.with_name(f"{scene.name}_open.png")
-
-
 def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0) -> list[Ordered]:
     """Return what is said of photographs of a folder under every blur of `LENGTHS_PX`."""
     rng, found = np.random.default_rng(seed), []
@@ -69,11 +62,6 @@ def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0)
             picture = blurred(rng, radiance, length_px, angle, False)
             found.append(ordered(picture, float(length_px), network))
     return found
-
-
-def true_median_px(scene: TestScene) -> float:
-    """Return the median length of a scene's smears where they are known."""
-    return float(np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1)))
 
 
 def order_of(pictures: list[Ordered]) -> tuple[float, float]:
@@ -138,9 +126,9 @@ def main() -> None:
     network = blur2view.SmearNetwork()
     smeared, sharp = [], []
     for scene in read_test_set(arguments.scenes):
-        image, start = map(blur2view.read_image, (scene.image_path, first_instant(scene)))
-        smeared.append(ordered(image, true_median_px(scene), network))
-        sharp.append(ordered(start, 0.0, network))
+        smeared.append(ordered(blur2view.read_image(scene.image_path), scene.median_px, network))
+        first = scene.image_path.with_name(f"{scene.name}_open.png")  # as the shutter opened
+        sharp.append(ordered(blur2view.read_image(first), 0.0, network))
     if not smeared:
         raise SystemExit(f"{arguments.scenes}: no scenes; make them with python -m tools.datasets.testset")
     sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}

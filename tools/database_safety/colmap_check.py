@@ -1,7 +1,5 @@
 """A check of all tables of a COLMAP database against each other, beyond what SQLite itself enforces."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,20 +13,12 @@ SIZES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
 
 
 def check_database(path: Path) -> list[str]:
-    """Return everything that is wrong with a COLMAP database, an empty list if nothing is.
+    """Return a line for everything that is wrong with a COLMAP database, which is not written.
 
-    Parameters
-    ----------
-    path : Path
-        Read, not written.
-
-    Returns
-    -------
-    list of str
-        One line per finding: SQLite's own integrity and foreign keys; an image without camera, or without
-        frame and rig where frames are used; blobs whose size contradicts their row; matches that point
-        beyond the keypoints, occur twice or belong to no images; inliers that are no matches; geometries
-        with a matrix that is not finite or a quaternion that is not of unit length.
+    SQLite's own integrity and foreign keys; an image without camera, or without frame and rig where frames
+    are used; blobs whose size contradicts their row; matches that point beyond the keypoints, occur twice or
+    belong to no images; inliers that are no matches; geometries with a matrix that is not finite or a
+    quaternion that is not of unit length.
     """
     with open_read_only(path) as database:
         found = [f"integrity: {row[0]}" for row in database.execute("PRAGMA integrity_check")]

@@ -1,7 +1,5 @@
 """Small COLMAP projects as a user may have them, to test what we write into them."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from collections.abc import Callable

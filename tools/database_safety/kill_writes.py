@@ -11,8 +11,6 @@ The database must then be whole and as before or as after a whole write (of eith
 user's rows must be the same, and it must be possible to link all photographs again.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil
@@ -94,17 +92,22 @@ def link_jobs(
     return jobs
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
     """A kind of write: the file before it (None: none), the writes that run at once, and what disturbs them.
 
     Of several writes the first is killed; ``full_disk`` kills none, but lets no file grow beyond a size.
+    ``states`` are what may be left, what was there before first; a write takes ``duration_s``, a file becomes
+    as large as ``largest`` bytes.
     """
 
     before: Path | None
     writes: tuple[Write, ...]
     reader: bool = False
     full_disk: bool = False
+    states: tuple[object, ...] = ()
+    duration_s: float = 0.0
+    largest: int = 0
 
 
 def make_trial(folder: Path, kind: str) -> Trial:
@@ -113,7 +116,8 @@ def make_trial(folder: Path, kind: str) -> Trial:
     full_disk = "full disk" in kind
     if "fresh" in kind:
         views = [random_views(f"a_{index}.jpg", FEATURES, rng) for index in range(IMAGES)]
-        return Trial(before=None, writes=(lambda path: write_database(path, views),), full_disk=full_disk)
+        fresh = Trial(before=None, writes=(lambda path: write_database(path, views),), full_disk=full_disk)
+        return undisturbed(folder, fresh)
     before = folder / f"{kind.replace(' ', '-')}.db"
     make_project(before, ProjectOptions(images=IMAGES, features=FEATURES, wal="wal" in kind))
     again = "replace" in kind
@@ -124,13 +128,29 @@ def make_trial(folder: Path, kind: str) -> Trial:
             database.executescript(";".join(EDITS))
     jobs = link_jobs(before, rng, again=again)
     shares = [jobs[:1], jobs[1:]] if "two writers" in kind else [jobs]
-    backup = "backup" in kind
-    return Trial(
-        before=before,
-        writes=tuple(partial(write_links, links=share, backup=backup) for share in shares),
-        reader="reader" in kind,
-        full_disk=full_disk,
-    )
+    writes = tuple(partial(write_links, links=share, backup="backup" in kind) for share in shares)
+    trial = Trial(before=before, writes=writes, reader="reader" in kind, full_disk=full_disk)
+    return undisturbed(folder, trial)
+
+
+def undisturbed(folder: Path, trial: Trial) -> Trial:
+    """Return a trial with what whole writes leave, in any order, and one alone."""
+    path, durations, largest = folder / "whole.db", [], 0
+    states = [contents(trial.before) if trial.before else None]
+    for count in range(1, len(trial.writes) + 1):
+        for order in permutations(trial.writes, count):
+            start = time.perf_counter()
+            if trial.before is not None:
+                shutil.copy(trial.before, path)
+            for write in order:
+                write(path)
+            durations.append(time.perf_counter() - start)
+            if trial.before and user_rows(trial.before) != user_rows(path):
+                raise RuntimeError(f"{trial.before}: a whole write changes rows of the user")
+            states.append(contents(path))
+            largest = max(largest, path.stat().st_size)
+            _clear(folder, path)
+    return replace(trial, states=tuple(states), duration_s=max(durations), largest=largest)
 
 
 def contents(path: Path) -> object:
@@ -185,48 +205,15 @@ def _read_on(path: Path) -> None:
             database.execute("SELECT count(*), sum(length(data)) FROM keypoints").fetchone()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Expected:
-    """What a kind of write starts from and may end with, how long it takes, and how large files become."""
-
-    trial: Trial
-    before: object
-    after: list[object]
-    duration_s: float
-    largest: int
-
-
-def expect(folder: Path, kind: str) -> Expected:
-    """Return what whole writes of a kind leave, in any order, and one alone."""
-    trial, path = make_trial(folder, kind), folder / "whole.db"
-    after, durations, largest = [], [], 0
-    for count in range(1, len(trial.writes) + 1):
-        for order in permutations(trial.writes, count):
-            start = time.perf_counter()
-            if trial.before is not None:
-                shutil.copy(trial.before, path)
-            for write in order:
-                write(path)
-            durations.append(time.perf_counter() - start)
-            if trial.before and user_rows(trial.before) != user_rows(path):
-                raise RuntimeError(f"{kind}: a whole write changes rows of the user")
-            after.append(contents(path))
-            largest = max(largest, path.stat().st_size)
-            _clear(folder, path)
-    before = contents(trial.before) if trial.before else None
-    return Expected(trial=trial, before=before, after=after, duration_s=max(durations), largest=largest)
-
-
-def disturbed(folder: Path, expected: Expected, share: float) -> str:
+def disturbed(folder: Path, trial: Trial, share: float) -> str:
     """Disturb one write and return what is left: "before", "after", or what is wrong."""
-    trial, path = expected.trial, folder / "killed.db"
-    start = trial.before.stat().st_size if trial.before else 0
-    full = round(start + share * (expected.largest - start)) if trial.full_disk else None
-    run_children(trial, path, share * expected.duration_s, full)
+    path, start = folder / "killed.db", trial.before.stat().st_size if trial.before else 0
+    full = round(start + share * (trial.largest - start)) if trial.full_disk else None
+    run_children(trial, path, share * trial.duration_s, full)
     hot = any(path.with_name(path.name + ending).exists() for ending in ("-journal", "-wal"))
     try:
         left = contents(path)
-        if left != expected.before and left not in expected.after:  # `expect`: all hold the user's rows
+        if left not in trial.states:  # all of which hold the user's rows
             return "between"
         if "edited" not in str(trial.before) and path.exists() and (problems := check_database(path)):
             return f"broken: {problems[0]}"
@@ -236,7 +223,7 @@ def disturbed(folder: Path, expected: Expected, share: float) -> str:
         return f"unreadable: {error}"
     finally:
         _clear(folder, path)
-    state = "before" if left == expected.before else "after"
+    state = "before" if left == trial.states[0] else "after"
     return f"{state}, journal left" if hot else state
 
 
@@ -265,17 +252,17 @@ def kill_many(count: int, seed: int = 0, kinds: tuple[str, ...] = KINDS) -> dict
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        expected = {kind: expect(folder, kind) for kind in kinds}
+        trials = {kind: make_trial(folder, kind) for kind in kinds}
         found: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
         for number in range(count):
             kind = kinds[number % len(kinds)]
-            one = expected[kind]
+            one = trials[kind]
             found[kind][disturbed(folder, one, float(rng.uniform(0, 1.1)))] += 1
             if number % 50 == 49:
                 print(f"{number + 1}: {dict(sum(found.values(), Counter()))}", flush=True)
             if number % 60 >= 60 - len(kinds):  # as the machine is now: moments stay spread over the write
-                fresh_s = run_children(one.trial, folder / "whole.db", None)
-                expected[kind] = replace(one, duration_s=0.5 * (one.duration_s + fresh_s))
+                fresh_s = run_children(one, folder / "whole.db", None)
+                trials[kind] = replace(one, duration_s=0.5 * (one.duration_s + fresh_s))
                 _clear(folder, folder / "whole.db")
     return found
 

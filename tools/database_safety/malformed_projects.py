@@ -3,19 +3,18 @@
 Bytes cut, overwritten or flipped, another schema, a newer version, rows that contradict each other.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from blur2view.colmap.schema import MAX_IMAGES
-from tools.database_safety.colmap_projects import SIZE, ProjectOptions, make_project
+from tools.database_safety.colmap_projects import ProjectOptions, make_project
+from tools.robustness.damage import Rng, cut, flipped, overwritten
 
 SQL_FAULTS = {
     "newer": "PRAGMA user_version = 4030000",
@@ -101,63 +100,31 @@ SQL_FAULTS = {
     "counter at its end": "UPDATE sqlite_sequence SET seq = 9223372036854775807",
     "all empty": "DELETE FROM images; DELETE FROM cameras; DELETE FROM keypoints",
 }
-Fault = Callable[[Path, np.random.Generator], None]
 
 
-def cut(path: Path, rng: np.random.Generator) -> None:
-    """Cut the file anywhere."""
-    path.write_bytes(path.read_bytes()[: rng.integers(0, path.stat().st_size)])
-
-
-def overwrite(path: Path, rng: np.random.Generator) -> None:
-    """Overwrite a stretch with noise."""
-    data = bytearray(path.read_bytes())
-    start, count = int(rng.integers(0, len(data))), int(rng.integers(1, 5000))
-    data[start : start + count] = rng.bytes(len(data[start : start + count]))
-    path.write_bytes(data)
-
-
-def flip_bytes(path: Path, rng: np.random.Generator) -> None:
-    """Flip bits of a few bytes anywhere."""
-    data = bytearray(path.read_bytes())
-    for at in rng.integers(0, len(data), int(rng.integers(1, 30))):
-        data[at] ^= int(rng.integers(1, 256))
-    path.write_bytes(data)
-
-
-def flip_header(path: Path, rng: np.random.Generator) -> None:
-    """Flip bits of SQLite's header or of the first page, which holds the schema."""
-    data = bytearray(path.read_bytes())
-    for at in rng.integers(0, int(rng.choice([100, 4096])), int(rng.integers(1, 6))):
-        data[at] ^= int(rng.integers(1, 256))
-    path.write_bytes(data)
-
-
-def drop_page(path: Path, rng: np.random.Generator) -> None:
-    """Fill a page with zeros."""
-    data = bytearray(path.read_bytes())
+def page_of_zeros(data: bytes, rng: Rng) -> bytes:
+    """Return a database of which a page holds zeros."""
     page = 4096 * int(rng.integers(0, len(data) // 4096))
-    data[page : page + 4096] = bytes(4096)
-    path.write_bytes(data)
+    return data[:page] + bytes(4096) + data[page + 4096 :]
 
 
-def no_database(path: Path, rng: np.random.Generator) -> None:
-    """Put something else there: nothing, a text, noise, another program's database."""
+def no_database(_: bytes, rng: Rng) -> bytes:
+    """Return something else: nothing, a text, noise, another program's database."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.execute("CREATE TABLE images (id INTEGER PRIMARY KEY, path TEXT)")
+        database.execute("INSERT INTO images VALUES (1, 'a_001.jpg')")
+        database.commit()
+        others = database.serialize()
     kind = int(rng.integers(0, 4))
-    path.write_bytes([b"", b"cameras.txt\n" * 50, rng.bytes(9000), b""][kind])
-    if kind == 3:
-        with closing(sqlite3.connect(path)) as database:
-            database.execute("CREATE TABLE images (id INTEGER PRIMARY KEY, path TEXT)")
-            database.execute("INSERT INTO images VALUES (1, 'a_001.jpg')")
-            database.commit()
+    return [b"", b"cameras.txt\n" * 50, rng.bytes(9000), others][kind]
 
 
-BYTE_FAULTS: dict[str, Fault] = {
+BYTE_FAULTS: dict[str, Callable[[bytes, Rng], bytes]] = {
     "cut": cut,
-    "overwritten": overwrite,
-    "bytes flipped": flip_bytes,
-    "header flipped": flip_header,
-    "page of zeros": drop_page,
+    "overwritten": partial(overwritten, longest=5000),
+    "bytes flipped": partial(flipped, most=30),
+    "header flipped": lambda data, rng: flipped(data, rng, 6, (0, int(rng.choice([100, 4096])))),
+    "page of zeros": page_of_zeros,
     "no database": no_database,
 }
 
@@ -174,11 +141,5 @@ def malform(path: Path, number: int) -> str:
             database.commit()
         return kind
     kind = list(BYTE_FAULTS)[number % len(BYTE_FAULTS)]
-    BYTE_FAULTS[kind](path, rng)
+    path.write_bytes(BYTE_FAULTS[kind](path.read_bytes(), rng))
     return kind
-
-
-def write_photograph(path: Path) -> None:
-    """Write a small picture of noise smeared sideways."""
-    noise = np.random.default_rng(0).uniform(0, 255, (SIZE[1], SIZE[0], 3))
-    cv2.imwrite(str(path), cv2.blur(noise, (9, 1)).astype(np.uint8))

@@ -3,8 +3,6 @@
 Camera, layered depth and motions are those of :mod:`tools.datasets.synthetic_matches`; 640x480.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

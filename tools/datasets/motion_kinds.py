@@ -9,8 +9,6 @@ general motion those scenes are kept whose parallax is at least a fifth of the s
 Nothing moves by itself.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 
@@ -46,15 +44,11 @@ KINDS = {
     "general": TRANSLATING,
 }
 """The kinds, and the paths that the camera may take."""
-SMEARS_PX = (4.0, 60.0)
-"""Median smears, log-uniform; those of a camera that holds still are below one pixel."""
+SMEARS_PX = (4.0, 60.0)  # median smears, log-uniform; those of a camera that holds still are below one pixel
 LEAST_PARALLAX = 0.2
-LEAST_SEEN = 0.05
-"""Share of the image in which both ends of a smear are seen."""
-TILT = 0.6
-"""Largest tilt of a plane, radians."""
-SAMPLE = 1000
-"""Smears that the homography is fitted to."""
+LEAST_SEEN = 0.05  # share of the image in which both ends of a smear are seen
+TILT = 0.6  # largest tilt of a plane, radians
+SAMPLE = 1000  # smears that the homography is fitted to
 
 
 def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
@@ -101,9 +95,8 @@ def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int
     """Return the first rendered scene of a kind of the seeds ``seed`` + SERIES k."""
     while True:
         scene = attempt(kind, seed, photos, size)
-        smears = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
         seen = scene.valid.mean() > LEAST_SEEN
-        if seen and (kind == "still" or SMEARS_PX[0] <= np.median(smears) <= SMEARS_PX[1]):
+        if seen and (kind == "still" or SMEARS_PX[0] <= scene.median_px <= SMEARS_PX[1]):
             if kind != "general":
                 return scene
             deviation, length = off_plane(scene.displacement, scene.valid, scene.K)

@@ -9,8 +9,7 @@ a camera at rest; ``shaken`` photographs, in most of them a second surface that 
 ones before which one moves; ``sharp`` photographs, reduced.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -42,39 +41,25 @@ def moving_share(scene: Rendering) -> float:
     return float((scene.valid & ~scene.static).mean())
 
 
-def suits(scene: Rendering, options: RenderOptions) -> bool:
+def suits(scene: Rendering) -> bool:
     """Whether something large enough moves, and smears are as long as those of the test split."""
-    if not SMALLEST <= moving_share(scene) <= LARGEST:
-        return False
-    median = np.median(np.linalg.norm(scene.displacement[scene.valid], axis=-1))
-    return bool(options.smear_px[0] <= median <= options.smear_px[1])
+    shortest, longest = test_options(None).smear_px
+    return SMALLEST <= moving_share(scene) <= LARGEST and shortest <= scene.median_px <= longest
 
 
-def write_mover_scenes(out: Path, scenes: int, options: RenderOptions) -> None:
-    """Write the first ``scenes`` that suit, in order of their seeds."""
+def write_rendered(
+    out: Path, scenes: int, options: RenderOptions, first_seed: int, wanted: Callable[[Rendering], bool]
+) -> None:
+    """Write the first rendered scenes that are wanted, in order of their seeds."""
     done = 0
-    for seed in range(FIRST_SEED, FIRST_SEED + TRIES * scenes):
+    for seed in range(first_seed, first_seed + TRIES * scenes):
         scene = render(seed, options)
-        if suits(scene, options):
+        if wanted(scene):
             write_photographed(out / f"{done:04d}.npz", scene, np.random.default_rng([seed, 2]))
             done += 1
         if done == scenes:
-            break
-    if done < scenes:
-        raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
-
-
-def write_rendered(out: Path, photos: Path, scenes: int, first_seed: int, *, movers: bool) -> None:
-    """Write the first scenes in which enough moves, or in none of which anything does."""
-    options = replace(test_options(photos), sharp_share=0.12, mover_share=float(movers), split="train")
-    seed = first_seed
-    for index in range(scenes):
-        scene = render(seed, options)
-        while movers and not SMALLEST <= moving_share(scene) <= LARGEST_TRAINING:
-            seed += 1
-            scene = render(seed, options)
-        write_photographed(out / f"{index:04d}.npz", scene, np.random.default_rng([seed, 2]))
-        seed += 1
+            return
+    raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
 def write_shaken(out: Path, photos: Path, scenes: int, series: int, options: ShakeOptions) -> None:
@@ -116,8 +101,12 @@ def _reduced(path: Path, longest_px: int) -> NDArray[np.uint8]:
 
 def write_training(out: Path, photos: Path, kind: str, scenes: int, seed: int) -> None:
     """Write training photographs of one kind."""
-    if kind in ("rendered", "still"):
-        write_rendered(out, photos, scenes, seed, movers=kind == "rendered")
+    options = replace(test_options(photos), sharp_share=0.12, split="train")
+    if kind == "rendered":
+        moving = replace(options, mover_share=1.0)
+        write_rendered(out, scenes, moving, seed, lambda s: SMALLEST <= moving_share(s) <= LARGEST_TRAINING)
+    elif kind == "still":
+        write_rendered(out, scenes, replace(options, mover_share=0.0), seed, lambda _: True)
     elif kind == "sharp":
         write_sharp(out, photos)
     else:
@@ -140,7 +129,7 @@ def main() -> None:
         write_training(arguments.out, arguments.training, arguments.kind, arguments.scenes, arguments.seed)
     else:
         options = replace(test_options(None), mover_share=1.0)
-        write_mover_scenes(arguments.out, arguments.scenes, options)
+        write_rendered(arguments.out, arguments.scenes, options, FIRST_SEED, suits)
 
 
 if __name__ == "__main__":

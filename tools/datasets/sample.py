@@ -5,8 +5,6 @@
 moved before, with a piece of another one that moved otherwise; both give the same bytes again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,6 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import epipoles
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import test_options
 from tools.rendering.render import render
@@ -22,8 +19,7 @@ from tools.rendering.sensor import SensorOptions, photograph
 from tools.rendering.shaken import ShakeOptions, shake
 from tools.rendering.textures import read_photograph
 
-SEED = 2_000_048
-"""Cards at several depths, seen by a camera that moves forward."""
+SEED = 2_000_048  # cards at several depths, seen by a camera that moves forward
 SENSOR_SEED = 4
 SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""
@@ -35,12 +31,9 @@ QUALITY = 92
 
 
 def moving_camera(photos: Path | None) -> Array:
-    """Return the radiance (H, W, 3) of a scene that stands still; print the epipole of its true F."""
-    scene = render(SEED, replace(test_options(photos, (960, 540)), smear_px=SMEAR_PX, mover_share=0.0))
-    if scene.F is not None:
-        x, y, w = epipoles(scene.F)[0]
-        print(f"epipole of the true F at ({x / w:.0f}, {y / w:.0f})")
-    return scene.linear
+    """Return the radiance (H, W, 3) of a scene that stands still."""
+    options = replace(test_options(photos, (960, 540)), smear_px=SMEAR_PX, mover_share=0.0)
+    return render(SEED, options).linear
 
 
 def mover(photos: Path) -> Array:

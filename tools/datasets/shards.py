@@ -1,16 +1,14 @@
-"""Write rendered scenes for training, in resumable shards, with the measured speed.
+"""Write rendered scenes for training, in shards.
 
 ``python -m tools.datasets.shards render/train --scenes 6000 --photos KODAK`` renders seeds 0 to 5999 in
-all processes the machine has and prints scenes a second; run again, it goes on where it stopped.
+all processes the machine has; run again, it goes on where it stopped.
 """
 
-from __future__ import annotations
-
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -20,8 +18,8 @@ from tools.arguments import scene_parser
 from tools.processes import single_threaded_pool
 from tools.rendering.render import RenderOptions, render
 
-WHITE = 4.0
-"""Largest radiance that is stored."""
+SHARD = 50  # scenes in one file
+WHITE = 4.0  # largest radiance that is stored
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ class Scenes:
         temporary.replace(path)
 
     @classmethod
-    def join(cls, parts: Iterable[Scenes]) -> Scenes:
+    def join(cls, parts: Iterable[Self]) -> Self:
         """Return scenes of one size in one."""
         columns = zip(*((p.linear, p.displacement, p.labels) for p in parts), strict=True)
         linear, displacement, labels = (np.concatenate(column) for column in columns)
@@ -78,7 +76,7 @@ def load_shards(folder: Path) -> Scenes:
     """Return all scenes of a folder; Blur2ViewError if it holds none."""
     paths = require_shards(folder)
     merged: dict[str, AnyArray] = {}
-    counts = [stored_count(path) for path in paths]
+    counts = [len(np.load(path)["labels"]) for path in paths]  # pictures are not read yet
     end = 0
     for path, count in zip(paths, counts, strict=True):
         end += count
@@ -99,12 +97,6 @@ def require_shards(folder: Path) -> list[Path]:
     return paths
 
 
-def stored_count(path: Path) -> int:
-    """Return the number of scenes of a shard without reading its pictures."""
-    with np.load(path) as shard:
-        return len(shard["labels"])
-
-
 def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, shard: int) -> Iterator[Path]:
     """Render `seeds`, rounded up to whole files of `shard` scenes; yield each file when it is written.
 
@@ -121,19 +113,11 @@ def write_shards(out: Path, seeds: range, options: RenderOptions, jobs: int, sha
 
 
 def main() -> None:
-    """Write a dataset and print its speed."""
-    parser = scene_parser(__doc__, 12, RenderOptions.size)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--split", choices=["train", "test"], default=RenderOptions.split)
-    parser.add_argument("--shard", type=int, default=50, help="scenes in one file (default: %(default)s)")
-    arguments = parser.parse_args()
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
-    options = RenderOptions(size=tuple(arguments.size), split=arguments.split, photos=arguments.photos)
-    began = time.perf_counter()
-    written = write_shards(arguments.out, seeds, options, arguments.jobs, arguments.shard)
-    for count, path in enumerate(written, 1):
-        rate = count * arguments.shard / (time.perf_counter() - began)
-        print(f"{path.name}: {rate:.2f} scenes a second", flush=True)
+    """Write a dataset."""
+    arguments = scene_parser(__doc__, 12, RenderOptions.size).parse_args()
+    options = RenderOptions(size=tuple(arguments.size), photos=arguments.photos)
+    for path in write_shards(arguments.out, range(arguments.scenes), options, arguments.jobs, SHARD):
+        print(path, flush=True)
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 (the sharp first and last instants, for classical baselines). The same seeds give the same bytes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -21,28 +19,19 @@ from tools.processes import single_threaded_pool
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
+from tools.rendering.truth import SceneTruth
 
 FIRST_SEED = 1_000_000
-SERIES = 100_000
-"""Distance of the seeds that are tried for one scene."""
-ARRAYS = ("displacement", "valid", "static", "K", "R", "t")
-"""What is stored of a scene as it is."""
+SERIES = 100_000  # distance of the seeds that are tried for one scene
+ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # what is stored of a scene as it is
 
 
 @dataclass(frozen=True, kw_only=True)
-class TestScene:
-    """One photograph with its truth; see `render.Rendering` for the fields' meaning."""
+class TestScene(SceneTruth):
+    """One photograph with its truth."""
 
     name: str
     image_path: Path
-    displacement: AnyArray
-    valid: AnyArray
-    static: AnyArray
-    K: AnyArray
-    R: AnyArray
-    t: AnyArray
-    F: AnyArray | None
-    kind: str
 
     __test__ = False  # not a test class, whatever its name makes pytest think
 
@@ -78,8 +67,7 @@ def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tup
     """
     for attempt in range(attempts):
         scene = render(seed + SERIES * attempt, options)
-        seen = np.linalg.norm(scene.displacement[scene.valid], axis=-1)
-        if len(seen) and options.smear_px[0] <= np.median(seen) <= options.smear_px[1]:
+        if scene.valid.any() and options.smear_px[0] <= scene.median_px <= options.smear_px[1]:
             return scene, seed + SERIES * attempt
     raise RuntimeError(
         f"no seed of the series {seed} + {SERIES} k has a median smear in {options.smear_px} px"

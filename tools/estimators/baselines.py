@@ -3,8 +3,6 @@
 Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2
@@ -23,21 +21,13 @@ CONFIDENCE = 0.9999
 MAX_ITERATIONS = 10_000
 
 
-def opencv_magsac(
-    points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
+def opencv(
+    points1: AnyArray,
+    points2: AnyArray,
+    max_error_px: float = MAX_ERROR_PX,
+    method: int = cv2.USAC_MAGSAC,
 ) -> AnyArray | None:
-    """Return the F of OpenCV's USAC_MAGSAC; None where it finds nothing."""
-    return _opencv(cv2.USAC_MAGSAC, points1, points2, max_error_px)
-
-
-def opencv_accurate(
-    points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX
-) -> AnyArray | None:
-    """Return the F of OpenCV's USAC_ACCURATE; None where it finds nothing."""
-    return _opencv(cv2.USAC_ACCURATE, points1, points2, max_error_px)
-
-
-def _opencv(method: int, points1: AnyArray, points2: AnyArray, max_error_px: float) -> AnyArray | None:
+    """Return the F of OpenCV by a method of its USAC; None where it finds nothing."""
     F, _ = cv2.findFundamentalMat(points1, points2, method, max_error_px, CONFIDENCE, MAX_ITERATIONS)
     return None if F is None else np.asarray(F[:3], np.float64)
 

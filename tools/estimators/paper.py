@@ -6,8 +6,6 @@ epipolar constraint, f and f^T the entries of F and of its transpose) with SciPy
 cost is sum (|q| - |l|)^2 (see `epipolar`). It has many local minima, and zeros that are not the true F.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,19 +33,16 @@ STEPS = 100  # of SLSQP, SciPy's default
 PRECISION = 1e-12  # of SLSQP on the cost; at SciPy's 1e-6 it stops beside the zeros
 
 
+FIT_ERROR_PX = 1.0  # the root of the SErrMin below which a match fits
+BLOCK = 100  # matches scored between two preemptions (Nister's)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PaperOptions:
-    """When the search stops and how it scores.
-
-    ``max_iterations`` samples of seven; fewer once ``stop_share`` of the matches have an SErrMin below
-    ``fit_error_px`` squared (the paper: 1000, 0.9, 1); ``block`` matches scored between two preemptions
-    (Nister: 100).
-    """
+    """When the search stops: after so many samples of seven, or once a share of the matches fits."""
 
     max_iterations: int = 1000
     stop_share: float = 0.9
-    fit_error_px: float = 1.0
-    block: int = 100
 
 
 def paper_fundamental(
@@ -72,11 +67,11 @@ def paper_fundamental(
         if F is None:
             continue
         found.append(F)
-        if (serrmin(F, ends) < options.fit_error_px**2).mean() >= options.stop_share:
+        if (serrmin(F, ends) < FIT_ERROR_PX**2).mean() >= options.stop_share:
             break
     if not found:
         return None, iterations
-    return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))], options), iterations
+    return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))]), iterations
 
 
 def paper_of_matches(
@@ -89,7 +84,7 @@ def paper_of_matches(
     return paper_fundamental(matches.ends, options or PaperOptions(), rng)[0]
 
 
-def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
+def preemptive_best(models: Array, ends: Array) -> Array:
     """Return the model with most inliers as Preemptive RANSAC sees it: half are dropped after every block.
 
     References
@@ -97,9 +92,9 @@ def preemptive_best(models: Array, ends: Array, options: PaperOptions) -> Array:
     Nister, Preemptive RANSAC for live structure and motion estimation, ICCV 2003.
     """
     inliers = np.zeros(len(models), int)
-    for start in range(0, len(ends), options.block):
-        block = ends[start : start + options.block]
-        inliers = inliers + (serrmin(models, block) < options.fit_error_px**2).sum(axis=1)
+    for start in range(0, len(ends), BLOCK):
+        block = ends[start : start + BLOCK]
+        inliers = inliers + (serrmin(models, block) < FIT_ERROR_PX**2).sum(axis=1)
         if len(models) == 1:
             break
         kept = np.argsort(-inliers, kind="stable")[: max(len(models) // 2, 1)]

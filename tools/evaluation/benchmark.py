@@ -7,8 +7,6 @@ process from outside, and SIFT + matching + pycolmap's F on the two SHARP ends o
 machines differ: read the ratios.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource
@@ -29,8 +27,7 @@ import numpy as np
 
 import blur2view
 from blur2view.cli.outputs import ESTIMATE, result_contents
-from blur2view.file_writing import write_files
-from blur2view.output_files import ResultFiles
+from blur2view.output_files import ResultFiles, write_files
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.results.estimate import EstimateDocument
 from blur2view.smears.selection import SelectOptions, select_matches
@@ -42,8 +39,7 @@ from tools.pages import publish, table
 
 SIZE = (1280, 720)
 LARGE = (6000, 4000)
-SCENE = 3
-"""Index in the test split of the scene that is timed."""
+SCENE = 3  # index in the test split of the scene that is timed
 
 
 def timed(work: Callable[[], Any], repeats: int) -> float:
@@ -81,7 +77,11 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     image, found = one.image, one.estimate
     grid, matches = found.grid, found.matches
     files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
-    write = ["estimate", str(photo), "-o", str(folder), "--overwrite"]
+
+    def whole() -> None:
+        with redirect_stdout(StringIO()):
+            command(["estimate", str(photo), "-o", str(folder), "--overwrite"])
+
     return {
         "decode": timed(lambda: blur2view.read_image(photo), repeats),
         "network": timed(lambda: network.predict(image), repeats),
@@ -92,14 +92,8 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         ),
         "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
-        "command with all files, warm": timed(lambda: quietly(command, write), max(3, repeats // 3)),
+        "command with all files, warm": timed(whole, max(3, repeats // 3)),
     }
-
-
-def quietly(command: Callable[[list[str]], int], arguments: list[str]) -> None:
-    """Run a command in this process without its output."""
-    with redirect_stdout(StringIO()):
-        command(arguments)
 
 
 def whole_process(photo: Path, folder: Path) -> tuple[float, float]:

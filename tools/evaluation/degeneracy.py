@@ -14,8 +14,6 @@ is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC wit
 PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -61,22 +59,14 @@ NAMED = {
     "general": Configuration.UNCALIBRATED,
 }
 SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
-REPORTED = (
-    Configuration.UNCALIBRATED,
-    Configuration.PLANAR_OR_PANORAMIC,
-    Configuration.PLANAR,
-    Configuration.PANORAMIC,
-    Configuration.MULTIPLE,
-    Configuration.DEGENERATE,
-    Configuration.UNDEFINED,
-)
 NAMES = {
-    Configuration.DEGENERATE: "no motion",
-    Configuration.PANORAMIC: "rotation",
     Configuration.PLANAR: "plane",
+    Configuration.PANORAMIC: "rotation",
     Configuration.MULTIPLE: "several",
+    Configuration.DEGENERATE: "no motion",
     Configuration.UNDEFINED: "undefined",
 }
+REPORTED = (Configuration.UNCALIBRATED, Configuration.PLANAR_OR_PANORAMIC, *NAMES)
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 

@@ -7,12 +7,9 @@ prints the tables and writes ``evaluation.md``, ``evaluation.json`` and a pictur
 Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -27,15 +24,12 @@ from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import parser_of
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
-from tools.estimators.baselines import two_parameter_fundamental
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
 from tools.evaluation.smear_plot import plot
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
 from tools.pages import publish, table, write_json
 
-Order = Callable[[SmearMatches], AnyArray]
-SHARES = ("under_05", "under_10", "inliers")
-"""What of `Judged` is a share of the smears; the rest are errors."""
+SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,22 +68,22 @@ def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
     """Return every method of the table, as a function of the matches."""
 
-    def ordered(solver: baselines.Solver, order: Order) -> Callable[[SmearMatches], AnyArray | None]:
-        return lambda matches: baselines.solve(solver, order(matches))
+    def truly(m: SmearMatches) -> AnyArray:
+        return baselines.in_true_order(m.ends, truth_at_matches(scene, m))
 
-    def truly(matches: SmearMatches) -> AnyArray:
-        return baselines.in_true_order(matches.ends, truth_at_matches(scene, matches))
+    def scrambled(m: SmearMatches) -> AnyArray:
+        return baselines.scrambled(m.ends, np.random.default_rng(0))
 
     return {
-        "ours": lambda matches: estimate_two_view(matches, rng=np.random.default_rng(0)).F,
-        "two-parameter F": two_parameter_fundamental,
-        "unordered, OpenCV MAGSAC": ordered(
-            baselines.opencv_magsac, lambda m: baselines.scrambled(m.ends, np.random.default_rng(0))
+        "ours": lambda m: estimate_two_view(m, rng=np.random.default_rng(0)).F,
+        "two-parameter F": baselines.two_parameter_fundamental,
+        "unordered, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, scrambled(m)),
+        "u > 0 order, OpenCV MAGSAC": lambda m: baselines.solve(
+            baselines.opencv, baselines.rightward(m.ends)
         ),
-        "u > 0 order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, lambda m: baselines.rightward(m.ends)),
-        "true order, OpenCV MAGSAC": ordered(baselines.opencv_magsac, truly),
-        "true order, pycolmap": ordered(baselines.pycolmap_ransac, truly),
-        "true order, PoseLib": ordered(baselines.poselib_ransac, truly),
+        "true order, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, truly(m)),
+        "true order, pycolmap": lambda m: baselines.solve(baselines.pycolmap_ransac, truly(m)),
+        "true order, PoseLib": lambda m: baselines.solve(baselines.poselib_ransac, truly(m)),
         "true F": lambda _: scene.F,
     }
 
@@ -106,24 +100,12 @@ class Judged:
     epipole_deg: float
 
 
-class Truth(Protocol):
-    """What F is judged against."""
-
-    @property
-    def F(self) -> AnyArray | None:
-        """The true F; None where the camera does not translate."""
-
-    @property
-    def K(self) -> AnyArray:
-        """Intrinsics."""
-
-
-def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
-    """Return how good F is on the true ends (N, 2, 2) of a scene whose camera translates.
+def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArray) -> Judged:
+    """Return how good F is on true ends (N, 2, 2), beside the true F and for the true K.
 
     None is the worst answer: errors as long as the smears, and an epipole at right angles.
     """
-    if F is None or scene.F is None:
+    if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
         return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
     relative = rho(F, ends)
@@ -133,7 +115,7 @@ def judge(F: AnyArray | None, scene: Truth, ends: AnyArray) -> Judged:
         under_10=share_under(relative, 0.10),
         inliers=inlier_share(F, ends),
         serrmin_px2=float(np.median(serrmin(F, ends))),
-        epipole_deg=epipole_angle_deg(F, scene.F, scene.K),
+        epipole_deg=epipole_angle_deg(F, F_true, K),
     )
 
 
@@ -159,7 +141,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
         matches, ends = select_matches(grid), true_ends(scene)
         for name, method in methods(scene).items():
             F = method(matches)
-            table.setdefault(name, []).append(judge(F, scene, ends))
+            table.setdefault(name, []).append(judge(F, scene.F, scene.K, ends))
             missing[name] = missing.get(name, 0) + (F is None)
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 

@@ -5,8 +5,6 @@ by 4, 6, 10, 20 and 40 px, each in a direction of its own, and prints errors by 
 and through the renderer's whole camera model.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -28,8 +26,7 @@ LENGTHS_PX = (4, 6, 10, 20, 40)
 SUFFIXES = (".png", ".jpg")
 NOISE = 0.003
 GAMMA = 2.2
-LARGEST_PX = 1600
-"""Larger photographs are halved first: few are sharp at their own size."""
+LARGEST_PX = 1600  # larger photographs are halved first: few are sharp at their own size
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,6 @@ is ``valid`` (h, w). It prints, per photograph, median length, direction errors 
 half, and predicted over true length; and errors of all photographs by true length. No photograph ships.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ without outliers. "correlated": directions and lengths err as one over 40 px, as
 the standard deviation of every displacement and the share of independent smears are stated truly.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import get_args

@@ -6,8 +6,6 @@ correlation of wx, wy and wz with the poses' rates, of single frames and of mean
 holds ``frame`` (N,), by which rows are named or numbered, and ``cam_from_world`` (N, 3, 4).
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path

@@ -7,8 +7,6 @@ smears are known. The scenes of one folder count as one split: `tools.datasets.t
 `tools.datasets.mover_scenes` another with a mover in every picture.
 """
 
-from __future__ import annotations
-
 import json
 import shlex
 import sys

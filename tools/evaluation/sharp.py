@@ -4,8 +4,6 @@
 motion", the share of their area that is sure of a smear, and the worst of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,10 +15,8 @@ from blur2view.smears.grid import SmearGrid
 from tools.evaluation.even_blur import photograph_parser, photographs_of
 from tools.pages import table
 
-LEAST_PX = 2.0
-"""Shorter smears are within what a sharp lens leaves."""
-SURE = 0.5
-"""A smear is sure whose sigma is at most this share of its length."""
+LEAST_PX = 2.0  # shorter smears are within what a sharp lens leaves
+SURE = 0.5  # a smear is sure whose sigma is at most this share of its length
 WORST = 5
 
 

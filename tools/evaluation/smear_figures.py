@@ -1,7 +1,5 @@
 """Figures of predicted smears over rendered photographs: as a whole, by length, and what sigma is worth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -16,12 +14,9 @@ from tools.pages import table
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
-BLOCK_CELLS = 20
-"""Side of a block, 80 px in cells of 4: within it errors are alike."""
-LEAST_IN_BLOCK = 100
-"""Cells of a block, of at most 400, without which its median is not taken."""
-SIGMA_BINS = 10
-"""Classes of equal size in which predicted and found errors are compared."""
+BLOCK_CELLS = 20  # side of a block, 80 px in cells of 4: within it errors are alike
+LEAST_IN_BLOCK = 100  # cells of a block, of at most 400, without which its median is not taken
+SIGMA_BINS = 10  # classes of equal size in which predicted and found errors are compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +43,6 @@ class SigmaBin:
     sigma_px: float
     error_px: float
     within: float
-
-    @property
-    def normalised_error(self) -> float:
-        """Found over predicted: 1 for a calibrated sigma."""
-        return self.error_px / self.sigma_px
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,6 +201,6 @@ def smear_tables(smears: SmearFigures) -> list[str]:
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     whole = table("smears | ", [(name, f"{getattr(smears, name):.4g}") for name in plain])
     head = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
-    bins = [(b.sigma_px, b.error_px, b.normalised_error, b.within) for b in smears.bins]
+    bins = [(b.sigma_px, b.error_px, b.error_px / b.sigma_px, b.within) for b in smears.bins]
     sigmas = table(head, [[f"{value:.2f}" for value in row] for row in bins])
     return [*whole, "", *octave_table(smears.octaves), "", *sigmas]

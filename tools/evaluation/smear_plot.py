@@ -1,7 +1,5 @@
 """The picture of the smears' figures: what sigma is worth, and lengths by octave."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

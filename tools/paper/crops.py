@@ -1,27 +1,20 @@
 """Training crops of rendered scenes: geometry is rendered once, cameras are drawn anew for every crop."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, IterableDataset
+from torch.utils.data import Dataset
 
 from blur2view.arrays import AnyArray as Array
 from tools.datasets.shards import Scenes, decode_linear, load_shards
-from tools.paper.networks import MULTIPLE_OF
 from tools.rendering.exposure import GRID
-from tools.rendering.sensor import photograph
+from tools.rendering.sensor import log_uniform, photograph
 
 VALIDATION_CROPS, VALIDATION_SIDE, VALIDATION_SEED = 128, 240, 12345
-LONGEST_PX = 400
-"""Displacements from here on, and those that overflowed when stored, become invalid zeros."""
+LONGEST_PX = 400  # displacements from here on, and those that overflowed when stored, become invalid zeros
 
 
 def orient(
@@ -37,15 +30,11 @@ def orient(
     return image, displacement, labels
 
 
-def sample_scale(rng: np.random.Generator) -> float:
-    """Draw the magnification of a crop: none in half of them."""
-    return float(np.exp(rng.uniform(np.log(0.6), np.log(1.35)))) if rng.random() < 0.5 else 1.0
-
-
 def cut(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tuple[Array, Array, Array]:
     """Cut a square of one scene at a random place and scale: linear (side, side, 3) and its grid truth."""
     height, width = scenes.linear.shape[1:3]
-    source = int(min(side / sample_scale(rng), height, width)) // GRID * GRID
+    magnified = log_uniform(rng, (0.6, 1.35)) if rng.random() < 0.5 else 1.0
+    source = int(min(side / magnified, height, width)) // GRID * GRID
     x, y = (int(rng.integers(0, (extent - source) // GRID + 1)) * GRID for extent in (width, height))
     linear = decode_linear(scenes.linear[index, y : y + source, x : x + source])
     cells = (index, slice(y // GRID, (y + source) // GRID), slice(x // GRID, (x + source) // GRID))
@@ -79,21 +68,13 @@ def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tup
     return np.ascontiguousarray(image.transpose(2, 0, 1)), np.ascontiguousarray(target.transpose(2, 0, 1))
 
 
-class CropStream(IterableDataset[tuple[torch.Tensor, torch.Tensor]]):
-    """Endless batches of crops; batch k depends only on (seed, k), however many workers make them."""
+class CropBatches(Dataset[tuple[Tensor, Tensor]]):
+    """Batches of crops; batch k depends only on (seed, k), whichever process makes it."""
 
     def __init__(self, scenes: Scenes, seed: int, batch: int, side: int) -> None:
-        super().__init__()
         self.scenes, self.seed, self.batch, self.side = scenes, seed, batch, side
 
-    def __iter__(self) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Yield (images, targets); with several workers each makes every n-th batch, in order."""
-        cv2.setNumThreads(1)
-        worker = torch.utils.data.get_worker_info()
-        step, offset = (worker.num_workers, worker.id) if worker else (1, 0)
-        yield from map(self.make, count(offset, step))
-
-    def make(self, k: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         """Return batch number k: images (N, 3, side, side) and targets (N, 3, side / 4, side / 4)."""
         rng = np.random.default_rng([self.seed, k])
         indices = rng.integers(0, len(self.scenes), self.batch)
@@ -102,40 +83,6 @@ class CropStream(IterableDataset[tuple[torch.Tensor, torch.Tensor]]):
         return torch.from_numpy(np.stack(images)), torch.from_numpy(np.stack(targets))
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainOptions:
-    """One training run on crops.
-
-    ``train`` and ``val`` hold rendered shards, ``out`` gets results. A run has ``steps``, each of ``batch``
-    crops of ``side`` px (a multiple of 16), which ``workers`` processes make (0: this one);
-    ``learning_rate`` is the peak of the schedule (AdamW), ``seed`` decides weights and crops. ValueError if
-    ``side`` is wrong.
-    """
-
-    train: Path
-    val: Path
-    out: Path
-    steps: int = 30000
-    batch: int = 12
-    side: int = 192
-    learning_rate: float = 2e-3
-    seed: int = 0
-    workers: int = 1
-
-    def __post_init__(self) -> None:
-        """Check the size of crops."""
-        if self.side <= 0 or self.side % MULTIPLE_OF:
-            raise ValueError(f"side must be a positive multiple of {MULTIPLE_OF}, got {self.side}")
-
-
-def batches_of(scenes: Scenes, options: TrainOptions) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield batches, made by `workers` processes."""
-    stream = CropStream(scenes, options.seed, options.batch, options.side)
-    ahead = 4 if options.workers else None
-    return iter(DataLoader(stream, batch_size=None, num_workers=options.workers, prefetch_factor=ahead))
-
-
 def validation_crops(folder: Path) -> tuple[Tensor, Tensor]:
     """Cut fixed crops of held-out scenes: the same pictures, cameras and noise for every run."""
-    stream = CropStream(load_shards(folder), VALIDATION_SEED, VALIDATION_CROPS, VALIDATION_SIDE)
-    return stream.make(0)
+    return CropBatches(load_shards(folder), VALIDATION_SEED, VALIDATION_CROPS, VALIDATION_SIDE)[0]

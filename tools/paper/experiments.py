@@ -7,8 +7,6 @@ Table 2 (11 minutes of one core). Renderings and Table 2 go on where they were, 
 that is not finished; ``--stages report`` writes the file from what is there.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,20 +16,20 @@ import blur2view
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import read_test_set, test_options, write_test_set
 from tools.pages import write_json
-from tools.paper import paper_summary, paper_tables
-from tools.paper.crops import TrainOptions
-from tools.paper.paper_report import report
-from tools.paper.paper_variants import ALPHA_STUDY, STEPS, VARIANTS, run_all
+from tools.paper import paper_tables
+from tools.paper.paper_report import read_runs, report
+from tools.paper.paper_variants import ALPHA_STUDY, VARIANTS, TrainOptions, run_all
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import Recipe, render_set
 
 SCENES = 60
 TRAINING_SCENES = 5150
+SEEDS = (0, 1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Where things are, and the budget: `seeds` and `steps` of the trainings.
+    """Where things are.
 
     `shards` holds ``train`` and ``val``, as :func:`tools.training.recipe.render_all` renders them.
     """
@@ -41,8 +39,6 @@ class Plan:
     shards: Path
     scenes: Path
     results: Path
-    seeds: tuple[int, ...] = (0, 1, 2)
-    steps: int = STEPS
 
 
 def train(plan: Plan) -> None:
@@ -51,19 +47,17 @@ def train(plan: Plan) -> None:
     held = range(Recipe.val_seed, Recipe.val_seed + Recipe.val_scenes)
     render_set(train, range(TRAINING_SCENES), RenderOptions(photos=plan.photos))
     render_set(val, held, RenderOptions(split="test", photos=plan.photos))
-    options = TrainOptions(
-        train=train, val=val, out=plan.work / "variants", steps=plan.steps, batch=16, side=128
-    )
-    run_all(list(VARIANTS.values()), plan.seeds, options)
+    options = TrainOptions(train=train, val=val, out=plan.work / "variants")
+    run_all(list(VARIANTS.values()), SEEDS, options)
     summarise(plan)
 
 
 def summarise(plan: Plan) -> None:
     """Store what is finished of Table 1."""
     runs = plan.work / "variants"
-    found = paper_summary.read_runs(runs, VARIANTS.values())
-    study = paper_summary.read_runs(runs, ALPHA_STUDY, shared=True)
-    if found:
+    found = read_runs(runs, VARIANTS.values())
+    study = read_runs(runs, ALPHA_STUDY)
+    if len(found) == len(VARIANTS):
         for name, figures in {"table1": found, "alpha": study}.items():
             write_json(plan.results / f"paper_{name}.json", {k: asdict(one) for k, one in figures.items()})
 
@@ -94,8 +88,6 @@ def main() -> None:
     parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")
     parser.add_argument("--scenes", type=existing, default=Path("render/test"), help="(default: %(default)s)")
     parser.add_argument("--results", type=Path, default=Path("tools/results"), help="(default: %(default)s)")
-    parser.add_argument("--seeds", nargs="+", type=int, default=Plan.seeds, metavar="SEED")
-    parser.add_argument("--steps", type=int, default=Plan.steps)
     parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))
     words = vars(parser.parse_args())
     stages = words.pop("stages")

@@ -1,25 +1,12 @@
 """The network of the paper's experiments, with its outputs v and w: a U-Net behind a fixed stem."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from tools.paper.stem import StructureStem
 
-MULTIPLE_OF = 16
-"""Height and width of the input must be multiples of this."""
-START_SIGMA = 8.0
-"""What softplus(w) is at first, pixels."""
-
-
-def start_outputs(head: nn.Conv2d) -> None:
-    """Make a head with outputs v and w say "no smear, known to START_SIGMA" at first."""
-    with torch.no_grad():
-        head.weight.mul_(0.1)
-        assert head.bias is not None
-        head.bias.copy_(torch.tensor([0.0, 0.0, START_SIGMA]))  # softplus(8) is 8.0003
+START_SIGMA = 8.0  # what softplus(w) is at first, pixels
 
 
 class Block(nn.Module):
@@ -43,13 +30,7 @@ class StemUNet(nn.Module):
 
     A plain U-Net on RGB does not start to learn within minutes; on gradients' double-angle products it does.
     The coarsest level is at stride 16, so that what a pixel sees (about 130 px) fits into a training crop.
-
-    Parameters
-    ----------
-    widths : tuple of int
-        Channels at strides 4, 8, 16.
-    bottom : int
-        Residual blocks at the coarsest level.
+    ``widths`` are channels at strides 4, 8 and 16, ``bottom`` residual blocks at the coarsest level.
     """
 
     def __init__(self, widths: tuple[int, ...] = (48, 80, 144), bottom: int = 3) -> None:
@@ -62,7 +43,11 @@ class StemUNet(nn.Module):
         self.lifts = nn.ModuleList([nn.Conv2d(coarse, fine, 1) for fine, coarse in pairs])
         self.decoders = nn.ModuleList([Block(fine, fine, skip=True) for fine in widths[:-1]])
         self.head = nn.Conv2d(widths[0], 3, 1)
-        start_outputs(self.head)
+        assert self.head.bias is not None
+        with torch.no_grad():  # at first: no smear, known to START_SIGMA
+            self.head.weight.mul_(0.1)
+            nn.init.zeros_(self.head.bias)
+            self.head.bias[2] = START_SIGMA  # softplus(8) is 8.0003
 
     def forward(self, image: Tensor) -> Tensor:
         """Compute v and w; height and width must be multiples of 16."""

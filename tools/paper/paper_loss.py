@@ -14,8 +14,6 @@ Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Imag
 arXiv 2605.01552.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import torch
@@ -26,8 +24,7 @@ from blur2view.smears.field import Floats, from_double_angle
 
 Representation = Literal["local", "restricted", "double"]
 
-LEAST_SIGMA_PX = 0.05
-"""Added to softplus(w), so that the likelihood is bounded."""
+LEAST_SIGMA_PX = 0.05  # added to softplus(w), so that the likelihood is bounded
 
 
 def sigma_of(raw: Tensor) -> Tensor:

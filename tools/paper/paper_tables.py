@@ -7,13 +7,10 @@ median SErrMin, beside what the true F reaches. Every F is kept in a file at onc
 its robust cost (no truth is used).
 """
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +24,7 @@ from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tools.datasets.testset import TestScene
 from tools.estimators.paper import paper_of_matches
-from tools.metrics import PAPER_INLIER
+from tools.evaluation import evaluate
 from tools.pages import append_line, finished_lines, table
 
 BETAS = (0.2, 0.35, 0.45, 0.55)
@@ -36,8 +33,7 @@ ESTIMATORS: dict[str, Callable[[SmearMatches], AnyArray | None]] = {
     "paper": paper_of_matches,
     "ours": lambda matches: estimate_two_view(matches).F,
 }
-CUTOFF = 3.0
-"""Standard deviations beyond which a smear counts as an outlier when answers are compared."""
+CUTOFF = 3.0  # standard deviations beyond which a smear counts as an outlier when answers are compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,11 +47,6 @@ class Found:
     F: list[list[float]] | None
     cost: float
     seconds: float
-
-    @property
-    def key(self) -> tuple[str, str, str, float]:
-        """What it is an estimate of."""
-        return self.model_id, self.scene, self.estimator, self.beta
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,40 +70,35 @@ def cost(F: AnyArray | None, matches: SmearMatches) -> float:
     return float(np.minimum(serrmin(F, matches.ends) / matches.sampson_px**2, CUTOFF**2).mean())
 
 
-def estimates(scene: TestScene, grid: SmearGrid, model_id: str, known: set[Any]) -> Iterable[Found]:
-    """Yield what is not known yet of one photograph."""
-    all_matches = select_matches(grid, SelectOptions(beta=max(BETAS)))
-    for name, estimator in ESTIMATORS.items():
-        for beta in BETAS:
-            if (model_id, scene.name, name, beta) in known:
-                continue
-            matches, began = select_matches(grid, SelectOptions(beta=beta)), time.perf_counter()
-            F = estimator(matches)
-            yield Found(
-                model_id=model_id,
-                scene=scene.name,
-                estimator=name,
-                beta=beta,
-                F=None if F is None else F.tolist(),
-                cost=cost(F, all_matches),
-                seconds=time.perf_counter() - began,
-            )
+def estimated(scene: TestScene, grid: SmearGrid, model_id: str, name: str, beta: float) -> Found:
+    """Return one estimate of one photograph."""
+    matches, began = select_matches(grid, SelectOptions(beta=beta)), time.perf_counter()
+    F = ESTIMATORS[name](matches)
+    seconds = time.perf_counter() - began
+    return Found(
+        model_id=model_id,
+        scene=scene.name,
+        estimator=name,
+        beta=beta,
+        F=None if F is None else F.tolist(),
+        cost=cost(F, select_matches(grid, SelectOptions(beta=max(BETAS)))),
+        seconds=seconds,
+    )
 
 
 def complete(scenes: Sequence[TestScene], network: blur2view.SmearNetwork, work: Path) -> list[Found]:
     """Return all estimates, making what is missing and keeping every answer at once."""
-    model_id = network.info.model_id
-    found = [Found(**line) for line in finished_lines(work)]
-    known = {one.key for one in found}
+    model_id, wanted = network.info.model_id, [(name, beta) for name in ESTIMATORS for beta in BETAS]
+    found = [one for line in finished_lines(work) if (one := Found(**line)).model_id == model_id]
+    known = {(one.scene, one.estimator, one.beta) for one in found}
     work.parent.mkdir(parents=True, exist_ok=True)
     for scene in scenes:
-        if all((model_id, scene.name, name, beta) in known for name in ESTIMATORS for beta in BETAS):
-            continue
-        grid = network.predict(blur2view.read_image(scene.image_path))
-        for one in estimates(scene, grid, model_id, known):
-            append_line(work, asdict(one))
-            found.append(one)
-    return [one for one in found if one.model_id == model_id]
+        if left := [pair for pair in wanted if (scene.name, *pair) not in known]:
+            grid = network.predict(blur2view.read_image(scene.image_path))
+            for name, beta in left:
+                found.append(estimated(scene, grid, model_id, name, beta))
+                append_line(work, asdict(found[-1]))
+    return found
 
 
 def with_automatic(found: Sequence[Found]) -> dict[tuple[str, str], dict[str, Found]]:
@@ -136,25 +122,21 @@ def all_true_ends(scene: TestScene) -> AnyArray:
 
 def judge(estimator: str, beta: str, group: dict[str, Found], scenes: Sequence[TestScene]) -> Row:
     """Return how good one way to estimate is on the scenes it was run on."""
-    shares, true_shares, medians, seconds = [], [], [], []
-    for scene in scenes:
-        one, ends = group[scene.name], all_true_ends(scene)
-        length = ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
-        error = length if one.F is None else serrmin(np.array(one.F), ends)
-        assert scene.F is not None
-        shares.append((error < PAPER_INLIER).mean() if one.F is not None else 0.0)
-        true_shares.append((serrmin(scene.F, ends) < PAPER_INLIER).mean())
-        medians.append(np.median(error))
-        seconds.append(one.seconds)
+    answers = [group[scene.name] for scene in scenes]
+    judged, true = (
+        [
+            evaluate.judge(None if F is None else np.array(F), scene.F, scene.K, all_true_ends(scene))
+            for F, scene in zip(matrices, scenes, strict=True)
+        ]
+        for matrices in ([one.F for one in answers], [scene.F for scene in scenes])
+    )
+    figures = evaluate.summarise(estimator, judged, true, sum(one.F is None for one in answers))
+    shared = ("estimator", "beta", "seconds")
     return Row(
         estimator=estimator,
         beta=beta,
-        images=len(scenes),
-        without_F=sum(group[scene.name].F is None for scene in scenes),
-        inliers=float(np.mean(shares)),
-        inliers_of_true=float(np.mean(shares) / np.mean(true_shares)),
-        serrmin_px2=float(np.median(medians)),
-        seconds=float(np.median(seconds)),
+        seconds=float(np.median([one.seconds for one in answers])),
+        **{f.name: getattr(figures, f.name) for f in fields(Row) if f.name not in shared},
     )
 
 

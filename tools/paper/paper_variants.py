@@ -5,16 +5,16 @@ The six losses, and 3 more values of alpha, with 3 seeds each. Budget of one run
 for each run. Finished ones (NAME_SEED.json in `TrainOptions.out`) are not trained again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+from torch.utils.data import DataLoader
 
 from blur2view.arrays import AnyArray
 from tools.datasets.shards import Scenes, load_shards
@@ -26,7 +26,7 @@ from tools.metrics import (
     sparsification_curve,
 )
 from tools.pages import write_json
-from tools.paper.crops import TrainOptions, batches_of, validation_crops
+from tools.paper.crops import CropBatches, validation_crops
 from tools.paper.networks import StemUNet
 from tools.paper.paper_loss import Representation, decoded, paper_loss
 from tools.training.run import TrainingRun
@@ -34,7 +34,7 @@ from tools.training.schedule import warm_cosine
 
 ALPHA = 0.01
 STEPS = 2000
-LARGEST_GRADIENT = 2.0
+PEAK_RATE, LARGEST_GRADIENT = 2e-3, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,58 +65,61 @@ VARIANTS = {variant.name: variant for variant in (*SIX, *ALPHA_STUDY)}
 class VariantRun(TrainingRun):
     """Networks, optimiser and step of one run; `history` has the mean loss of every hundred steps."""
 
+    network: StemUNet
+    average: StemUNet
     variant: Variant
     history: list[float] = field(default_factory=list)
 
 
-def build() -> StemUNet:
-    """Return an untrained network."""
-    return StemUNet()
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """The budget of one training, and where things are.
+
+    ``train`` and ``val`` hold rendered shards, ``out`` gets results. A run has ``steps``, each of ``batch``
+    crops of ``side`` px (a multiple of 16), which ``workers`` processes make (0: this one).
+    """
+
+    train: Path
+    val: Path
+    out: Path
+    steps: int = STEPS
+    batch: int = 16
+    side: int = 128
+    workers: int = 1
 
 
-def start(variant: Variant, seed: int, learning_rate: float, device: torch.device) -> VariantRun:
+def start(variant: Variant, seed: int, device: torch.device) -> VariantRun:
     """Return a new run; its weights follow from the seed."""
     torch.manual_seed(seed)
-    network, average = build().to(device), build().to(device)
+    network, average = StemUNet().to(device), StemUNet().to(device)
     average.load_state_dict(network.state_dict())
-    optimiser = torch.optim.AdamW(network.parameters(), lr=learning_rate, weight_decay=1e-4)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=PEAK_RATE, weight_decay=1e-4)
     network.train()
     return VariantRun(variant=variant, network=network, average=average, optimiser=optimiser)
 
 
-def learning_rate_at(step: int, options: TrainOptions) -> float:
-    """Return a rate that rises linearly for a tenth of the steps, then falls by a cosine to 1 %."""
-    return warm_cosine(step, options.steps, options.learning_rate, options.steps // 10)
-
-
-def stem_features(network: nn.Module, images: Tensor) -> Tensor:
-    """Return what all variants share: the features of the stem, which has no parameters."""
-    assert isinstance(network, StemUNet)
-    with torch.no_grad():
-        features: Tensor = network.stem(images)
-    return features.contiguous(memory_format=torch.channels_last)
-
-
-def advance(run: VariantRun, features: Tensor, targets: Tensor, options: TrainOptions) -> float:
-    """Make one step on :func:`stem_features`, in bfloat16; return the loss."""
-    v, network = run.variant, run.network
-    assert isinstance(network, StemUNet)
+def advance(run: VariantRun, features: Tensor, targets: Tensor, steps: int) -> float:
+    """Make one of so many steps, on features of the stem, in bfloat16; return the loss."""
+    v = run.variant
     with torch.autocast(features.device.type, dtype=torch.bfloat16):
-        raw = network.body(features)
+        raw = run.network.body(features)
     loss = paper_loss(raw.float(), targets, v.representation, v.cross_check, v.alpha)
-    return run.descend(loss, learning_rate_at(run.step, options), LARGEST_GRADIENT)
+    return run.descend(loss, warm_cosine(run.step, steps, PEAK_RATE, steps // 10), LARGEST_GRADIENT)
 
 
 def train(variants: Sequence[Variant], seed: int, options: TrainOptions, scenes: Scenes) -> list[VariantRun]:
-    """Return trained variants, which share crops and stem features."""
+    """Return trained variants, which share crops and the features of the stem, which has no weights."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    runs = [start(variant, seed, options.learning_rate, device) for variant in variants]
+    runs = [start(variant, seed, device) for variant in variants]
     losses: list[list[float]] = [[] for _ in runs]
-    for step, batch in zip(range(1, options.steps + 1), batches_of(scenes, options), strict=False):
+    crops = CropBatches(scenes, seed, options.batch, options.side)
+    loader = DataLoader(crops, batch_size=None, sampler=range(options.steps), num_workers=options.workers)
+    for step, batch in enumerate(loader, 1):
         images, targets = (tensor.to(device) for tensor in batch)
-        features = stem_features(runs[0].network, images)
+        with torch.no_grad():
+            features = runs[0].network.stem(images).contiguous(memory_format=torch.channels_last)
         for run, recent in zip(runs, losses, strict=True):
-            recent.append(advance(run, features, targets, options))
+            recent.append(advance(run, features, targets, options.steps))
             if step == options.steps or step % 100 == 0:
                 run.history.append(float(np.mean(recent)))
                 print(f"{run.variant.name}_{seed}: step {step}, loss {run.history[-1]:.3f}", flush=True)
@@ -165,7 +168,7 @@ def run_all(variants: Sequence[Variant], seeds: Sequence[int], options: TrainOpt
     scenes, (images, truth) = load_shards(options.train), validation_crops(options.val)
     for seed in seeds:
         left = [v for v in variants if not (options.out / f"{v.name}_{seed}.json").exists()]
-        for run in train(left, seed, replace(options, seed=seed), scenes) if left else []:
+        for run in train(left, seed, options, scenes) if left else []:
             document = {
                 "variant": vars(run.variant), "seed": seed, "steps": options.steps, "batch": options.batch,
                 "side": options.side, "scenes": len(scenes), "history": run.history,

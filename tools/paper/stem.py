@@ -5,16 +5,12 @@ smear (:class:`LagStem`) and which way the fine detail runs that is left (:class
 parameters to learn.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-STRIDE = 4
-"""Pixels per output cell."""
-LEVELS = 4
-"""Scales of the stem's luminance pyramid."""
+STRIDE = 4  # pixels per output cell
+LEVELS = 4  # scales of the stem's luminance pyramid
 
 
 def halved(x: Tensor) -> Tensor:

@@ -1,7 +1,5 @@
 """Layers painted at mid exposure: textures at the level of detail each pixel needs, outlines, highlights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

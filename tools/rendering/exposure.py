@@ -1,7 +1,5 @@
 """Where surface points are seen over one exposure: projection along the paths, and its inverse on a grid."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

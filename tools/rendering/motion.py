@@ -1,8 +1,7 @@
 """Camera and object paths over one exposure, in SE(3)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -36,7 +35,7 @@ class Trajectory:
         R = np.asarray(cv2.Rodrigues(vector)[0], np.float64)
         return R, self.translation * s + self.translation_bend * tau**2
 
-    def scaled(self, factor: float) -> Trajectory:
+    def scaled(self, factor: float) -> Self:
         """Return the same path, `factor` times as far."""
         return replace(
             self,
@@ -45,11 +44,6 @@ class Trajectory:
             rotation_bend=self.rotation_bend * factor,
             translation_bend=self.translation_bend * factor,
         )
-
-    @property
-    def is_straight(self) -> bool:
-        """Whether the path is a constant velocity."""
-        return not (self.rotation_bend.any() or self.translation_bend.any() or self.acceleration)
 
 
 def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:

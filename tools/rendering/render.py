@@ -6,8 +6,6 @@ the truth (`truth`) is computed from the geometry, not from the picture. `shards
 writes many scenes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,10 +18,9 @@ from tools.rendering.motion import Trajectory, sample_camera_path, sample_object
 from tools.rendering.scene import Layer, sample_intrinsics, sample_layers
 from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import photographs
-from tools.rendering.truth import GridTruth, fundamental_of, grid_truth, relative_pose
+from tools.rendering.truth import SceneTruth, fundamental_of, grid_truth, relative_pose
 
-STILL_PX = 1.0
-"""Median smear below which a camera holds still, and objects choose a pace of their own."""
+STILL_PX = 1.0  # median smear below which a camera holds still, and objects choose a pace of their own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,23 +52,16 @@ class RenderOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rendering(GridTruth):
-    """One rendered exposure with its truth; see :class:`tools.rendering.truth.GridTruth` for the grid's.
+class Rendering(SceneTruth):
+    """One rendered exposure with its truth.
 
     ``linear`` (H, W, 3) is the float32 mean radiance over the exposure, 0 to about 4 (highlights),
-    ``open_image`` and ``close_image`` are its sharp first and last instants. ``K`` are the intrinsics, ``R``,
-    ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm, ``points_close^T F points_open = 0``, None
-    without translation. ``kind`` is that of the camera's path (`tools.rendering.motion.sample_camera_path`),
-    ``straight`` whether its velocity was constant.
+    ``open_image`` and ``close_image`` are its sharp first and last instants; ``middle_offset`` (H/4, W/4, 2)
+    is the bend of smears, pixels.
     """
 
     linear: AnyArray
-    K: AnyArray
-    R: AnyArray
-    t: AnyArray
-    F: AnyArray | None
-    kind: str
-    straight: bool
+    middle_offset: AnyArray
     open_image: AnyArray
     close_image: AnyArray
 
@@ -153,16 +143,17 @@ def expose(
     fields = [exposure.inverse_displacements(layer) for layer in layers]
     margin = min(float(max(np.abs(f).max() for f in fields)), 160.0) + 4
     canvases = [paint(rng, layer, exposure.K, exposure.size, margin, detail) for layer in layers]
+    truth, middle_offset = grid_truth(canvases, fields, exposure)
     R, t = relative_pose(exposure.camera)
     return Rendering(
         linear=mean_frame(canvases, fields, exposure.size),
-        **vars(grid_truth(canvases, fields, exposure)),
+        **vars(truth),
+        middle_offset=middle_offset,
         K=exposure.K,
         R=R,
         t=t,
         F=fundamental_of(R, t, exposure.K),
         kind=kind,
-        straight=exposure.camera.is_straight,
         open_image=compose(canvases, [f[0] for f in fields], exposure.size),
         close_image=compose(canvases, [f[-1] for f in fields], exposure.size),
     )

@@ -4,8 +4,6 @@ Every layer is described in the mid-exposure camera frame by its inverse depth a
 point, by where it is (alpha) and by its texture. The renderer moves it along the camera's and its own path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

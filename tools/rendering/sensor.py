@@ -1,7 +1,5 @@
 """From radiance to a coded photograph: exposure, optics, mosaic, noise, tone, sharpening, compression."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

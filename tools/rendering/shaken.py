@@ -5,8 +5,6 @@ affine in the picture (a rotation, a zoom, a slanted plane, a rolling shutter ar
 may be curved and accelerated; sub-frames are averaged in linear light.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -200,16 +198,9 @@ def averaged(
 def shake(
     rng: np.random.Generator, sources: list[Array], options: ShakeOptions
 ) -> tuple[Array, Array, Array]:
-    """Make one picture.
+    """Make one picture: its mean radiance (H, W, 3), smears (H/4, W/4, 2) in px, and where they are valid.
 
-    Returns
-    -------
-    linear : ndarray of shape (H, W, 3)
-        Mean radiance.
-    displacement : ndarray of shape (H/4, W/4, 2)
-        Smears in pixels.
-    valid : ndarray of shape (H/4, W/4)
-        Whether the smear stays within the picture on one surface.
+    Valid (H/4, W/4) are smears that stay within the picture on one surface.
     """
     width, height = options.size
     paths = sample_paths(rng, options)

@@ -1,7 +1,5 @@
 """Outlines of the cards in a scene: alpha masks of polygons, ellipses, bars, foliage, letters and boxes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2
@@ -12,10 +10,8 @@ from tools.rendering.textures import spectral_noise
 
 Alpha = NDArray[np.float32]
 
-SIZE = 160
-"""Side of a stencil in its own cells; a card stretches it over its box."""
-FRACTION_BITS = 3
-"""OpenCV draws with coordinates in eighths of a cell."""
+SIZE = 160  # side of a stencil in its own cells; a card stretches it over its box
+FRACTION_BITS = 3  # OpenCV draws with coordinates in eighths of a cell
 
 
 def blank() -> Alpha:

@@ -6,8 +6,6 @@ added (the Kodak suite, "released for unrestricted usage"). Photographs are spli
 training and a held-out part, so that no test image shares a texture with training.
 """
 
-from __future__ import annotations
-
 import functools
 import string
 from collections.abc import Callable
@@ -22,17 +20,14 @@ from blur2view.errors import ImageError
 Image = NDArray[np.float32]
 Scalars = NDArray[np.float32]
 
-SIZE = 512
-"""Side of a procedural texture, in texels."""
+SIZE = 512  # side of a procedural texture, in texels
 
 BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass", "gravel", "rocket", "page")
 """Photographs of scikit-image that are CC0 or public domain and inside its wheel."""
 
-HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")
-"""Those of them that only the test split uses."""
+HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")  # those of them that only the test split uses
 
-HELD_OUT_EVERY = 4
-"""Every fourth photograph of an added folder (by sorted name) is held out of training."""
+HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
 
 
 def srgb_to_linear(coded: NDArray[np.floating]) -> Image:

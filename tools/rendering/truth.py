@@ -1,7 +1,5 @@
 """The truth of one exposure: displacement, bend, validity and labels on the grid; pose and F of the image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -13,23 +11,41 @@ from tools.rendering.canvas import Canvas
 from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
 
-CROSS_CHECK_PX = 1.0
-"""Largest disagreement of a smear's end with what is visible there (the paper's eps)."""
+CROSS_CHECK_PX = 1.0  # largest disagreement of a smear's end with what is visible there (the paper's eps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridTruth:
     """What happened to the points seen at mid exposure at the centres of 4 x 4 pixel cells, (H/4, W/4, ...).
 
-    ``displacement`` is d = close - open in pixels, exact; ``middle_offset`` the midpoint of both ends minus
-    the mid-exposure position: the smear's bend. ``valid``: both ends are inside the image and visible (the
-    cross-check map). ``static`` is false on moving objects.
+    ``displacement`` is d = close - open in pixels, exact. ``valid``: both ends are inside the image and
+    visible (the cross-check map). ``static`` is false on moving objects.
     """
 
     displacement: AnyArray
-    middle_offset: AnyArray
     valid: AnyArray
     static: AnyArray
+
+    @property
+    def median_px(self) -> float:
+        """The median length of valid smears."""
+        return float(np.median(np.linalg.norm(self.displacement[self.valid], axis=-1)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneTruth(GridTruth):
+    """The truth of one exposure.
+
+    ``K`` are the intrinsics, ``R``, ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm,
+    ``points_close^T F points_open = 0``, None without translation. ``kind`` is that of the camera's path
+    (`tools.rendering.motion.sample_camera_path`).
+    """
+
+    K: AnyArray
+    R: AnyArray
+    t: AnyArray
+    F: AnyArray | None
+    kind: str
 
 
 def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
@@ -60,8 +76,14 @@ def end_visible(origin: AnyArray, end: AnyArray, points: AnyArray, size: tuple[i
     return np.asarray(inside & (np.linalg.norm(seen - points, axis=-1) < CROSS_CHECK_PX))
 
 
-def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure) -> GridTruth:
-    """Return the truth from the geometry; `fields` holds every layer's inverse displacements per knot."""
+def grid_truth(
+    canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure
+) -> tuple[GridTruth, AnyArray]:
+    """Return the truth from the geometry, and the bend of every smear, (H/4, W/4, 2).
+
+    The bend is the midpoint of both ends minus the mid-exposure position; ``fields`` holds every layer's
+    inverse displacements per knot.
+    """
     size = exposure.size
     points = grid_points(size)
     index = top_layer(canvases, points)
@@ -72,12 +94,12 @@ def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposur
             end[seen] = positions[seen]
     first = origin_map(canvases, [f[0] for f in fields], size)
     last = origin_map(canvases, [f[-1] for f in fields], size)
-    return GridTruth(
+    truth = GridTruth(
         displacement=(close - start).astype(np.float32),
-        middle_offset=((close + start) / 2 - points).astype(np.float32),
         valid=end_visible(first, start, points, size) & end_visible(last, close, points, size),
         static=np.array([canvas.layer.own_path is None for canvas in canvases])[index],
     )
+    return truth, ((close + start) / 2 - points).astype(np.float32)
 
 
 def relative_pose(camera: Trajectory) -> tuple[AnyArray, AnyArray]:

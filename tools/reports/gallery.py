@@ -6,8 +6,6 @@ alone is drawn wider: ``python -m tools.reports.gallery models/sample.jpg --out 
 With ``--masks`` what moves is shown instead of the smears.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2
@@ -24,13 +22,10 @@ from tools.reports.figure_style import save_picture
 
 Picture = NDArray[np.uint8]
 
-GREY = 0.25
-"""What stands for a photograph that is not shown."""
+GREY = 0.25  # what stands for a photograph that is not shown
 COLUMNS = 2
-TILE_PX = 640
-"""Width of an overlay on the page."""
-ALONE_PX = 960
-"""Width of an overlay that has the page to itself."""
+TILE_PX = 640  # width of an overlay on the page
+ALONE_PX = 960  # width of an overlay that has the page to itself
 
 
 def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, masks: bool, width: int) -> Picture:

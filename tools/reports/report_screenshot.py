@@ -2,7 +2,7 @@
 
 ``python -m tools.reports.report_screenshot models/sample.jpg --out tools/results/report.webp`` makes the
 report, opens it in headless Chromium several times, prints its size and the median time from the start of
-navigation until everything is drawn, chooses the smear at ``--at`` and takes the picture.
+navigation until everything is drawn, chooses a smear and takes the picture.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WINDOW = (1280, 800)
 OPENINGS = 5
 READY = "performance.getEntriesByName('blur2view-ready')"
+AT = (0.3, 0.7)  # of the photograph's width and height
 LAYERS = ("smears", "lines")
 """Drawn in the picture, besides the photograph."""
 
@@ -46,8 +47,8 @@ def open_report(browser: Browser, report: Path) -> tuple[Page, float]:
     return page, page.evaluate(f"{READY}[0].startTime") / 1000
 
 
-def choose(page: Page, at: tuple[float, float]) -> None:
-    """Draw LAYERS and choose the smear at a share of the photograph's width and height."""
+def choose(page: Page) -> None:
+    """Draw LAYERS and choose the smear at AT."""
     for box in page.locator("[data-layer]").all():
         layer = box.get_attribute("data-layer")
         if box.is_visible():
@@ -55,7 +56,7 @@ def choose(page: Page, at: tuple[float, float]) -> None:
     stage = page.locator("#stage")
     area = stage.bounding_box()
     if area is not None:
-        stage.click(position={"x": at[0] * area["width"], "y": at[1] * area["height"]})
+        stage.click(position={"x": AT[0] * area["width"], "y": AT[1] * area["height"]})
     page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     page.evaluate("window.scrollTo(0, 0)")
 
@@ -65,8 +66,6 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("photograph", type=existing)
     parser.add_argument("--out", type=target, help="WebP to write")
-    parser.add_argument("--at", type=float, nargs=2, default=(0.3, 0.7), metavar="SHARE", help="of the smear")
-    parser.add_argument("--model", help="ONNX file (default: the shipped network)")
     arguments = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
@@ -75,15 +74,14 @@ def main() -> None:
         parser.error("no Chromium here; apt-get install chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         report = Path(folder) / "report.html"
-        model = ["--model", arguments.model] if arguments.model else []
-        cli.main(["report", str(arguments.photograph), "-o", str(report), *model])
+        cli.main(["report", str(arguments.photograph), "-o", str(report)])
         browser = driver.chromium.launch(executable_path=chromium)
         opened = [open_report(browser, report) for _ in range(OPENINGS)]
         seconds = median(each for _, each in opened)
         print(f"{report.stat().st_size / 1e6:.2f} MB, opens in {seconds:.2f} s (median of {OPENINGS})")
         if arguments.out is not None:
             page = opened[-1][0]
-            choose(page, tuple(arguments.at))
+            choose(page)
             with Image.open(BytesIO(page.screenshot())) as shown:
                 save_picture(np.asarray(shown.convert("RGB")), arguments.out)
         browser.close()

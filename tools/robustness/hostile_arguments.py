@@ -1,8 +1,6 @@
 """Options with values that few would give, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
-from tools.robustness.hostile_files import Rng
+from tools.robustness.damage import Rng
 
 NUMBERS = (
     "0", "-1", "1e300", "1e-300", "nan", "inf", "-inf", "", "x", "1e", "0x10", "9" * 400, "٣", "1_0", "\0",
@@ -23,17 +21,8 @@ NUMERIC = (
     "--every", "--from", "--to", "--max-failures", "--max-smear", "--best", "--every-best",
 )  # fmt: skip
 TEXTUAL = (
-    "--model",
-    "-o",
-    "--output",
-    "--camera",
-    "--db",
-    "--format",
-    "--csv",
-    "--keep",
-    "--extract",
-    "--masks",
-)
+    "--model", "-o", "--output", "--camera", "--db", "--format", "--csv", "--keep", "--extract", "--masks",
+)  # fmt: skip
 
 
 def hostile_arguments(rng: Rng) -> list[str]:

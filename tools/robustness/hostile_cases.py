@@ -1,18 +1,17 @@
 """What is hostile in each call of every command, drawn from one seed."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from tools.robustness.damage import Rng
 from tools.robustness.hostile_arguments import hostile_arguments
 from tools.robustness.hostile_databases import LINKS, put_database
-from tools.robustness.hostile_files import Rng, hostile_model, hostile_photograph
+from tools.robustness.hostile_files import hostile_model, hostile_photograph
 from tools.robustness.hostile_lists import hostile_list, hostile_video
 from tools.robustness.hostile_models import OF_MODELS, put_model
 from tools.robustness.hostile_results import spoiled
@@ -66,31 +65,28 @@ class Case:
 
 
 def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
-    """Return cases of ``count`` hostile inputs."""
+    """Return cases of ``count`` hostile inputs; every kind has a stream of random numbers of its own."""
     shares = {kind: round(share * count) for kind, share in SHARES.items()}
-    cases: list[Case] = []
-    made: list[Path] = []
-    for number in range(shares["photographs"]):
-        rng = np.random.default_rng([seed, 0, number])
-        made.append(hostile_photograph(folder, rng, number)[1])
-        if len(made) == BATCH or number == shares["photographs"] - 1:
-            cases.append(Case(kind="photographs", photographs=made))
-            made = []
-    hostile = [path for case in cases for path in case.photographs]
-    for number in range(shares["lists"]):
-        rng = np.random.default_rng([seed, 4, number])
-        cases.append(Case(kind="lists", named=["--", *hostile_list(folder, rng, number, hostile)]))
-    for number in range(shares["videos"]):
-        rng = np.random.default_rng([seed, 5, number])
+    shares["arguments"] = count - sum(shares.values())
+
+    def drawn(kind: str, stream: int) -> Iterator[tuple[int, Rng]]:
+        return ((number, np.random.default_rng([seed, stream, number])) for number in range(shares[kind]))
+
+    made = [hostile_photograph(folder, rng, number) for number, rng in drawn("photographs", 0)]
+    cases = [
+        Case(kind="photographs", photographs=made[start : start + BATCH])
+        for start in range(0, len(made), BATCH)
+    ]
+    for number, rng in drawn("lists", 4):
+        cases.append(Case(kind="lists", named=["--", *hostile_list(folder, rng, number, made)]))
+    for number, rng in drawn("videos", 5):
         cases.append(Case(kind="videos", named=hostile_video(folder, rng, number)))
-    for number in range(shares["networks"]):
-        _, path = hostile_model(folder, np.random.default_rng([seed, 1, number]), number)
-        cases.append(Case(kind="networks", words=["--model", str(path)]))
-    for number in range(shares["full disks"]):
-        rng = np.random.default_rng([seed, 2, number])
+    for number, rng in drawn("networks", 1):
+        cases.append(Case(kind="networks", words=["--model", str(hostile_model(folder, rng, number))]))
+    for _, rng in drawn("full disks", 2):
         cases.append(Case(kind="full disks", largest_file=int(10 ** rng.uniform(3.6, 5.7))))
-    for number in range(shares["standard input"]):
-        stream = _stream(folder, np.random.default_rng([seed, 7, number]), number, hostile)
+    for number, rng in drawn("standard input", 7):
+        stream = _stream(folder, rng, number, made)
         cases.append(Case(kind="standard input", named=["--", "-"], stdin=stream))
     for number in range(shares["databases"]):
         prepare = partial(put_database, seed=(seed, 8, number))
@@ -99,14 +95,15 @@ def make_cases(folder: Path, count: int, seed: int) -> list[Case]:
         prepare = partial(put_model, seed=(seed, 10, number))
         cases.append(Case(kind="models", commands=OF_MODELS, prepare=prepare))
     for number in range(shares["earlier results"]):
-        prepare = partial(spoiled, seed=(seed, 9, number))
-        words = ["--resume"] if number % 4 else ["--overwrite"]
-        cases.append(
-            Case(kind="earlier results", words=words, named=["--", OTHER], commands=RESUMED, prepare=prepare)
+        words, prepare = (
+            ["--resume" if number % 4 else "--overwrite"],
+            partial(spoiled, seed=(seed, 9, number)),
         )
-    for number in range(count - sum(shares.values())):
-        words = hostile_arguments(np.random.default_rng([seed, 3, number]))
-        cases.append(Case(kind="arguments", words=words))
+        named = ["--", OTHER]
+        cases.append(
+            Case(kind="earlier results", words=words, named=named, commands=RESUMED, prepare=prepare)
+        )
+    cases += [Case(kind="arguments", words=hostile_arguments(rng)) for _, rng in drawn("arguments", 3)]
     order = np.random.default_rng([seed, 6]).permutation(len(cases))  # whoever stops has some of each
     return [cases[number] for number in order]
 

@@ -1,7 +1,5 @@
 """COLMAP projects whose values, schema or files are not what they should be, drawn from a generator."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3
@@ -13,7 +11,7 @@ import numpy as np
 
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.database_safety.malformed_projects import BYTE_FAULTS, SQL_FAULTS
-from tools.robustness.hostile_files import Rng
+from tools.robustness.damage import Rng
 from tools.robustness.politeness import STREAMS, Call
 
 DATABASE, SIZE = "project.db", (120, 90)
@@ -67,7 +65,8 @@ def put_database(folder: Path, words: tuple[str, ...], *, seed: tuple[int, ...])
     elif kind == 3:
         _run(path, _odd_schema(path, rng))
     elif kind == 4:
-        list(BYTE_FAULTS.values())[int(rng.integers(len(BYTE_FAULTS)))](path, rng)
+        fault = list(BYTE_FAULTS.values())[int(rng.integers(len(BYTE_FAULTS)))]
+        path.write_bytes(fault(path.read_bytes(), rng))
     else:
         _odd_neighbour(path, rng)
 

@@ -1,21 +1,21 @@
 """Photographs and networks that are not what they should be, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 import io
 import os
 import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import onnx
 from PIL import ExifTags, Image, TiffImagePlugin
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.networks.model_file import shipped_file
+from tools.robustness.damage import Rng, cut, flipped, overwritten
 
-Rng = np.random.Generator
 FORMATS = {
     "JPEG": ("RGB", "L", "CMYK"),
     "PNG": ("RGB", "RGBA", "L", "LA", "P", "1", "I;16"),
@@ -37,6 +37,7 @@ NAMES = (
     "..jpg", "'.jpg", '".jpg', "\u202e.jpg", "a" * 240 + ".jpg", os.fsdecode(b"\xff\xfe.jpg"), "<b>.jpg",
     "&amp;.png", "<!--.jpg", "$HOME.jpg", "*.jpg",
 )  # fmt: skip
+DEVICES = ("/dev/zero", "/dev/null", "/dev/tty", "/proc/self/mem", "/proc/kmsg", "/")
 ABSURD = (0.0, -1.0, 1e300, 1e-300, float("nan"), float("inf"), 1e9, 5e-324)
 
 
@@ -64,35 +65,10 @@ def encoded(rng: Rng, kind: str | None = None, picture: Image.Image | None = Non
     return stream.getvalue()
 
 
-def cut(rng: Rng) -> bytes:
-    """Return a picture that ends too early."""
-    data = encoded(rng)
-    return data[: int(rng.integers(0, len(data)))]
-
-
-def flipped(rng: Rng) -> bytes:
-    """Return a picture with bits flipped anywhere."""
-    data = bytearray(encoded(rng))
-    for at in rng.integers(0, len(data), int(rng.integers(1, 40))):
-        data[at] ^= int(rng.integers(1, 256))
-    return bytes(data)
-
-
 def header(rng: Rng) -> bytes:
     """Return a picture whose first bytes are flipped."""
-    data = bytearray(encoded(rng))
-    for at in rng.integers(0, min(len(data), 200), int(rng.integers(1, 12))):
-        data[at] ^= int(rng.integers(1, 256))
-    return bytes(data)
-
-
-def overwritten(rng: Rng) -> bytes:
-    """Return a picture with a stretch of noise, or of zeros."""
-    data = bytearray(encoded(rng))
-    start, count = int(rng.integers(0, len(data))), int(rng.integers(1, 3000))
-    length = len(data[start : start + count])
-    data[start : start + count] = rng.bytes(length) if rng.random() < 0.5 else bytes(length)
-    return bytes(data)
+    data = encoded(rng)
+    return flipped(data, rng, 12, (0, min(len(data), 200)))
 
 
 def spliced(rng: Rng) -> bytes:
@@ -109,11 +85,6 @@ def no_picture(rng: Rng) -> bytes:
         b"<svg xmlns='http://www.w3.org/2000/svg' width='99' height='99'/>", b"RIFF\0\0\0\0WEBP",
     ]  # fmt: skip
     return kinds[int(rng.integers(len(kinds)))]
-
-
-def whole(rng: Rng) -> bytes:
-    """Return a whole picture of a rarer format or mode."""
-    return encoded(rng)
 
 
 def odd_size(rng: Rng) -> bytes:
@@ -168,18 +139,14 @@ def absurd_exif(rng: Rng) -> bytes:
     part = exif.get_ifd(ExifTags.IFD.Exif)
     for tag in (base.FocalLength, base.FocalPlaneXResolution, base.ExposureTime, base.FocalLengthIn35mmFilm,
                 base.ExifImageWidth, base.FocalPlaneResolutionUnit):  # fmt: skip
-        value = float(rng.choice(ABSURD))
-        with_tag = (
-            int(np.nan_to_num(min(max(value, 0), 65535))) if tag.value in (0xA405, 0xA210, 0xA002) else value
-        )
-        if rng.random() < 0.7:
-            part[tag] = (
-                with_tag
-                if np.isfinite(with_tag) and abs(with_tag) < 1e9
-                else TiffImagePlugin.IFDRational(
-                    int(rng.choice([0, 1, 2**32 - 1])), int(rng.choice([0, 1, 2**32 - 1]))
-                )
-            )
+        value: Any = float(rng.choice(ABSURD))
+        if tag.value in (0xA405, 0xA210, 0xA002):  # integers
+            value = int(np.nan_to_num(min(max(value, 0), 65535)))
+        if rng.random() >= 0.7:
+            continue
+        if not abs(value) < 1e9:  # NaN, too
+            value = TiffImagePlugin.IFDRational(*(int(rng.choice([0, 1, 2**32 - 1])) for _ in range(2)))
+        part[tag] = value
     exif[base.Orientation] = int(rng.choice([0, 1, 3, 6, 8, 9, 99, 65535]))
     stream = io.BytesIO()
     picture = blurred(rng)
@@ -197,13 +164,13 @@ def absurd_exif(rng: Rng) -> bytes:
 
 
 CONTENTS: dict[str, Callable[[Rng], bytes]] = {
-    "cut short": cut,
-    "bits flipped": flipped,
+    "cut short": lambda rng: cut(encoded(rng), rng),
+    "bits flipped": lambda rng: flipped(encoded(rng), rng, 40),
     "header flipped": header,
-    "overwritten": overwritten,
+    "overwritten": lambda rng: overwritten(encoded(rng), rng, 3000, zeros=True),
     "two spliced": spliced,
     "no picture": no_picture,
-    "rare format": whole,
+    "rare format": encoded,
     "odd size": odd_size,
     "bomb": bomb,
     "absurd EXIF": absurd_exif,
@@ -212,82 +179,65 @@ CONTENTS: dict[str, Callable[[Rng], bytes]] = {
 
 def odd_place(folder: Path, rng: Rng, number: int) -> Path:
     """Make what is no regular file, or a file of an odd name, and return its path."""
-    kind, path = int(rng.integers(8)), folder / f"place{number}.jpg"
-    if kind == 0:
-        path.mkdir()
-    elif kind == 1:
-        path.symlink_to(path.name)
-    elif kind == 2:
-        path.symlink_to("nowhere.jpg")
-    elif kind == 3:
-        os.mkfifo(path)
-    elif kind == 4:
-        return Path(
-            str(rng.choice(["/dev/zero", "/dev/null", "/dev/tty", "/proc/self/mem", "/proc/kmsg", "/"]))
-        )
-    elif kind == 5:
-        return folder / f"absent{number}.jpg" / ".." / "x"
-    elif kind == 6:
-        path = folder / f"{number}" / str(rng.choice(NAMES))
-        path.parent.mkdir()
-        blurred(rng).save(path, "JPEG")
-    else:
-        return folder / ("n" * 300 + f"{number}.jpg")
+    path = folder / f"place{number}.jpg"
+    match int(rng.integers(8)):
+        case 0:
+            path.mkdir()
+        case 1:
+            path.symlink_to(path.name)
+        case 2:
+            path.symlink_to("nowhere.jpg")
+        case 3:
+            os.mkfifo(path)
+        case 4:
+            return Path(str(rng.choice(DEVICES)))
+        case 5:
+            return folder / f"absent{number}.jpg" / ".." / "x"
+        case 6:
+            path = folder / f"{number}" / str(rng.choice(NAMES))
+            path.parent.mkdir()
+            blurred(rng).save(path, "JPEG")
+        case _:
+            return folder / ("n" * 300 + f"{number}.jpg")
     return path
 
 
-def hostile_photograph(folder: Path, rng: Rng, number: int) -> tuple[str, Path]:
-    """Make a hostile photograph, and return its kind and its path."""
+def hostile_photograph(folder: Path, rng: Rng, number: int) -> Path:
+    """Make a hostile photograph, all kinds by turns, and return its path."""
     kinds = [*CONTENTS, "odd place"]
     kind = kinds[number % len(kinds)]
     if kind == "odd place":
-        return kind, odd_place(folder, rng, number)
+        return odd_place(folder, rng, number)
     suffix = str(rng.choice([".jpg", ".png", ".tif", ".webp", "", ".JPG", ".txt"]))
     path = folder / f"{number}{suffix}"
     path.write_bytes(CONTENTS[kind](rng))
-    return kind, path
+    return path
 
 
-def hostile_model(folder: Path, rng: Rng, number: int) -> tuple[str, Path]:
-    """Make a hostile network of the shipped one, and return its kind and its path."""
-    data = bytearray(shipped_file("smear.onnx").read_bytes())
-    kinds = ["cut", "flipped", "header", "metadata", "end flipped", "no network", "another's"]
-    kind, path = kinds[number % len(kinds)], folder / f"{number}.onnx"
-    if kind == "cut":
-        data = data[: int(rng.integers(0, len(data)))]
-    elif kind in ("flipped", "header", "end flipped"):
-        span = {"flipped": (0, len(data)), "header": (0, 3000), "end flipped": (len(data) - 3000, len(data))}[
-            kind
-        ]
-        for at in rng.integers(*span, int(rng.integers(1, 20))):
-            data[at] ^= int(rng.integers(1, 256))
-    elif kind == "metadata":
-        data = _with_metadata(bytes(data), rng)
-    elif kind == "no network":
-        data = bytearray(no_picture(rng))
-    else:
-        path = [Path("/dev/zero"), Path("/"), folder / "absent.onnx", folder / "a\0b.onnx"][
-            int(rng.integers(4))
-        ]
-        return kind, path
+def hostile_model(folder: Path, rng: Rng, number: int) -> Path:
+    """Make a hostile network of the shipped one, all kinds by turns, and return its path."""
+    data, path = shipped_file("smear.onnx").read_bytes(), folder / f"{number}.onnx"
+    spans = {1: (0, len(data)), 2: (0, 3000), 4: (len(data) - 3000, len(data))}
+    match number % 7:
+        case 0:
+            data = cut(data, rng)
+        case 1 | 2 | 4 as part:
+            data = flipped(data, rng, 20, spans[part])
+        case 3:
+            data = _with_metadata(data, rng)
+        case 5:
+            data = no_picture(rng)
+        case _:
+            places = [Path("/dev/zero"), Path("/"), folder / "absent.onnx", folder / "a\0b.onnx"]
+            return places[int(rng.integers(4))]
     path.write_bytes(data)
-    return kind, path
+    return path
 
 
-def _with_metadata(data: bytes, rng: Rng) -> bytearray:
+def _with_metadata(data: bytes, rng: Rng) -> bytes:
     """Return a network whose metadata says, once more and differently, what it is."""
     values = ["0", "-4", "1e9", "9" * 5000, "", "NaN", "[" * 100_000, "ü", "4", "1024", "\0", "x" * 1_000_000]
     key = str(rng.choice(["stride", "multiple_of", "training", "model_id", "blur2view_format"]))
-    pair = _field(1, key.encode()) + _field(2, str(values[int(rng.integers(len(values)))]).encode())
-    return bytearray(data + _field(14, pair))  # ModelProto.metadata_props
-
-
-def _field(number: int, data: bytes) -> bytes:
-    """Return a field of protobuf's wire format that holds bytes."""
-    return _varint(number << 3 | 2) + _varint(len(data)) + data
-
-
-def _varint(value: int) -> bytes:
-    """Return a number in protobuf's wire format."""
-    low, high = value & 127, value >> 7
-    return bytes([low | 128]) + _varint(high) if high else bytes([low])
+    model = onnx.load_from_string(data)
+    model.metadata_props.add(key=key, value=values[int(rng.integers(len(values)))])
+    return bytes(model.SerializeToString())

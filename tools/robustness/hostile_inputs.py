@@ -19,13 +19,9 @@ that were polite and tries the rude ones again; if they are polite now, the tabl
 Ctrl-C ends a call with the table of what is done by then.
 """
 
-from __future__ import annotations
-
-import argparse
 import contextlib
 import gc
 import importlib
-import json
 import os
 import resource
 import shutil
@@ -33,19 +29,18 @@ import signal
 import stat
 import sys
 import tempfile
-import threading
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tools.arguments import target
+from tools.arguments import parser_of, target
+from tools.pages import append_line, begun, publish, table
 from tools.robustness.hostile_cases import COMMANDS, GOOD, OTHER, RESUMED, Case, make_cases
 from tools.robustness.hostile_databases import SIZE, changes, snapshot
 from tools.robustness.hostile_files import blurred
@@ -55,15 +50,12 @@ from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 FRESH_EVERY = 100
-NO_FORK = threading.Lock()
-"""Held where this process may hold a lock of a library's, SQLite's for one, which a fork would wait for."""
 
 
 def run_call(words: Sequence[str], folder: Path, case: Case, *, fresh: bool) -> Call:
     """Return what a call did, in a process of its own."""
     start = time.perf_counter()
-    with NO_FORK:
-        child = os.fork()
+    child = os.fork()
     if child == 0:
         _child(words, folder, case, fresh)
     code = None
@@ -139,92 +131,60 @@ class Tried:
 
 
 def try_all(
-    count: int,
-    seed: int,
-    say: Callable[[str], object] = print,
-    jobs: int = 1,
-    log: Path | None = None,
+    count: int, seed: int, say: Callable[[str], object] = print, log: Path | None = None
 ) -> list[Tried]:
     """Return what came of the cases of ``count`` hostile inputs."""
-    before = {} if log is None else _read_log(log, count, seed)
+    head = {"count": count, "seed": seed}
+    tried = {} if log is None else {line["number"]: Tried(**line) for line in begun(log, head)}
     _load_libraries()
-    with tempfile.TemporaryDirectory() as place:
-        inputs = Path(place) / "inputs"
+    with tempfile.TemporaryDirectory() as name, contextlib.suppress(KeyboardInterrupt):
+        place, inputs = Path(name), Path(name) / "inputs"
         inputs.mkdir()
         cases = make_cases(inputs, count, seed)
-        for number, name in enumerate((GOOD, OTHER)):
-            blurred(np.random.default_rng(seed + number), SIZE).save(inputs / name, "JPEG", quality=95)
+        for number, photograph in enumerate((GOOD, OTHER)):
+            blurred(np.random.default_rng(seed + number), SIZE).save(inputs / photograph, "JPEG", quality=95)
         if any(case.commands is RESUMED for case in cases):
-            _call_earlier(Path(place))
-        left = [number for number in range(len(cases)) if number not in before or before[number].rude]
-        with ThreadPoolExecutor(jobs) as pool:
-            tries = pool.map(
-                partial(_through_all_commands, Path(place), before), left, [cases[n] for n in left]
-            )
-            try:
-                for done, tried in enumerate(tries, len(cases) - len(left) + 1):
-                    before[tried.number] = tried
-                    if log is not None:
-                        with log.open("a") as file:
-                            file.write(json.dumps(asdict(tried)) + "\n")
-                    for complaint in tried.rude:
-                        say(f"RUDE {tried.kind} {tried.number}: {complaint}")
-                    if done % 20 == 0:
-                        rude = sum(len(tried.rude) for tried in before.values())
-                        say(f"{done} of {len(cases)} cases, {rude} rude")
-            except KeyboardInterrupt:
-                pool.shutdown(cancel_futures=True)
-                say("interrupted: the table has what was done")
-    return [before[number] for number in sorted(before)]
+            _call_earlier(place)
+        left = [number for number in range(len(cases)) if number not in tried or tried[number].rude]
+        for done, number in enumerate(left, len(cases) - len(left) + 1):
+            one = _through_all_commands(place, number, cases[number])
+            if before := tried.get(number):
+                mended = before.mended + (0 if one.rude else len(before.rude))
+                one = replace(one, mended=mended)
+            tried[number] = one
+            if log is not None:
+                append_line(log, asdict(one))
+            for complaint in one.rude:
+                say(f"RUDE {one.kind} {number}: {complaint}")
+            if done % 20 == 0:
+                say(f"{done} of {len(cases)} cases, {sum(len(each.rude) for each in tried.values())} rude")
+    return [tried[number] for number in sorted(tried)]
 
 
-def _read_log(log: Path, count: int, seed: int) -> dict[int, Tried]:
-    """Return what came of the cases that were tried before; begin a log that is not there.
-
-    Raises
-    ------
-    SystemExit
-        If it is of another count or seed.
-    """
-    first = {"count": count, "seed": seed}
-    if not log.exists():
-        log.write_text(json.dumps(first) + "\n")
-    whole = log.read_text().rpartition("\n")[0] + "\n"  # the last line may have been cut off
-    log.write_text(whole)
-    lines = [json.loads(line) for line in whole.splitlines()]
-    if lines[:1] != [first]:
-        raise SystemExit(f"{log}: is of another count or seed; name another --log")
-    return {line["number"]: Tried(**line) for line in lines[1:]}
-
-
-def _through_all_commands(place: Path, before: dict[int, Tried], number: int, case: Case) -> Tried:
+def _through_all_commands(place: Path, number: int, case: Case) -> Tried:
     """Return what came of every command's call with one case."""
     calls, rude = [], []
     for index, words in enumerate(case.commands):
         folder = place / f"{number}-{index}"
         folder.mkdir()
         shutil.copy(place / "inputs" / GOOD, folder)
-        with NO_FORK:
-            if case.prepare is not None:
-                case.prepare(folder, words)
-            kept = snapshot(folder) if case.kind == "databases" else None
+        if case.prepare is not None:
+            case.prepare(folder, words)
+        kept = snapshot(folder) if case.kind == "databases" else None
         named = case.named or ["--", *map(str, case.photographs)]
         first = named.index("--") + 1
         # no shell can pass a null character
-        fresh = fresh_call(number, index) and "\0" not in "".join([*case.words, *named])
+        fresh = (number * len(COMMANDS) + index) % FRESH_EVERY == 0
+        fresh = fresh and "\0" not in "".join([*case.words, *named])
         alone = [] if fresh else ["--jobs", "1"]
         more = [*alone, *case.words, *named[:first], GOOD, *named[first:]]
-        every = [*words, *([] if case.commands is OF_MODELS else more)]
-        call = run_call(every, folder, case, fresh=fresh)
-        full = case.largest_file is not None
-        with NO_FORK:
-            found = complaints(call, full_disk=full, prepared=case.prepare is not None)
-            found += [] if kept is None else changes(call, kept)
+        call = run_call([*words, *([] if case.commands is OF_MODELS else more)], folder, case, fresh=fresh)
+        found = complaints(call, full_disk=case.largest_file is not None, prepared=case.prepare is not None)
+        found += [] if kept is None else changes(call, kept)
         found += [f"runs what a result says, see {RAN}"] if (folder / RAN).exists() else []
         rude += [f"{complaint}: {call.words!r}" for complaint in found]
         calls.append(call)
         _remove(folder)
-    last = before.get(number)
     return Tried(
         number=number,
         kind=case.kind,
@@ -233,7 +193,6 @@ def _through_all_commands(place: Path, before: dict[int, Tried], number: int, ca
         longest_s=max(call.seconds for call in calls),
         most_gib=max(call.peak_gib for call in calls),
         rude=rude,
-        mended=last.mended + (0 if rude else len(last.rude)) if last else 0,
     )
 
 
@@ -247,11 +206,6 @@ def _call_earlier(place: Path) -> None:
         call = run_call([*words, "--jobs", "1", GOOD, OTHER], folder, Case(kind=""), fresh=False)
         if call.code != 0:
             raise SystemExit(f"{words}: fails with good photographs: {call.said.decode()}")
-
-
-def fresh_call(number: int, index: int) -> bool:
-    """Return whether a call gets a fresh interpreter."""
-    return (number * len(COMMANDS) + index) % FRESH_EVERY == 0
 
 
 def _remove(folder: Path) -> None:
@@ -274,53 +228,46 @@ def _load_libraries() -> None:
     from blur2view.photographs import video
 
     video._reader.cache_clear()  # a video that is open here has threads that forks do not have
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})  # so that the network gets no threads, either
     CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
+    os.sched_setaffinity(0, cores)
     gc.freeze()
 
 
-def table(tries: Sequence[Tried], count: int, seed: int) -> str:
+def page(tries: Sequence[Tried], count: int, seed: int) -> str:
     """Return what came of the cases as Markdown."""
-    done = sum(tried.inputs for tried in tries)
-    lines = [
+    done, rows = sum(tried.inputs for tried in tries), []
+    for kind in [*sorted({tried.kind for tried in tries}), "all"]:
+        some = [tried for tried in tries if kind in (tried.kind, "all")]
+        codes = Counter(code for tried in some for code in tried.codes)
+        longest, most = (max(getattr(tried, name) for tried in some) for name in ("longest_s", "most_gib"))
+        rows.append((
+            kind, sum(tried.inputs for tried in some), codes.total(), f"{codes[0]}, {codes[1]}, {codes[2]}",
+            f"{longest:.1f}", f"{most:.2f}", sum(tried.mended for tried in some),
+            sum(len(tried.rude) for tried in some),
+        ))  # fmt: skip
+    head = "hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB"
+    return "\n".join([
         f"Seed {seed}, {done} of {count} inputs. Rude is a call with a traceback, a foreign line, a line too",
         "many or too few, a partial or strange file, a good photograph left undone, or one that takes more",
         f"than {MOST_GIB:.0f} GiB, {MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any. Mended are "
         "complaints of inputs that were",
-        "polite when tried again.",
-        "",
-        "| hostile | inputs | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB "
-        "| mended | rude |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    kinds = sorted({tried.kind for tried in tries})
-    for kind in [*kinds, "all"]:
-        of_kind = [tried for tried in tries if kind in (tried.kind, "all")]
-        codes = Counter(code for tried in of_kind for code in tried.codes)
-        lines.append(
-            f"| {kind} | {sum(tried.inputs for tried in of_kind)} | {codes.total()} | "
-            f"{codes[0]}, {codes[1]}, {codes[2]} | {max(tried.longest_s for tried in of_kind):.1f} | "
-            f"{max(tried.most_gib for tried in of_kind):.2f} | {sum(tried.mended for tried in of_kind)} | "
-            f"{sum(len(tried.rude) for tried in of_kind)} |"
-        )
-    return "\n".join(lines) + "\n"
+        "polite when tried again.", "",
+        *table(f"{head} | mended | rude", rows), "",
+    ])  # fmt: skip
 
 
 def main() -> None:
     """Print every rude call and the table; exit with 1 if there is one."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1, help="calls at a time")
     parser.add_argument("--log", type=target, help="write every finished case there, and go on from it")
     parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
-    tries = try_all(options.count, options.seed, partial(print, flush=True), options.jobs, options.log)
-    found = table(tries, options.count, options.seed)
-    print(found)
-    if options.out:
-        options.out.write_text(found)
+    tries = try_all(options.count, options.seed, partial(print, flush=True), options.log)
+    publish(page(tries, options.count, options.seed), options.out)
     raise SystemExit(any(tried.rude for tried in tries))
 
 

@@ -1,7 +1,5 @@
 """Lists of photographs and videos that are not what they should be, drawn from a generator."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Sequence
@@ -10,7 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tools.robustness.hostile_files import Rng, blurred
+from tools.robustness.damage import Rng, cut, flipped
+from tools.robustness.hostile_files import blurred
 
 BOXES = (b"stsz", b"stts", b"mdhd", b"mvhd", b"stsc", b"tkhd", b"stco", b"trak", b"avih", b"strh")
 OPTIONS = (
@@ -52,24 +51,22 @@ def hostile_list(folder: Path, rng: Rng, number: int, others: Sequence[Path]) ->
 def hostile_video(folder: Path, rng: Rng, number: int) -> list[str]:
     """Make a hostile video and return words that name it, its frames, or frames that it has not."""
     path = folder / f"{number}{rng.choice(['.mp4', '.avi', '.mkv', '.MOV'])}"
-    data = bytearray(_video(folder, rng))
+    data = _video(folder, rng)
     match number % 6:
         case 0:
-            data = data[: int(rng.integers(0, len(data)))]
+            data = cut(data, rng)
         case 1:
-            for at in rng.integers(0, len(data), int(rng.integers(1, 40))):
-                data[at] ^= int(rng.integers(1, 256))
+            data = flipped(data, rng, 40)
         case 2:  # sizes, counts and rates of the boxes
+            found = [at for name in BOXES if (at := data.find(name)) > 0]
             for _ in range(3):
-                found = [at for name in BOXES if (at := data.find(name)) > 0]
                 at = int(rng.choice(found)) + 4 * int(rng.integers(-1, 7))
-                data[at : at + 4] = struct.pack("><"[int(rng.integers(2))] + "I", int(rng.choice(NUMBERS)))
+                word = struct.pack("><"[int(rng.integers(2))] + "I", int(rng.choice(NUMBERS)))
+                data = data[:at] + word + data[at + 4 :]
         case 3:
-            data = bytearray(rng.bytes(int(rng.integers(0, 3000))))
+            data = rng.bytes(int(rng.integers(0, 3000)))
         case 4:
             data += rng.bytes(1000)
-        case _:
-            pass
     path.write_bytes(data)
     frames = [f"{path}/{frame}" for frame in ("000000", "000003", "000999", "9" * 30, "-1", "x", "٣")]
     named = [str(path), *rng.choice(frames, int(rng.integers(0, 3)), replace=False)]

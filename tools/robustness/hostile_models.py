@@ -1,7 +1,5 @@
 """COLMAP models with views, and what lies beside them, of which one thing is not what it should be."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct
@@ -13,7 +11,8 @@ import pycolmap
 from blur2view.colmap.link import write_links
 from tools.database_safety.colmap_projects import ProjectOptions, make_project
 from tools.database_safety.kill_writes import link_jobs
-from tools.robustness.hostile_files import Rng, blurred, no_picture
+from tools.robustness.damage import Rng, cut
+from tools.robustness.hostile_files import blurred, no_picture
 from tools.robustness.hostile_lists import NUMBERS
 from tools.robustness.hostile_results import PLACES
 
@@ -25,19 +24,8 @@ OF_MODELS = (
 )
 NAMES = [f"a_{number:03d}.jpg" for number in range(3)]
 WORDS = (
-    "nan",
-    "-1",
-    "1e999",
-    "0",
-    "x",
-    "",
-    "9" * 30,
-    "SIMPLE_RADIAL",
-    "..",
-    "\0",
-    "\x1b[2J",
-    "a_000.jpg#open",
-)
+    "nan", "-1", "1e999", "0", "x", "", "9" * 30, "SIMPLE_RADIAL", "..", "\0", "\x1b[2J", "a_000.jpg#open",
+)  # fmt: skip
 
 
 def put_model(folder: Path, words: tuple[str, ...], *, seed: tuple[int, ...]) -> None:
@@ -59,8 +47,7 @@ def put_model(folder: Path, words: tuple[str, ...], *, seed: tuple[int, ...]) ->
     chosen = sorted(model.iterdir())[int(rng.integers(len(list(model.iterdir()))))]
     match int(rng.integers(8)):
         case 0:
-            data = chosen.read_bytes()
-            chosen.write_bytes(data[: int(rng.integers(len(data)))])
+            chosen.write_bytes(cut(chosen.read_bytes(), rng))
         case 1 | 2 | 3:
             (_odd_word if text else _odd_number)(chosen, rng)
         case 4:

@@ -1,19 +1,17 @@
 """Results of an earlier call that somebody has changed since, drawn from a generator of random numbers."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os
 import shutil
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tools.robustness.hostile_files import Rng, no_picture
+from tools.robustness.damage import Rng, cut, flipped
+from tools.robustness.hostile_files import no_picture
 
 RAN = "RAN"  # the file that a call would make if it ran what a result says
 PICKLE = f"cposix\nsystem\n(S'touch {RAN}'\ntR.".encode()
@@ -28,26 +26,39 @@ TEXTS = ("[" * 200_000, '{"a":' * 5000 + "1" + "}" * 5000, "NaN", "1e999", "-Inf
 
 
 def spoil(folder: Path, rng: Rng) -> None:
-    """Change one of the results in a folder: its bytes, its values, what it is."""
+    """Change one of the results in a folder: its values, its bytes, what it is."""
     results = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix != ".jpg"]
     results = [path for path in results if not path.name.startswith(".") and path.stat().st_size]
     manifests = [path for path in results if path.suffix == ".jsonl"]
-    chosen = manifests if rng.random() < 0.6 else results
-    SPOILS[int(rng.integers(len(SPOILS)))](chosen[int(rng.integers(len(chosen)))], rng)
-
-
-def _value(path: Path, rng: Rng) -> None:
-    """Put an odd value anywhere into a JSON document or line; another file gets noise."""
-    if path.suffix not in (".json", ".jsonl"):
-        _bytes(path, rng)
+    among = manifests if rng.random() < 0.6 else results
+    kind, path = int(rng.integers(8)), among[int(rng.integers(len(among)))]
+    if kind == 7:
+        _place(path, rng)
         return
-    lines = path.read_text().splitlines() if path.suffix == ".jsonl" else [path.read_text()]
+    data = path.read_bytes()
+    match kind:
+        case 3:
+            data = _text(data, rng)
+        case 5:
+            data = cut(data, rng)
+        case 6:
+            data = no_picture(rng)
+        case 0 | 1 | 2 if path.suffix in (".json", ".jsonl"):
+            data = _value(data, rng, by_line=path.suffix == ".jsonl")
+        case _:
+            data = flipped(data, rng, 20)
+    path.write_bytes(data)
+
+
+def _value(data: bytes, rng: Rng, *, by_line: bool) -> bytes:
+    """Return a JSON document, or lines of them, with odd values anywhere."""
+    lines = data.decode().splitlines() if by_line else [data.decode()]
     number = int(rng.integers(len(lines)))
     value = json.loads(lines[number])
     for _ in range(int(rng.integers(1, 3))):
         _put(value, rng)
     lines[number] = json.dumps(value)
-    path.write_text("\n".join(lines) + "\n")
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _put(value: Any, rng: Rng) -> None:
@@ -71,30 +82,10 @@ def _put(value: Any, rng: Rng) -> None:
         return
 
 
-def _text(path: Path, rng: Rng) -> None:
-    """Put a text that JSON's readers stumble over in place of a value."""
-    text = path.read_bytes()
-    at = text.find(b": ", int(rng.integers(len(text)))) + 2
-    path.write_bytes(text[:at] + TEXTS[int(rng.integers(len(TEXTS)))].encode() + text[at + 5 :])
-
-
-def _bytes(path: Path, rng: Rng) -> None:
-    """Flip bits anywhere."""
-    data = bytearray(path.read_bytes())
-    for at in rng.integers(0, len(data), int(rng.integers(1, 20))):
-        data[at] ^= int(rng.integers(1, 256))
-    path.write_bytes(data)
-
-
-def _cut(path: Path, rng: Rng) -> None:
-    """Cut a file anywhere."""
-    data = path.read_bytes()
-    path.write_bytes(data[: int(rng.integers(len(data)))])
-
-
-def _other(path: Path, rng: Rng) -> None:
-    """Put something else there."""
-    path.write_bytes(no_picture(rng))
+def _text(data: bytes, rng: Rng) -> bytes:
+    """Return data with a text that JSON's readers stumble over in place of a value."""
+    at = data.find(b": ", int(rng.integers(len(data)))) + 2
+    return data[:at] + TEXTS[int(rng.integers(len(TEXTS)))].encode() + data[at + 5 :]
 
 
 def _place(path: Path, rng: Rng) -> None:
@@ -106,18 +97,6 @@ def _place(path: Path, rng: Rng) -> None:
         path.mkdir()
     else:
         path.symlink_to(str(rng.choice(PLACES)))
-
-
-SPOILS: tuple[Callable[[Path, Rng], None], ...] = (
-    _value,
-    _value,
-    _value,
-    _text,
-    _bytes,
-    _cut,
-    _other,
-    _place,
-)
 
 
 def spoiled(folder: Path, words: tuple[str, ...], *, seed: tuple[int, ...]) -> None:

@@ -9,8 +9,6 @@ byte, what a call leaves that nobody disturbs. The same is asked of two equal ca
 refuse in one line and is then called again. "--link" writes into a project of the user's.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -27,6 +25,7 @@ import numpy as np
 from tools.arguments import parser_of, target
 from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.database_safety.kill_writes import contents
+from tools.pages import publish, table
 from tools.robustness.hostile_files import blurred
 from tools.robustness.politeness import damage
 
@@ -147,27 +146,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
-    rng, bad = np.random.default_rng(options.seed), []
-    lines = [
-        "| command | killed | ended before | two at once | wrong |",
-        "|---|---|---|---|---|",
-    ]
+    rng, rows, bad = np.random.default_rng(options.seed), [], 0
     for command in CALLS:
         with tempfile.TemporaryDirectory() as name:
             states, wrong = try_call(Path(name), command, options.count // len(CALLS), rng)
         for complaint in wrong:
             print(f"WRONG {command}: {complaint}", flush=True)
         two = "one refused" if states["one of two refused"] else "both done"
-        lines.append(f"| {command} | {states['killed']} | {states['ended before']} | {two} | {len(wrong)} |")
-        print(lines[-1], flush=True)
-        bad += wrong
-    table = "\n".join(lines) + "\n"
-    print(table)
-    if options.out:
-        options.out.write_text(
-            f"`python -m tools.robustness.kill_commands --count {options.count} --seed {options.seed}`\n\n"
-            f"{table}"
-        )
+        rows.append((command, states["killed"], states["ended before"], two, len(wrong)))
+        print(*rows[-1], sep=", ", flush=True)
+        bad += len(wrong)
+    words = f"`python -m tools.robustness.kill_commands --count {options.count} --seed {options.seed}`"
+    head = "command | killed | ended before | two at once | wrong"
+    publish("\n".join([words, "", *table(head, rows), ""]), options.out)
     raise SystemExit(bool(bad))
 
 

@@ -1,7 +1,5 @@
 """What a call of the command line must not do, whatever it is given."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sqlite3
@@ -51,13 +49,8 @@ class Call:
 def complaints(call: Call, *, full_disk: bool = False, prepared: bool = False) -> list[str]:
     """Return everything that is wrong with a call, an empty list if nothing is.
 
-    Parameters
-    ----------
-    call : Call
-    full_disk : bool
-        Whether results could not be written, so that none need be there.
-    prepared : bool
-        Whether other files were there, of which nobody knows whether they are whole.
+    On a full disk no results need be there; where a folder was prepared, other files were there before, of
+    which nobody knows whether they are whole.
     """
     found = [*_ending(call), *_streams(call), *([] if prepared else _files(call))]
     alone = call.counted and len(call.photographs) == 1

@@ -5,9 +5,6 @@ with the metadata that :mod:`blur2view.networks.model_file` reads, and checks th
 rendered picture.
 """
 
-from __future__ import annotations
-
-import argparse
 import hashlib
 import json
 import warnings
@@ -24,15 +21,14 @@ from blur2view.errors import ModelError
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
 from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.arguments import existing, target
+from tools.arguments import existing, parser_of, target
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.reader import Reader
 from tools.training.spectra import Spectra, clipped_shares, padded_picture
 from tools.training.train_reader import load_average
 
-LARGEST_DIFFERENCE = 2e-3
-"""Between logits of ONNX Runtime and torch."""
+LARGEST_DIFFERENCE = 2e-3  # between logits of ONNX Runtime and torch
 CONVENTION = (
     "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
     "multiples of 32 and at least 64; cepstra (1,H/32,W/32,32,45) and scales (1,H/32,W/32,3) of its windows "
@@ -78,13 +74,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
 
 
 def export(checkpoint: Path, target: Path) -> None:
-    """Write `target`, when complete and checked.
-
-    Raises
-    ------
-    ModelError
-        If ONNX Runtime does not compute what torch does.
-    """
+    """Write `target`, when complete and checked; ModelError if it does not compute what torch does."""
     network, state = load_average(checkpoint)
     temporary = target.with_suffix(".tmp.onnx")
     write_graph(network, temporary)
@@ -158,8 +148,7 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
 
 def main() -> None:
     """Export one checkpoint."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = parser_of(__doc__)
     parser.add_argument("checkpoint", type=existing)
     parser.add_argument("target", type=target)
     arguments = parser.parse_args()

@@ -6,8 +6,6 @@ treated alike but for two channels that know the pixel lattice; cells look at th
 smaller octave's features.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,8 +18,7 @@ from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
 from tools.training.spectra import SCALARS
 
-HIDDEN_WEIGHT = 0.25
-"""Weight of truth where an end of the smear is hidden: it is known, but shows less."""
+HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
 
 
 class Circular(nn.Module):

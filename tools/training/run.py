@@ -1,7 +1,5 @@
 """One optimiser step and one checkpoint for all trainings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,17 +12,7 @@ from tools.training.schedule import follow
 
 @dataclass(kw_only=True)
 class TrainingRun:
-    """What a training has come to.
-
-    Attributes
-    ----------
-    network, average : nn.Module
-        The weights that are trained, and their moving average, which ships.
-    optimiser : torch.optim.Optimizer
-        Over the parameters of `network`.
-    step : int
-        Optimiser steps done.
-    """
+    """What a training has come to after so many steps: weights, and their moving average, which ships."""
 
     network: nn.Module
     average: nn.Module

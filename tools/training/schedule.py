@@ -1,7 +1,5 @@
 """The schedule of all trainings: a linear warm-up, then a cosine; and the moving average of their weights."""
 
-from __future__ import annotations
-
 import math
 
 import torch
@@ -9,16 +7,7 @@ from torch import nn
 
 
 def warm_cosine(step: int, steps: int, peak: float, warm_up: int) -> float:
-    """Return a step's learning rate: up to the peak linearly, then along a cosine down to 1 % of it.
-
-    Parameters
-    ----------
-    step, steps : int
-        Number of the step, and of all.
-    peak : float
-    warm_up : int
-        Steps of the warm-up.
-    """
+    """Return a step's learning rate: to the peak in ``warm_up`` steps, then by a cosine down to 1 % of it."""
     warm = min(1.0, (step + 1) / max(1, warm_up))
     fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
     return peak * warm * (0.01 + 0.99 * fall)

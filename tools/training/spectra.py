@@ -3,10 +3,6 @@
 The twin that training uses; it multiplies whole log spectra by the whole map, and is tested equal.
 """
 
-from __future__ import annotations
-
-import functools
-
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -29,12 +25,6 @@ SPLIT = len(PEAK_LAGS_PX) * DIRECTIONS
 SCALARS = SCALES + 2
 
 
-@functools.cache
-def polar_maps() -> Tensor:
-    """Return the maps of both cepstra side by side, (81 * 41, 32 * 45)."""
-    return torch.from_numpy(np.hstack([polar_samples(0), polar_samples(1)]))
-
-
 def power_bins() -> Tensor:
     """Return the indices, of 81 * 41, of the frequencies that measure a window's mean power."""
     rows, columns = np.arange(-FREQUENCIES, FREQUENCIES + 1), np.arange(FREQUENCIES + 1)
@@ -55,7 +45,8 @@ class Spectra(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.register_buffer("map", polar_maps(), persistent=False)
+        maps = np.hstack([polar_samples(0), polar_samples(1)])  # of both cepstra, (81 * 41, 32 * 45)
+        self.register_buffer("map", torch.from_numpy(maps), persistent=False)
         self.register_buffer("bins", power_bins(), persistent=False)
         hann = torch.hann_window(WINDOW, periodic=False)
         self.register_buffer("window", hann[:, None] * hann[None], persistent=False)

@@ -13,8 +13,6 @@ The folders that ``movers.npz`` names are of
 - ``sharp``: ``sharp``
 """
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys

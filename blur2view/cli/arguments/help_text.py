@@ -5,11 +5,11 @@ import shutil
 import textwrap
 from argparse import BooleanOptionalAction
 from collections.abc import Iterable, Sequence
-from inspect import cleandoc
 from typing import Any
 
 from blur2view.cli.arguments.parser import EXAMPLES, CommandParser, output_path
 from blur2view.cli.arguments.values import frame_or_seconds, pixels, positive, seconds
+from blur2view.results.document import Document
 
 NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
 PATHS = dict.fromkeys(("DB", "DIR", "FILE", "FRAMES", "HTML", "JSON", "LIST", "MODEL"), output_path)
@@ -68,31 +68,17 @@ def entries(text: str) -> list[tuple[str, str]]:
     return [(name, explanation) for name, _, explanation in (line.partition(": ") for line in whole)]
 
 
-def table(title: str, rows: str | type | Iterable[tuple[str, str]]) -> str:
-    """Return a titled list of names and their explanations, those of `entries` or `keys` among them."""
+def table(title: str, rows: str | type[Document] | Iterable[tuple[str, str]]) -> str:
+    """Return a titled list of names and their explanations, as of `entries` or of a document's keys."""
     lines = [f"{title}:"]
     if isinstance(rows, type):
-        rows = keys(rows)
+        rows = rows.explanations()
     for name, text in entries(rows) if isinstance(rows, str) else rows:
         first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
         start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
         lines += [] if start is first else [first.rstrip()]
         lines.append(textwrap.fill(text, width(), initial_indent=start, subsequent_indent=" " * NAME_WIDTH))
     return "\n".join(lines)
-
-
-def keys(document: type) -> list[tuple[str, str]]:
-    """Return the keys of a JSON document and their explanations, from the docstring of its type."""
-    section = cleandoc(document.__doc__ or "").partition("Parameters\n----------\n")[2]
-    rows: list[tuple[str, str]] = []
-    for line in section.splitlines():
-        if line.startswith(" "):
-            name, text = rows[-1]
-            rows[-1] = name, f"{text} {line.strip()}"
-        elif line:
-            name, _, kind = line.partition(" : ")
-            rows.append((name, f"({kind})"))
-    return rows
 
 
 def explain(parser: CommandParser, description: str, tables: dict[str, Any], examples: Sequence[str]) -> None:

@@ -31,11 +31,6 @@ def texture(seed: int = 0, size: int = 360) -> np.ndarray:
     return np.asarray(cv2.resize(coarse, (size, size), interpolation=cv2.INTER_NEAREST))
 
 
-def test_order_is_one_for_the_true_order_and_blur_lowers_the_laplacian() -> None:
-    ours, laplacian = order_of(pictures([1, 5, 20, 40], [2, 3, 9, 100], [9, 90, 30, 60]))
-    assert ours == pytest.approx(1) and laplacian == pytest.approx(-0.4)
-
-
 def test_features_of_a_picture_match_itself_and_nothing_else() -> None:
     assert matched_share(texture(), texture()) > 0.9
     assert matched_share(texture(), texture(1)) < 0.05
@@ -53,7 +48,9 @@ def test_features_get_lost_by_blur_and_the_limit_leaves_half(tmp_path: Path) -> 
     assert left[LENGTHS_PX.index(limit)] >= 0.5 > left[LENGTHS_PX.index(limit) + 1]
 
 
-def test_report_has_a_row_for_every_set_and_folder() -> None:
+def test_report_has_a_row_of_rank_correlations_for_every_set_and_of_features_for_every_folder() -> None:
+    ours, laplacian = order_of(pictures([1, 5, 20, 40], [2, 3, 9, 100], [9, 90, 30, 60]))
+    assert ours == pytest.approx(1) and laplacian == pytest.approx(-0.4)
     some = pictures([0, 5, 20], [1, 6, 19], [90, 30, 60])
     text = report({"rendered": some, "all": some * 2}, {"KODAK": np.linspace(1, 0, len(LENGTHS_PX))})
     assert "| rendered | 3 | 1.000 | 0.500 |" in text and "| all | 6 | 1.000 | 0.500 |" in text

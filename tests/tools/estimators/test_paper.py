@@ -26,12 +26,6 @@ def matches_of(ends: Array) -> SmearMatches:
     return SmearMatches(ends=ends, sigma_px=np.ones(len(ends)), image_size=IMAGE_SIZE)
 
 
-def exact_sample(seed: int) -> tuple[Array, Array]:
-    """Seven exact smears and their true F."""
-    scene = make_scene(np.random.default_rng(seed), count=40)
-    return scene.ends[:7], scene.F
-
-
 def test_cost_is_the_sum_of_the_lesser_residuals_of_F_and_its_transpose() -> None:
     rng = np.random.default_rng(0)
     ends, F = rng.normal(size=(7, 2, 2)), rng.normal(size=(3, 3))
@@ -40,15 +34,6 @@ def test_cost_is_the_sum_of_the_lesser_residuals_of_F_and_its_transpose() -> Non
     expected = (np.minimum(np.abs(forward), np.abs(backward)) ** 2).sum()
     cost, _ = ambiguous_cost(F.ravel(), *constraint_rows(ends))
     assert np.isclose(cost, expected)
-
-
-def test_cost_is_zero_at_the_truth_and_blind_to_transposition() -> None:
-    ends, F = exact_sample(1)
-    rows = constraint_rows(ends)
-    scale = np.abs(rows[0] @ F.ravel()).max() ** 2
-    assert ambiguous_cost(F.ravel(), *rows)[0] < 1e-9 * max(scale, 1.0)
-    other = np.random.default_rng(1).normal(size=(3, 3))
-    assert np.isclose(ambiguous_cost(other.ravel(), *rows)[0], ambiguous_cost(other.T.ravel(), *rows)[0])
 
 
 def test_derivatives_agree_with_differences() -> None:
@@ -63,27 +48,16 @@ def test_derivatives_agree_with_differences() -> None:
     assert np.isclose(determinant(f), np.linalg.det(f.reshape(3, 3)))
 
 
-def test_minimum_has_rank_two_unit_norm_and_mostly_fits_its_sample() -> None:
-    fits = []
-    for seed in range(20):
-        ends, _ = exact_sample(seed)
-        F = minimise_seven(ends, np.random.default_rng(seed))
-        assert F is not None
-        assert np.isclose(np.linalg.norm(F), 1)
-        assert np.linalg.svd(F)[1][2] < 1e-12
-        fits.append(serrmin(F, ends).max() < 1e-4)
-    assert np.mean(fits) > 0.6
-
-
-def test_one_start_rarely_finds_the_true_F() -> None:
+def test_minimum_has_rank_two_and_mostly_fits_its_sample_but_rarely_is_the_true_F() -> None:
     """Seven smears have some 155 solutions: what the exact solver of all patterns is for."""
-    hits = 0
+    fits, hits = [], []
     for seed in range(20):
-        ends, truth = exact_sample(seed)
-        F = minimise_seven(ends, np.random.default_rng(seed))
-        assert F is not None
-        hits += bool(min(np.linalg.norm(F - sign * f) for sign in (1, -1) for f in (truth, truth.T)) < 1e-3)
-    assert hits <= 3
+        scene = make_scene(np.random.default_rng(seed), count=40)
+        F, truth = minimise_seven(scene.ends[:7], np.random.default_rng(seed)), scene.F
+        assert F is not None and np.isclose(np.linalg.norm(F), 1) and np.linalg.svd(F)[1][2] < 1e-12
+        fits.append(serrmin(F, scene.ends[:7]).max() < 1e-4)
+        hits.append(min(np.linalg.norm(F - sign * f) for sign in (1, -1) for f in (truth, truth.T)) < 1e-3)
+    assert np.mean(fits) > 0.6 and sum(hits) <= 3
 
 
 def test_preemption_keeps_the_model_with_most_inliers() -> None:
@@ -91,26 +65,18 @@ def test_preemption_keeps_the_model_with_most_inliers() -> None:
     scene = make_scene(rng, count=800)
     wrong = np.stack([nearest_rank_two(rng.normal(size=(3, 3))) for _ in range(200)])
     models = np.insert(wrong, 77, unit_norm(scene.F), axis=0)
-    assert (preemptive_best(models, scene.ends, PaperOptions()) == models[77]).all()
-    assert (preemptive_best(models[:1], scene.ends, PaperOptions()) == models[0]).all()
+    assert (preemptive_best(models, scene.ends) == models[77]).all()
+    assert (preemptive_best(models[:1], scene.ends) == models[0]).all()
 
 
-@pytest.mark.parametrize("iterations", [1, 12])
-def test_iterations_are_respected(iterations: int) -> None:
-    scene = with_outliers(make_scene(np.random.default_rng(4), count=200), np.random.default_rng(4), 0.6)
-    options = PaperOptions(max_iterations=iterations)
-    F, drawn = paper_fundamental(scene.ends, options, np.random.default_rng(0))
-    assert drawn == iterations
-    assert F is not None and F.shape == (3, 3)
-
-
-def test_search_stops_once_enough_fits() -> None:
+def test_search_stops_once_enough_fits_or_after_its_iterations() -> None:
     scene = make_scene(np.random.default_rng(5), count=200, length_px=2.0)
-    options = PaperOptions(stop_share=0.5)
-    F, drawn = paper_fundamental(scene.ends, options, np.random.default_rng(0))
-    assert drawn < 1000
-    assert F is not None
+    F, drawn = paper_fundamental(scene.ends, PaperOptions(stop_share=0.5), np.random.default_rng(0))
+    assert drawn < 1000 and F is not None
     assert (serrmin(F, scene.ends) < 1).mean() >= 0.5
+    hard = with_outliers(make_scene(np.random.default_rng(4), count=200), np.random.default_rng(4), 0.6)
+    F, drawn = paper_fundamental(hard.ends, PaperOptions(max_iterations=12), np.random.default_rng(0))
+    assert drawn == 12 and F is not None
 
 
 def test_of_matches_the_same_seed_gives_the_same_bytes_and_too_few_or_still_ones_nothing() -> None:

@@ -1,6 +1,5 @@
 """The evaluation of motion masks: its figures on cases whose answer is known."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +12,9 @@ from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, estimate_of, photo, sideways, with_mover
 from tools.datasets import mover_scenes, testset
+from tools.datasets.mover_scenes import LARGEST, moving_share
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.segmentation import (
-    OUTLINE,
     Judged,
     average_precision,
     calibration_lines,
@@ -29,19 +28,16 @@ from tools.evaluation.segmentation import (
 from tools.rendering.render import RenderOptions
 
 
-def test_average_precision_of_known_rankings() -> None:
+def test_average_precision_and_overlap_of_known_cases() -> None:
     moving = np.array([True, True, False, False])
     assert average_precision(np.array([4.0, 3, 2, 1]), moving) == 1
     np.testing.assert_allclose(average_precision(np.array([1.0, 2, 3, 4]), moving), (1 / 3 + 2 / 4) / 2)
     np.testing.assert_allclose(average_precision(np.zeros(4), moving), 0.5)  # ties: the share of movers
-    assert np.isnan(average_precision(np.zeros(4), np.zeros(4, bool)))
-
-
-def test_overlap_of_known_masks() -> None:
-    one, other = np.array([True, True, False, False]), np.array([True, False, True, False])
-    assert overlap(one, one) == 1 and overlap(one, ~one) == 0
-    np.testing.assert_allclose(overlap(one, other), 1 / 3)
-    assert np.isnan(overlap(one & ~one, one & ~one))
+    other = np.array([True, False, True, False])
+    assert overlap(moving, moving) == 1 and overlap(moving, ~moving) == 0
+    np.testing.assert_allclose(overlap(moving, other), 1 / 3)
+    none = np.zeros(4, bool)
+    assert np.isnan([average_precision(np.zeros(4), none), overlap(none, none)]).all()
 
 
 def scene() -> TestScene:
@@ -89,20 +85,11 @@ def test_perfect_smears_are_judged_nearly_perfect() -> None:
 
 def test_movers_narrower_than_twice_their_smear_do_not_count_as_clear() -> None:
     assert clear_movers(scene()).sum() == 40 * 48
-    narrow = replace(scene(), displacement=5 * scene().displacement)
-    assert not clear_movers(narrow).any()
-    alike = replace(scene(), displacement=sideways()[1::4, 1::4])
-    assert not clear_movers(alike).any()
+    for displacement in (5 * scene().displacement, sideways()[1::4, 1::4]):
+        assert not clear_movers(replace(scene(), displacement=displacement)).any()
 
 
-def test_calibration_says_how_many_of_each_tenth_move() -> None:
-    found = estimate_of(with_mover(), F=SIDEWAYS)
-    head, _, pixels, moving = calibration_lines([judge(scene(), found, masked(found))])
-    assert head.startswith("| probability | 0.0-0.1 |")
-    assert pixels.count("0.") == 10 and moving.startswith("| of these, moving | 0.0")
-
-
-def test_table_and_panel_hold_the_scene() -> None:
+def test_table_panel_and_calibration_hold_the_scene() -> None:
     found = estimate_of(with_mover(), F=SIDEWAYS)
     mask = masked(found)
     figures = judge(scene(), found, mask)
@@ -111,6 +98,9 @@ def test_table_and_panel_hold_the_scene() -> None:
     assert rows[0][:3] == ("test, movers of 1 % or more", "1", f"{figures.iou:.3f}")
     assert rows[1][2:] == ("-",) * 8  # no scene without movers
     assert panel([one]).shape == (HEIGHT // 2, 3 * WIDTH // 2, 3)
+    head, _, pixels, moving = calibration_lines([figures])
+    assert head.startswith("| probability | 0.0-0.1 |")
+    assert pixels.count("0.") == 10 and moving.startswith("| of these, moving | 0.0")
 
 
 @pytest.mark.slow
@@ -118,37 +108,22 @@ def test_without_movers_the_table_is_written_and_no_panel(
     tmp_path: Path, call_tool: Callable[[str], None]
 ) -> None:
     (tmp_path / "calm").mkdir()
-    testset.write_scene(
-        0, tmp_path / "calm", replace(testset.test_options(None, (160, 128)), mover_share=0.0)
-    )
+    options = replace(testset.test_options(None, (160, 128)), mover_share=0.0)
+    testset.write_scene(0, tmp_path / "calm", options)
     call_tool(f"evaluation.segmentation {tmp_path}/calm --real {tmp_path}/no --out {tmp_path}/out")
     assert {path.name for path in tmp_path.iterdir()} == {"calm", "out.md"}
     assert "calm, no movers" in (tmp_path / "out.md").read_text()
 
 
-def test_outline_of_the_walker_is_a_simple_shape_of_a_person() -> None:
-    outline = json.loads((Path(__file__).parents[3] / OUTLINE).read_text())
-    polygon = np.array(outline["polygon"], np.int32)
-    assert (polygon >= 0).all() and (polygon < [outline["width"], outline["height"]]).all()
-    width, height = np.ptp(polygon, axis=0)
-    assert 1.5 < height / width < 2 and 0.3 < cv2.contourArea(polygon) / (width * height) < 0.5
-
-
 @pytest.mark.slow
-def test_mover_scenes_hold_movers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mover_scenes, "SMALLEST", 0.02)
+def test_mover_scenes_hold_movers_or_give_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = RenderOptions(size=(96, 64), smear_px=(3.0, 20.0), sharp_share=0, split="test", mover_share=1.0)
-    mover_scenes.write_mover_scenes(tmp_path, 2, options)
+    mover_scenes.write_rendered(tmp_path, 2, options, 6_000_000, lambda s: 0.02 <= moving_share(s) <= LARGEST)
     scenes = list(read_test_set(tmp_path))
     assert [one.name for one in scenes] == ["0000", "0001"]
     for one in scenes:
-        assert 0.02 <= (one.valid & ~one.static).mean() <= mover_scenes.LARGEST
+        assert 0.02 <= (one.valid & ~one.static).mean() <= LARGEST
         assert cv2.imread(str(one.image_path)) is not None
-
-
-def test_mover_scenes_give_up_where_no_seed_suits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mover_scenes, "suits", lambda scene, options: False)
     monkeypatch.setattr(mover_scenes, "TRIES", 2)
     with pytest.raises(SystemExit, match="only 0 of 1 scenes suit, of 2 seeds"):
-        mover_scenes.write_mover_scenes(tmp_path, 1, RenderOptions(size=(48, 32), split="test"))
-    assert not list(tmp_path.iterdir())
+        mover_scenes.write_rendered(tmp_path, 1, RenderOptions(size=(48, 32)), 0, lambda _: False)

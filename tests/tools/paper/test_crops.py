@@ -6,7 +6,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tools.datasets.shards import Scenes, encode_linear
-from tools.paper.crops import CropStream, crop, cut, orient, resized
+from tools.paper.crops import CropBatches, crop, cut, orient, resized
 
 SIDE = 64
 
@@ -76,40 +76,24 @@ def test_resized_truth_grows_with_the_picture(source: int) -> None:
     assert np.abs((shown - cell_centre).mean((0, 1))).max() < 0.5
 
 
-def test_targets_are_finite_whatever_the_shards_hold() -> None:
-    scenes = coded_scenes()
-    scenes.displacement[0, ::3] = np.inf
-    scenes.displacement[0, 1::3, :, 0] = np.nan
-    scenes.displacement[0, 2::3, :, 1] = 700
-    scenes.labels[:] = 3
-    for seed in range(4):
-        image, target = crop(np.random.default_rng(seed), scenes, 0, SIDE)
-        assert image.dtype == target.dtype == np.float32
-        assert image.shape == (3, SIDE, SIDE) and target.shape == (3, 16, 16)
-        assert image.min() >= 0 and image.max() <= 1
-        assert not target.any()  # nothing here is usable
-
-
-def test_validity_is_the_first_bit() -> None:
+def test_targets_are_finite_whatever_the_shards_hold_and_valid_by_the_first_bit() -> None:
     scenes = coded_scenes()
     for label, valid in enumerate((0, 1, 0, 1)):
         scenes.labels[:] = label
-        _, target = crop(np.random.default_rng(1), scenes, 0, SIDE)
+        image, target = crop(np.random.default_rng(1), scenes, 0, SIDE)
         assert (target[2] == valid).all() and np.abs(target[:2]).max() > 10
+    assert image.dtype == target.dtype == np.float32 and image.min() >= 0 and image.max() <= 1
+    assert image.shape == (3, SIDE, SIDE) and target.shape == (3, 16, 16)
+    scenes.displacement[0, ::3] = np.inf
+    scenes.displacement[0, 1::3, :, 0] = np.nan
+    scenes.displacement[0, 2::3, :, 1] = 700
+    for seed in range(4):
+        assert not crop(np.random.default_rng(seed), scenes, 0, SIDE)[1].any()  # nothing here is usable
 
 
-def test_batch_depends_only_on_seed_and_number() -> None:
-    scenes = coded_scenes()
-    stream = CropStream(scenes, seed=3, batch=2, side=SIDE)
-    batches = [pair for _, pair in zip(range(4), stream, strict=False)]
-    for expected, found in zip(batches[3], stream.make(3), strict=True):
-        assert torch.equal(expected, found)
-    assert not torch.equal(batches[0][0], batches[1][0])
-    assert not torch.equal(batches[0][0], CropStream(scenes, seed=4, batch=2, side=SIDE).make(0)[0])
-
-
-def test_workers_share_the_batches_in_order() -> None:
-    stream = CropStream(coded_scenes(), seed=0, batch=1, side=SIDE)
-    shared = DataLoader(stream, batch_size=None, num_workers=2)
-    for (images, _), (one, _), _ in zip(shared, stream, range(3), strict=False):
-        assert torch.equal(images, one)
+def test_batch_depends_only_on_seed_and_number_whoever_makes_it() -> None:
+    batches, other = (CropBatches(coded_scenes(), seed=seed, batch=2, side=SIDE) for seed in (3, 4))
+    made = list(DataLoader(batches, batch_size=None, sampler=range(3), num_workers=2))
+    for k, (images, targets) in enumerate(made):
+        assert torch.equal(images, batches[k][0]) and torch.equal(targets, batches[k][1])
+    assert not torch.equal(made[0][0], made[1][0]) and not torch.equal(made[0][0], other[0][0])

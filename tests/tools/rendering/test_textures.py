@@ -24,18 +24,12 @@ def write_pictures(folder: Path, names: list[str]) -> None:
         assert cv2.imwrite(str(folder / name), np.full((8, 8, 3), 10 * level, np.uint8))
 
 
-def test_no_photograph_is_in_both_splits(tmp_path: Path) -> None:
-    write_pictures(tmp_path, [f"{k}.png" for k in range(9)])
-    train, test = ({p.tobytes() for p in photographs(split, tmp_path)} for split in ("train", "test"))
-    assert not train & test
-    assert len(train) == 7 + 7 and len(test) == 3 + 2
-
-
 def test_every_fourth_file_by_name_is_held_out(tmp_path: Path) -> None:
-    write_pictures(tmp_path, ["d.png", "a.jpg", "c.JPEG".lower(), "b.png", "e.png"])
+    write_pictures(tmp_path, ["d.png", "a.jpg", "c.jpeg", "b.png", "e.png"])
     (tmp_path / "notes.txt").write_text("not a picture")
     assert [p.name for p in split_files("test", tmp_path)] == ["d.png"]
-    assert [p.name for p in split_files("train", tmp_path)] == ["a.jpg", "b.png", "c.jpeg", "e.png"]
+    train, test = ({p.tobytes() for p in photographs(split, tmp_path)} for split in ("train", "test"))
+    assert not train & test and len(train) == 7 + 4 and len(test) == 3 + 1
 
 
 def test_what_cannot_be_read_is_named_and_what_can_is_rgb(tmp_path: Path) -> None:
@@ -81,14 +75,9 @@ def test_photograph_is_never_enlarged_nor_reduced_below_128_texels() -> None:
     assert max(max(shape) for shape in shapes) == 300
     assert min(min(shape) for shape in shapes) >= 128
     assert len({shape[0] > shape[1] for shape in shapes}) == 2  # turned, too
-
-
-def test_sampled_texture_is_linear_light_and_positive() -> None:
-    pool = photographs("train")
-    for seed in range(6):
-        texture = sample_texture(np.random.default_rng(seed), pool)
+    for _ in range(6):
+        texture = sample_texture(rng, pool)
         assert texture.dtype == np.float32 and texture.min() >= 0 and np.isfinite(texture).all()
-        assert min(texture.shape[:2]) >= 128
 
 
 @pytest.mark.parametrize("maker", [textures.panels, textures.plain])

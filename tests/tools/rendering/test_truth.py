@@ -6,35 +6,23 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.tools.rendering.planes import SIZE, card, facing, path, wall
 from tools.rendering import truth
 from tools.rendering.canvas import paint
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.motion import Trajectory
-from tools.rendering.scene import Layer, Plane
+from tools.rendering.scene import Layer
 
-SIZE = (160, 128)
 K = np.array([[160.0, 0, 79.5], [0, 160, 63.5], [0, 0, 1]])
 CARD_BOX = (50.0, 40.0, 60.0, 44.0)
 CARD_DEPTH = 0.4
 
 
-def facing(depth: float) -> Plane:
-    texture = np.full((64, 64, 3), 0.5, np.float32)
-    normal = np.array([0.0, 0, 1])
-    return Plane(normal=normal, offset=depth, texture=texture, texels_per_unit=100.0, turn=0.0)
-
-
 def wall_and_card(own_path: Trajectory | None = None) -> list[Layer]:
-    flat, stencil = np.zeros((2, 2), np.float32), np.ones((160, 160), np.float32)
-    card = Layer(planes=(facing(CARD_DEPTH),), relief=flat, stencil=stencil, box=CARD_BOX, own_path=own_path)
-    return [Layer(planes=(facing(1.0),), relief=flat), card]
+    return [wall(facing()), card(facing(CARD_DEPTH), CARD_BOX, own_path=own_path)]
 
 
-def path(rotation: tuple[float, ...], translation: tuple[float, ...]) -> Trajectory:
-    return Trajectory(rotation=np.array(rotation), translation=np.array(translation))
-
-
-def compute(layers: list[Layer], exposure: Exposure) -> truth.GridTruth:
+def compute(layers: list[Layer], exposure: Exposure) -> tuple[truth.GridTruth, np.ndarray]:
     fields = [exposure.inverse_displacements(layer) for layer in layers]
     canvases = [paint(np.random.default_rng(0), layer, K, SIZE, 70, 1.5) for layer in layers]
     return truth.grid_truth(canvases, fields, exposure)
@@ -62,7 +50,7 @@ def card_corners() -> np.ndarray:
 
 @pytest.mark.parametrize(
     "camera",
-    [path((0, 0, 0), (0.1, 0.03, 0)), path((0.03, -0.04, 0.1), (-0.06, 0.04, 0.05))],
+    [path(translation=(0.1, 0.03, 0)), path((0.03, -0.04, 0.1), (-0.06, 0.04, 0.05))],
     ids=["sideways", "general"],
 )
 def test_validity_is_what_rays_say(camera: Trajectory) -> None:
@@ -80,7 +68,7 @@ def test_validity_is_what_rays_say(camera: Trajectory) -> None:
         inside = distance_inside(image, end)
         expected &= (on_card | (covered < 0)) & (inside > 0)
         doubtful |= (~on_card & (np.abs(covered) < 2.0)) | (np.abs(inside) < 0.01)
-    found = compute(wall_and_card(), Exposure(camera=camera, K=K, size=SIZE))
+    found, _ = compute(wall_and_card(), Exposure(camera=camera, K=K, size=SIZE))
     np.testing.assert_array_equal(found.valid[~doubtful], expected[~doubtful])
     hidden_by_card = ~expected & ~doubtful & (np.abs(points - [79.5, 61.5]) < 45).all(-1)
     assert hidden_by_card.sum() > 30 and (expected & ~doubtful).sum() > 400
@@ -88,28 +76,33 @@ def test_validity_is_what_rays_say(camera: Trajectory) -> None:
     np.testing.assert_allclose(found.displacement[~doubtful], displacement[~doubtful], atol=1e-4)
 
 
-def test_ends_outside_the_image_are_invalid() -> None:
-    camera = path((0, 0, 0), (0.2, 0, 0))  # 32 px to the left
-    found = compute(wall_and_card()[:1], Exposure(camera=camera, K=K, size=SIZE))
-    x = grid_points(SIZE)[..., 0]
-    np.testing.assert_array_equal(found.valid, (x - 16 >= 0) & (x + 16 <= 159))
-
-
-def test_still_camera_sees_everything_static_and_unmoved() -> None:
-    found = compute(wall_and_card(), Exposure(camera=path((0, 0, 0), (0, 0, 0)), K=K, size=SIZE))
-    assert found.static.all() and not found.displacement.any() and not found.middle_offset.any()
-    assert found.valid.mean() > 0.99
-
-
-def test_moving_card_alone_is_not_static() -> None:
-    layers = wall_and_card(own_path=path((0, 0, 0), (0.0, 0.02, 0)))
-    found = compute(layers, Exposure(camera=path((0, 0, 0), (0, 0, 0)), K=K, size=SIZE))
-    inside = distance_inside(project(card_corners(), path((0, 0, 0), (0, 0, 0)), 0.0), grid_points(SIZE))
+def test_before_a_still_camera_the_moving_card_alone_is_not_static() -> None:
+    still = Exposure(camera=path(), K=K, size=SIZE)
+    calm, bend = compute(wall_and_card(), still)
+    assert calm.static.all() and not calm.displacement.any() and not bend.any()
+    assert calm.valid.mean() > 0.99
+    found, _ = compute(wall_and_card(own_path=path(translation=(0.0, 0.02, 0))), still)
+    inside = distance_inside(project(card_corners(), path(), 0.0), grid_points(SIZE))
     np.testing.assert_array_equal(found.static[np.abs(inside) > 1.5], (inside < 0)[np.abs(inside) > 1.5])
-    np.testing.assert_allclose(
-        found.displacement[~found.static & (inside > 1.5)][:, 1], 0.02 * 160 / 0.4, rtol=1e-5
-    )
+    moved = found.displacement[~found.static & (inside > 1.5)]
+    np.testing.assert_allclose(moved[:, 1], 0.02 * 160 / 0.4, rtol=1e-5)
     assert not found.displacement[found.static].any()
+
+
+def test_object_turns_about_its_pivot_and_moves_with_its_path() -> None:
+    turn, pivot = path((0, 0, 1.0), (0.02, 0, 0)), np.array([0.1, 0.2, 2.0])
+    exposure, layer = Exposure(camera=path(), K=K, size=SIZE), wall(facing(2.0), own_path=turn, pivot=pivot)
+    seen = (K @ pivot)[:2] / 2.0
+    middle, beside = exposure.moved(np.stack([seen, seen + [10, 0]]), layer, 0.5)
+    np.testing.assert_allclose(middle, seen + [0.01 * 160 / 2, 0])
+    np.testing.assert_allclose(beside - middle, 10 * np.array([np.cos(0.5), np.sin(0.5)]))
+
+
+def test_cells_have_their_centres_where_the_network_puts_them() -> None:
+    points = grid_points(SIZE)
+    assert points.shape == (32, 40, 2)
+    np.testing.assert_array_equal([points[0, 0], points[3, 2]], [[1.5, 1.5], [9.5, 13.5]])
+    np.testing.assert_array_equal(grid_points(SIZE, ring=1)[1:-1, 1:-1], points)
 
 
 def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:

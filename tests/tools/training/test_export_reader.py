@@ -30,22 +30,15 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def exported(checkpoint: Path) -> Path:
-    target = checkpoint.with_name("smear.onnx")
-    export(checkpoint, target)
-    return target
-
-
-def test_file_computes_what_torch_does_in_every_size(exported: Path, checkpoint: Path) -> None:
-    network, _ = load_average(checkpoint)
+def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
+    checkpoint: Path, tmp_path: Path
+) -> None:
+    exported, (trained, _) = tmp_path / "smear.onnx", load_average(checkpoint)
+    export(checkpoint, exported)
     grey = sample_picture()
     assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((256, 320), (64, 64), (96, 224)):
-        assert difference(exported, network, grey[..., :height, :width].contiguous()) < 2e-3
-
-
-def test_package_reads_it(exported: Path) -> None:
+        assert difference(exported, trained, grey[..., :height, :width].contiguous()) < 2e-3
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.stride, info.multiple_of, info.features, info.license) == (32, 32, 12, "Apache-2.0")
@@ -54,13 +47,9 @@ def test_package_reads_it(exported: Path) -> None:
     image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)
     field = network.predict(image).at_pixels()
     assert field.shape == (190, 210) and np.isfinite(field.displacement).all()
-
-
-def test_training_starts_from_the_weights_of_a_file(exported: Path, checkpoint: Path, tmp_path: Path) -> None:
-    network, _ = load_average(checkpoint)
     stored = exported_weights(exported)
-    assert stored.keys() == network.state_dict().keys()
-    for name, value in network.state_dict().items():
+    assert stored.keys() == trained.state_dict().keys()
+    for name, value in trained.state_dict().items():
         assert torch.equal(stored[name], value)
     onnx.save(colour_code_network(), tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="holds no weights"):
