@@ -16,7 +16,7 @@ from blur2view.robust.parametrization import (
     camera_from_matrix,
 )
 from blur2view.robust.problem import assumed_camera, build_problem
-from blur2view.robust.refinement import refine, refining
+from blur2view.robust.refinement import WeightedPoint, refine, refining
 from blur2view.robust.residuals import (
     OrderedResiduals,
     RefineOptions,
@@ -86,6 +86,19 @@ def test_camera_prior_is_zero_for_the_assumed_camera_at_rest() -> None:
     assert np.allclose(residual, 0)
     with pytest.raises(ValueError, match="standard deviations"):
         CameraPrior(rotation=(0.1, 0.0, 0.1))
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
+def test_gradient_is_the_derivative_of_half_the_cost_prior_included(family: Manifold) -> None:
+    ends = normalised(make_scene(np.random.default_rng(6), count=60).ends)
+    matches = WeightedEnds(ends=ends, sigma=np.full(60, 0.02))
+    state = WeightedPoint.likelier(family, matches, RefineOptions(data_weight=0.1))
+    normal, gradient = state.normal_equations()
+    for k, direction in enumerate(np.eye(len(gradient))):
+        ahead, behind = (state.moved(s * 1e-6 * direction).cost for s in (1, -1))
+        assert np.isclose((ahead - behind) / 4e-6, gradient[k], rtol=0.05, atol=1e-3)
+    of_prior = family.prior()[1]
+    assert np.linalg.eigvalsh(normal - of_prior.T @ of_prior)[0] > -1e-6
 
 
 def test_refinement_rests_after_a_step_shorter_than_asked_for() -> None:
